@@ -1,0 +1,1 @@
+"""One file per Drake Diagram; the ready-made scenarios in scenarios/."""

@@ -1,0 +1,1 @@
+"""One flight, many flights, and what is learnt from them."""

@@ -1,0 +1,1 @@
+"""What both halves know: names of signals, the vehicle, its equations, the surveyed room."""

@@ -1,0 +1,168 @@
+"""The quadrotor's equations of motion, once, for simulation, linearisation and symbols.
+
+Every function here is compiled by numba for floats; its ``.py_func`` is the same source as plain Python and
+runs on arrays of Drake's AutoDiffXd and Expression. For that they use ``np.`` functions only, build arrays by
+``np.array([...])`` and have no branches.
+
+State x = [p_WB, rpy, v_WB, rpy rates] (12), control u = [f_T, tau_x, tau_y, tau_z] with f_T absolute, and the
+disturbance d = [force in W [N], torque in B [N m]] (6). Angles are roll phi, pitch theta, yaw psi with
+R_WB = R_z(psi) R_y(theta) R_x(phi).
+"""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.vehicle import GRAVITY
+
+
+@register_jitable
+def thrust_direction(phi: float, theta: float, psi: float) -> np.ndarray:
+    """Return the body's z axis in W, the third column of R_WB (paper, equations of motion)."""
+    return np.array(
+        [
+            np.cos(phi) * np.sin(theta) * np.cos(psi) + np.sin(phi) * np.sin(psi),
+            np.cos(phi) * np.sin(theta) * np.sin(psi) - np.sin(phi) * np.cos(psi),
+            np.cos(phi) * np.cos(theta),
+        ]
+    )
+
+
+@njit(cache=True)
+def rotation_matrix(rpy: np.ndarray) -> np.ndarray:
+    """Return R_WB = R_z(psi) R_y(theta) R_x(phi) from roll, pitch, yaw."""
+    c_phi, s_phi = np.cos(rpy[0]), np.sin(rpy[0])
+    c_theta, s_theta = np.cos(rpy[1]), np.sin(rpy[1])
+    c_psi, s_psi = np.cos(rpy[2]), np.sin(rpy[2])
+    return np.array(
+        [
+            [c_theta * c_psi, s_phi * s_theta * c_psi - c_phi * s_psi, c_phi * s_theta * c_psi + s_phi * s_psi],
+            [c_theta * s_psi, s_phi * s_theta * s_psi + c_phi * c_psi, c_phi * s_theta * s_psi - s_phi * c_psi],
+            [-s_theta, s_phi * c_theta, c_phi * c_theta],
+        ]
+    )
+
+
+@register_jitable
+def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> np.ndarray:
+    """Return the paper's x_ddot, y_ddot, z_ddot: (f_T / m) z_B - g, plus the disturbance force."""
+    z_B = thrust_direction(x[3], x[4], x[5])
+    return np.array(
+        [
+            u[0] / mass * z_B[0] + d[0] / mass,
+            u[0] / mass * z_B[1] + d[1] / mass,
+            u[0] / mass * z_B[2] - GRAVITY + d[2] / mass,
+        ]
+    )
+
+
+@register_jitable
+def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Return Euler's equations about the principal axes for body rates w: the paper's rotational equations."""
+    I_x, I_y, I_z = inertia[0], inertia[1], inertia[2]
+    return np.array(
+        [
+            (I_y - I_z) / I_x * w[1] * w[2] + (u[1] + d[3]) / I_x,
+            (I_z - I_x) / I_y * w[0] * w[2] + (u[2] + d[4]) / I_y,
+            (I_x - I_y) / I_z * w[0] * w[1] + (u[3] + d[5]) / I_z,
+        ]
+    )
+
+
+@njit(cache=True)
+def small_angle_dynamics(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray
+) -> np.ndarray:
+    """Return x_dot of the paper's nonlinear equations, which take the Euler rates for the body rates.
+
+    Args:
+        x: state (12).
+        u: control (4).
+        d: disturbance (6).
+        mass: m [kg].
+        inertia: I_x, I_y, I_z [kg m^2].
+    """
+    a = translational_acceleration(x, u, d, mass)
+    alpha = angular_acceleration(x[9:12], u, d, inertia)
+    return np.array(
+        [x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], alpha[0], alpha[1], alpha[2]]
+    )
+
+
+@register_jitable
+def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
+    """Return w_WB_B = E(rpy) rpy_dot, the body rates that go with Euler-angle rates."""
+    s_phi, c_phi = np.sin(rpy[0]), np.cos(rpy[0])
+    s_theta, c_theta = np.sin(rpy[1]), np.cos(rpy[1])
+    return np.array(
+        [
+            rpy_dot[0] - s_theta * rpy_dot[2],
+            c_phi * rpy_dot[1] + s_phi * c_theta * rpy_dot[2],
+            -s_phi * rpy_dot[1] + c_phi * c_theta * rpy_dot[2],
+        ]
+    )
+
+
+@njit(cache=True)
+def rigid_body_dynamics(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray
+) -> np.ndarray:
+    """Return x_dot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
+
+    w = E(rpy) rpy_dot, so rpy_ddot = E^-1 (w_dot - E_dot rpy_dot), with w_dot from Euler's equations.
+    Arguments as in small_angle_dynamics.
+    """
+    phi_dot, theta_dot, psi_dot = x[9], x[10], x[11]
+    s_phi, c_phi = np.sin(x[3]), np.cos(x[3])
+    s_theta, c_theta = np.sin(x[4]), np.cos(x[4])
+    a = translational_acceleration(x, u, d, mass)
+    w_dot = angular_acceleration(body_rates(x[3:6], x[9:12]), u, d, inertia)
+    # b = w_dot - E_dot rpy_dot
+    b_x = w_dot[0] + c_theta * theta_dot * psi_dot
+    b_y = (
+        w_dot[1]
+        + s_phi * phi_dot * theta_dot
+        - (c_phi * c_theta * phi_dot - s_phi * s_theta * theta_dot) * psi_dot
+    )
+    b_z = (
+        w_dot[2]
+        + c_phi * phi_dot * theta_dot
+        + (s_phi * c_theta * phi_dot + c_phi * s_theta * theta_dot) * psi_dot
+    )
+    # E^-1 b
+    psi_ddot = (s_phi * b_y + c_phi * b_z) / c_theta
+    theta_ddot = c_phi * b_y - s_phi * b_z
+    phi_ddot = b_x + s_theta * psi_ddot
+    return np.array(
+        [x[6], x[7], x[8], phi_dot, theta_dot, psi_dot, a[0], a[1], a[2], phi_ddot, theta_ddot, psi_ddot]
+    )
+
+
+@njit(cache=True)
+def linear_dynamics(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray
+) -> np.ndarray:
+    """Return x_dot of the paper's equations linearised at hover. Arguments as in small_angle_dynamics."""
+    return np.array(
+        [
+            x[6],
+            x[7],
+            x[8],
+            x[9],
+            x[10],
+            x[11],
+            GRAVITY * x[4] + d[0] / mass,
+            -GRAVITY * x[3] + d[1] / mass,
+            u[0] / mass - GRAVITY + d[2] / mass,
+            (u[1] + d[3]) / inertia[0],
+            (u[2] + d[4]) / inertia[1],
+            (u[3] + d[5]) / inertia[2],
+        ]
+    )
+
+
+DYNAMICS = {
+    "linear": linear_dynamics,
+    "small_angle": small_angle_dynamics,
+    "rigid_body": rigid_body_dynamics,
+}

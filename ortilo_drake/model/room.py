@@ -1,0 +1,173 @@
+"""The surveyed room: anchors, landmarks, walls and furniture, as both halves know it.
+
+The map is what a team would survey before flying. The onboard half uses anchors, landmarks and obstacles; the
+world also blocks rays with the walls and stands.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+
+from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
+
+Vec2 = tuple[float, float]
+Vec3 = tuple[float, float, float]
+Size3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+
+ORTILO_ROOM = Path(__file__).with_name("ortilo_room.yaml")
+
+
+class Interior(Frozen):
+    """The free box between the outer walls, two opposite corners in W [m]."""
+
+    min: Vec3
+    max: Vec3
+
+
+class Landmark(Frozen):
+    """A detectable object: COCO label and centre p_W [m]."""
+
+    label: str
+    position: Vec3
+
+
+class CameraModel(Frozen):
+    """A pinhole camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z."""
+
+    width: PositiveInt
+    height: PositiveInt
+    focal_length: PositiveFloat
+    center: Vec2
+    position: Vec3
+
+    def scaled_to(self, width: int) -> "CameraModel":
+        """Return the same camera at another resolution.
+
+        A pixel's centre has integer coordinates, so the principal point moves by c -> (c + 1/2) s - 1/2.
+        """
+        s = width / self.width
+        center = ((self.center[0] + 0.5) * s - 0.5, (self.center[1] + 0.5) * s - 0.5)
+        return CameraModel(
+            width=width,
+            height=round(self.height * s),
+            focal_length=self.focal_length * s,
+            center=center,
+            position=self.position,
+        )
+
+
+Furniture = tuple[str, float, float, float, float, float, float]
+
+
+class Room(Frozen):
+    """The room as its file holds it; see ortilo_room.yaml for the meaning of each field."""
+
+    name: str
+    interior: Interior
+    anchors: tuple[Vec3, ...]
+    landmarks: tuple[Landmark, ...]
+    landmark_size: dict[str, Size3]
+    wall_size: Size3
+    walls: tuple[Vec3, ...]
+    stand_radius: PositiveFloat
+    stand_height: PositiveFloat
+    stands: tuple[Vec2, ...]
+    furniture: tuple[Furniture, ...]
+    furniture_size: dict[str, Annotated[tuple[PositiveFloat, PositiveFloat], Field()]]
+    camera: CameraModel
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> "Room":
+        if len(self.anchors) < 3:
+            raise ValueError(f"anchors: {len(self.anchors)} given, a position needs at least 3")
+        for low, high, axis in zip(self.interior.min, self.interior.max, "xyz", strict=True):
+            if low >= high:
+                raise ValueError(f"interior: min {axis} = {low} must be below max {axis} = {high}")
+        for label in {landmark.label for landmark in self.landmarks} - set(self.landmark_size):
+            raise ValueError(f"landmark_size: no size for class '{label}'")
+        for kind in {item[0] for item in self.furniture} - set(self.furniture_size):
+            raise ValueError(f"furniture_size: no size for kind '{kind}'")
+        return self
+
+    @cached_property
+    def classes(self) -> tuple[str, ...]:
+        """The landmark classes in order of first appearance; a detection's label is an index into it."""
+        return tuple(dict.fromkeys(landmark.label for landmark in self.landmarks))
+
+    @cached_property
+    def anchor_positions(self) -> np.ndarray:
+        """p_W of the anchors (n, 3)."""
+        return np.array(self.anchors)
+
+    @cached_property
+    def landmark_positions(self) -> np.ndarray:
+        """p_W of the landmarks (n, 3)."""
+        return np.array([landmark.position for landmark in self.landmarks]).reshape(-1, 3)
+
+    @cached_property
+    def landmark_labels(self) -> np.ndarray:
+        """Index of each landmark's class in ``classes`` (n,), float as in a detections message."""
+        return np.array([float(self.classes.index(landmark.label)) for landmark in self.landmarks])
+
+    @cached_property
+    def landmark_sizes(self) -> np.ndarray:
+        """Extent of each landmark along W's axes (n, 3)."""
+        return np.array([self.landmark_size[landmark.label] for landmark in self.landmarks]).reshape(-1, 3)
+
+    @cached_property
+    def wall_boxes(self) -> np.ndarray:
+        """The walls as rows (x, y, z of the centre, yaw, three half sizes) (n, 7)."""
+        half = np.array(self.wall_size) / 2
+        return np.array([[x, y, half[2], yaw, *half] for x, y, yaw in self.walls]).reshape(-1, 7)
+
+    @cached_property
+    def stand_cylinders(self) -> np.ndarray:
+        """The stands as rows (x, y, radius, height), standing on the floor (n, 4)."""
+        return np.array([[x, y, self.stand_radius, self.stand_height] for x, y in self.stands]).reshape(-1, 4)
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """An obstacle seen from above: the axis-aligned rectangle around it and the height of its top [m]."""
+
+    name: str
+    low: tuple[float, float]
+    high: tuple[float, float]
+    top: float
+
+
+def footprints(room: Room) -> list[Footprint]:
+    """Return every wall, stand, piece of furniture and landmark of the room as seen from above."""
+
+    def around(name: str, x: float, y: float, half_x: float, half_y: float, top: float) -> Footprint:
+        return Footprint(name, (x - half_x, y - half_y), (x + half_x, y + half_y), top)
+
+    found = []
+    for x, y, _, yaw, half_x, half_y, half_z in room.wall_boxes:
+        c, s = abs(math.cos(yaw)), abs(math.sin(yaw))
+        found.append(around("wall", x, y, c * half_x + s * half_y, s * half_x + c * half_y, 2 * half_z))
+    found += [around("stand", x, y, r, r, height) for x, y, r, height in room.stand_cylinders]
+    for kind, x, y, z, *_ in room.furniture:
+        r, height = room.furniture_size[kind]
+        found.append(around(kind, x, y, r, r, z + height))
+    for landmark, size in zip(room.landmarks, room.landmark_sizes, strict=True):
+        x, y, z = landmark.position
+        found.append(around(landmark.label, x, y, size[0] / 2, size[1] / 2, z + size[2] / 2))
+    return found
+
+
+@lru_cache(maxsize=8)
+def load_room(path: Path = ORTILO_ROOM) -> Room:
+    """Read a room file.
+
+    Raises:
+        InputError: naming file, field, value and what is allowed.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such room file")
+    return load_yaml(Room, path)

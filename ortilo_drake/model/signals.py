@@ -1,0 +1,66 @@
+"""Names and layouts of the signals that systems exchange.
+
+Frames: W is the paper's earth frame E (east, north, up), B the body (forward, left, up), C the camera
+(right, down, forward). Units are SI, angles in radians.
+
+Whatever crosses from the world to the onboard half is a *message*, a plain vector
+
+    [arrived, stamp, payload ...]
+
+with ``arrived`` 1 in the tick in which the message is there and 0 otherwise, and ``stamp`` the time [s] at
+which its content was true. The payloads:
+
+    imu         roll, pitch, yaw [rad]; w_WB_B [rad/s]; specific force f_B [m/s^2]          (9)
+    uwb         one range per anchor [m]; then one flag per anchor, 1 where its range is there  (2 n)
+    detections  MAX_DETECTIONS rows of (label, score, u_min, v_min, u_max, v_max), label -1 = unused
+    fix         p_WB [m] (3), its covariance row by row [m^2] (9)
+    velocity    v_WB [m/s], Euler-angle rates [rad/s]; only where a scenario lends the servo the truth  (6)
+"""
+
+from typing import Final
+
+from pydrake.common.containers import namedview
+
+STATE_NAMES: Final = (
+    "x", "y", "z", "phi", "theta", "psi",
+    "x_dot", "y_dot", "z_dot", "phi_dot", "theta_dot", "psi_dot",
+)  # fmt: skip
+CONTROL_NAMES: Final = ("f_T", "tau_x", "tau_y", "tau_z")
+OUTPUT_NAMES: Final = (
+    "x_uwb", "y_uwb", "z_uwb", "x_cam", "y_cam", "z_cam", "phi_imu", "theta_imu", "psi_imu",
+)  # fmt: skip
+SENSORS: Final = ("uwb", "camera", "imu")
+
+State = namedview("State", STATE_NAMES)
+Control = namedview("Control", CONTROL_NAMES)
+
+N_X: Final = 12  # the paper's n
+N_U: Final = 4  # the paper's m
+N_Y: Final = 9  # the paper's p
+N_I: Final = 3  # integral states
+N_XBAR: Final = N_X + N_I
+
+ARRIVED: Final = 0
+STAMP: Final = 1
+PAYLOAD: Final = 2  # index at which a message's payload starts
+
+IMU_SIZE: Final = PAYLOAD + 9
+FIX_SIZE: Final = PAYLOAD + 12
+VELOCITY_SIZE: Final = PAYLOAD + 6
+MAX_DETECTIONS: Final = 32
+DETECTION_SIZE: Final = 6
+DETECTIONS_SIZE: Final = PAYLOAD + MAX_DETECTIONS * DETECTION_SIZE
+
+# The handler's measurement: y (9), the arrivals delta_1..3 (3), V2's three 3x3 blocks row by row (27).
+MEASUREMENT_Y: Final = slice(0, 9)
+MEASUREMENT_DELTA: Final = slice(9, 12)
+MEASUREMENT_V2: Final = slice(12, 39)
+MEASUREMENT_SIZE: Final = 39
+
+# The reference: r, its velocity and its acceleration in W.
+REFERENCE_SIZE: Final = 9
+
+
+def uwb_size(anchors: int) -> int:
+    """Return the size of a uwb message for that many anchors."""
+    return PAYLOAD + 2 * anchors

@@ -1,0 +1,128 @@
+"""Safe, strict YAML into frozen pydantic models, with one clear line for whatever is wrong."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class InputError(ValueError):
+    """Bad input from a user: one line that names the file, the field, the value and what is allowed."""
+
+
+class Frozen(BaseModel):
+    """Base of every typed input: immutable, strict, no unknown keys, no inf or NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """A safe loader that refuses duplicate keys."""
+
+
+def _mapping_of_unique_keys(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
+    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+    for i, key in enumerate(keys):
+        if not isinstance(key, str):
+            raise InputError(f"line {node.start_mark.line + 1}: key {key!r} is not a name")
+        if key in keys[:i]:
+            raise InputError(f"line {node.value[i][0].start_mark.line + 1}: key '{key}' stands twice")
+    return dict(loader.construct_pairs(node, deep=True))  # type: ignore[no-untyped-call]
+
+
+_UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_of_unique_keys)
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Return the plain data of a YAML text.
+
+    Args:
+        text: the YAML.
+        source: what to call it in an error.
+
+    Raises:
+        InputError: if the text is not YAML, repeats a key or uses a tag that is not plain data.
+    """
+    try:
+        return yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - derived from SafeLoader
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a UTF-8 file.
+
+    Raises:
+        InputError: if the file cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise InputError(f"{path}: cannot be read: {reason}") from None
+
+
+def _first_problem(error: ValidationError) -> str:
+    problems = error.errors()
+    # A misspelt key explains more than the errors that follow from it.
+    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    field = ".".join(str(part) for part in problem["loc"]) or "the file"
+    value = problem["input"]
+    shown = repr(value) if not isinstance(value, dict | list) or len(repr(value)) <= 60 else type(value).__name__
+    match problem["type"]:
+        case "extra_forbidden":
+            return f"{field}: unknown key (value {shown})"
+        case "missing":
+            return f"{field}: is missing"
+        case "value_error":
+            return f"{field}: {problem['ctx']['error']}"
+        case "union_tag_invalid":
+            allowed = problem["ctx"]["expected_tags"]
+            return f"{field}.kind: {problem['ctx']['tag']!r} is not one of {allowed}"
+        case "union_tag_not_found":
+            return f"{field}: needs a 'kind'"
+    message = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{field}: {shown}: {message}"
+
+
+def _find_not_finite(data: Any, field: str = "") -> str | None:
+    if isinstance(data, float) and not math.isfinite(data):
+        return f"{field}: {data}: must be a finite number"
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    found = (_find_not_finite(value, f"{field}.{key}" if field else str(key)) for key, value in items)
+    return next((problem for problem in found if problem), None)
+
+
+def validate(model: type[M], data: Any, source: str) -> M:
+    """Return plain data as a typed model.
+
+    Args:
+        model: the pydantic model.
+        data: what parse_yaml returned.
+        source: what to call the data in an error.
+
+    Raises:
+        InputError: naming source, field, value and what is allowed.
+    """
+    problem = _find_not_finite(data)
+    if problem:
+        raise InputError(f"{source}: {problem}")
+    try:
+        # Through JSON, pydantic's strict mode takes YAML's lists for tuples and still refuses '1' for 1.
+        return model.model_validate_json(json.dumps({} if data is None else data))
+    except TypeError as error:  # a YAML date, say
+        raise InputError(f"{source}: {error}") from None
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_problem(error)}") from None
+
+
+def load_yaml(model: type[M], path: Path) -> M:
+    """Read a YAML file into a typed model; InputError if anything is wrong."""
+    return validate(model, parse_yaml(read_text(path), str(path)), str(path))

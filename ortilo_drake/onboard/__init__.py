@@ -1,0 +1,1 @@
+"""What flies: perception, estimation, control and planning. Imports nothing of the world."""

@@ -1,0 +1,96 @@
+"""The inertial measurement unit (paper, section III-A)."""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.equations import body_rates, rotation_matrix
+from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
+from ortilo_drake.scenario import Imu as ImuSettings
+from ortilo_drake.world.noise import normals, stream_id
+
+
+@njit(cache=True)
+def imu_message(
+    x: np.ndarray,
+    u: np.ndarray,
+    d: np.ndarray,
+    mass: float,
+    sd: np.ndarray,
+    seed: int,
+    stream: np.uint64,
+    time: float,
+    h: float,
+) -> np.ndarray:
+    """Return the imu message: rpy + v_1, w_WB_B + v_2, f_B + v_3, with f_B = (f_T e_z + R_WB^T force_W) / m.
+
+    Args:
+        x: state (12).
+        u: control as it acts on the body (4).
+        d: disturbance (6).
+        mass: m [kg].
+        sd: standard deviations of the angles, rates and specific force (3).
+        seed: seed of all noise.
+        stream: number of this noise stream.
+        time: t_k [s].
+        h: tick [s].
+    """
+    message = np.empty(11)
+    message[0] = 1.0
+    message[1] = time
+    message[2:5] = x[3:6]
+    message[5:8] = body_rates(x[3:6], x[9:12])
+    R_WB = rotation_matrix(x[3:6])
+    for i in range(3):
+        f = R_WB[0, i] * d[0] + R_WB[1, i] * d[1] + R_WB[2, i] * d[2]
+        message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
+    v = normals(seed, stream, tick_of(time, h), 9)
+    for i in range(9):
+        message[2 + i] += sd[i // 3] * v[i]
+    return message
+
+
+class Imu(LeafSystem):
+    """A memoryless IMU with white noise.
+
+    Ports:
+        state (12): x of the vehicle.
+        control (4): u as it acts on the body; for the specific force.
+        disturbance (6): force in W, torque in B; for the specific force.
+        imu (11, output): the imu message, see model/signals.py; there in every tick.
+
+    Args:
+        settings: standard deviations.
+        mass: m [kg].
+        seed: seed of all noise.
+        h: tick [s].
+    """
+
+    def __init__(self, settings: ImuSettings, mass: float, seed: int, h: float):
+        super().__init__()
+        self.set_name("imu")
+        self._sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
+        self._mass, self._seed, self._stream, self._h = mass, seed, stream_id("imu"), h
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        self._control = self.DeclareVectorInputPort("control", N_U)
+        self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
+        ports = {self._state.ticket(), self._control.ticket(), self._disturbance.ticket()}
+        self.DeclareVectorOutputPort(
+            "imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=ports | {self.time_ticket()}
+        )
+
+    def _calc_imu(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(
+            imu_message(
+                self._state.Eval(context),
+                self._control.Eval(context),
+                self._disturbance.Eval(context),
+                self._mass,
+                self._sd,
+                self._seed,
+                self._stream,
+                context.get_time(),
+                self._h,
+            )
+        )
