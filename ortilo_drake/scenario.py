@@ -318,9 +318,9 @@ class LqServo(Frozen):
     Attributes:
         form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
             forward, as in the authors' code.
-        integrator: 'literal' and 'hold' live in the filter's last three states and take measured positions, as
-            printed; 'literal' integrates r itself where no fix arrived, 'hold' keeps still. 'estimate' lives in
-            the servo and integrates r - xhat, as in the authors' code.
+        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
+            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
+            integrates r - xhat, as in the authors' code.
         velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
         yaw: psi_r [rad].
         weights: Q and R.

@@ -94,6 +94,13 @@ class Room(Frozen):
             raise ValueError(f"furniture_size: no size for kind '{kind}'")
         return self
 
+    def __hash__(self) -> int:
+        return hash(self._text)  # the sizes are dicts, which have no hash
+
+    @cached_property
+    def _text(self) -> str:
+        return self.model_dump_json()
+
     @cached_property
     def classes(self) -> tuple[str, ...]:
         """The landmark classes in order of first appearance; a detection's label is an index into it."""

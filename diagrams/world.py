@@ -1,0 +1,77 @@
+"""The world: the vehicle, its sensors and the link."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import PassThrough, ZeroOrderHold
+
+from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, uwb_size
+from ortilo_drake.scenario import Link, Scenario
+from ortilo_drake.world.disturbance import DisturbanceSource
+from ortilo_drake.world.imu import Imu
+from ortilo_drake.world.link import SensorLink
+from ortilo_drake.world.projected_camera import ProjectedCamera
+from ortilo_drake.world.quadrotor import QuadrotorPlant
+from ortilo_drake.world.rotors import Rotors
+from ortilo_drake.world.true_velocity import TrueVelocity
+from ortilo_drake.world.uwb import UwbRanging
+
+
+def make_world(scenario: Scenario) -> Diagram:
+    """Return the world as a Diagram.
+
+    Ports:
+        control (4): u = [f_T, tau_x, tau_y, tau_z], sampled and held every tick.
+        state (12, output): the true x.
+        uwb, detections, imu (outputs): the messages of the sensors that the scenario flies.
+        velocity (output): the true velocities, only where the scenario lends them to the servo.
+
+    Layouts of the messages: model/signals.py.
+    """
+    h, seed, room = scenario.h, scenario.seed, scenario.load_room()
+    builder = DiagramBuilder()
+
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(h, N_U))
+    plant = builder.AddSystem(QuadrotorPlant(vehicle=scenario.vehicle, kinematics=scenario.world.kinematics))
+    disturbance = builder.AddSystem(DisturbanceSource(scenario.world.disturbance, seed, h))
+    disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
+    actuator: LeafSystem = hold
+    if scenario.world.rotors.kind == "first_order":
+        actuator = builder.AddSystem(Rotors(scenario.vehicle))
+        builder.Connect(hold.get_output_port(), actuator.get_input_port())
+    builder.ExportInput(hold.get_input_port(), "control")
+    builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))
+    builder.Connect(disturbance.get_output_port(), disturbance_hold.get_input_port())
+    builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
+    state = plant.GetOutputPort("state")
+    builder.ExportOutput(state, "state")
+
+    def add_link(sensor: str, source: LeafSystem, size: int, message: str) -> None:
+        builder.Connect(state, source.GetInputPort("state"))
+        settings = scenario.link_of(sensor)
+        if settings == Link():  # a perfect link
+            link = builder.AddNamedSystem(f"{sensor}_link", PassThrough(size))
+            builder.Connect(source.get_output_port(), link.get_input_port())
+        else:
+            link = builder.AddSystem(SensorLink(sensor, size, settings, seed, h))
+            builder.Connect(source.get_output_port(), link.GetInputPort("message"))
+            builder.Connect(state, link.GetInputPort("state"))
+        builder.ExportOutput(link.get_output_port(), message)
+
+    if "uwb" in scenario.sensors:
+        ranging = builder.AddSystem(UwbRanging(scenario.uwb, room, seed, h))
+        add_link("uwb", ranging, uwb_size(len(room.anchors)), "uwb")
+    if "camera" in scenario.sensors:
+        camera = builder.AddSystem(ProjectedCamera(scenario.projected_camera, room, seed, h))
+        add_link("camera", camera, DETECTIONS_SIZE, "detections")
+    if "imu" in scenario.sensors:
+        imu = builder.AddSystem(Imu(scenario.imu, scenario.vehicle.mass, seed, h))
+        builder.Connect(actuator.get_output_port(), imu.GetInputPort("control"))
+        builder.Connect(disturbance_hold.get_output_port(), imu.GetInputPort("disturbance"))
+        add_link("imu", imu, IMU_SIZE, "imu")
+    if scenario.servo.velocities == "truth":
+        velocity = builder.AddSystem(TrueVelocity())
+        builder.Connect(state, velocity.get_input_port())
+        builder.ExportOutput(velocity.get_output_port(), "velocity")
+
+    world = builder.Build()
+    world.set_name("world")
+    return world

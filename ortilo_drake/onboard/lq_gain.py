@@ -1,0 +1,62 @@
+"""The LQ servo's gain (paper, section IV-A)."""
+
+import numpy as np
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario import ServoWeights
+
+
+def augmented_pair(vehicle: Vehicle, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return Phibar = [[Phi, 0], [-E C, I]] and Gammabar = [Gamma; 0] with E = [I 0 0], so E C = [I 0 0 0]."""
+    Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
+    Phibar = np.eye(N_XBAR)
+    Phibar[:N_X, :N_X] = Phi
+    Phibar[N_X:, :N_I] = -np.eye(N_I)
+    Gammabar = np.zeros((N_XBAR, N_U))
+    Gammabar[:N_X] = Gamma
+    return Phibar, Gammabar
+
+
+def weight_matrices(weights: ServoWeights) -> tuple[np.ndarray, np.ndarray]:
+    """Return Qbar (15 x 15) and R (4 x 4) from their diagonals."""
+    groups = (weights.position, weights.angle, weights.velocity, weights.rate, weights.integral)
+    return np.diag(np.concatenate(groups)), np.diag(weights.control)
+
+
+def is_detectable(Phi: np.ndarray, C: np.ndarray, tolerance: float = 1e-9) -> bool:
+    """Return whether every eigenvalue of Phi on or outside the unit circle is seen by C (Popov-Belevitch-Hautus)."""
+    n = Phi.shape[0]
+    return all(
+        np.linalg.matrix_rank(np.vstack([Phi - z * np.eye(n), C]), tol=tolerance) == n
+        for z in np.linalg.eigvals(Phi)
+        if abs(z) >= 1.0 - 1e-6
+    )
+
+
+def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return L and S of the infinite-horizon problem, S the stabilising solution of the DARE.
+
+    L = (Gamma^T S Gamma + R)^-1 Gamma^T S Phi;  S = Q + Phi^T S Phi - Phi^T S Gamma L.
+
+    Raises:
+        InputError: if (Phi, Gamma) is not stabilisable or (Phi, Q^1/2) not detectable, where Drake's solver would
+            end the process and SciPy's return a solution that does not stabilise.
+    """
+    if not is_detectable(Phi.T, Gamma.T):
+        raise InputError("servo: (Phi, Gamma) is not stabilisable, no LQ gain exists")
+    if not is_detectable(Phi, Q):
+        raise InputError(
+            "servo.weights: (Phi, Q^1/2) is not detectable: give positive weights to the integrals and to yaw"
+        )
+    L, S = DiscreteTimeLinearQuadraticRegulator(Phi, Gamma, Q, R)
+    return L, S
+
+
+def servo_gain(vehicle: Vehicle, weights: ServoWeights, h: float) -> np.ndarray:
+    """Return L (4 x 15) of the augmented pair; raises as lq_gain."""
+    L, _ = lq_gain(*augmented_pair(vehicle, h), *weight_matrices(weights))
+    return L

@@ -1,0 +1,137 @@
+"""The intermittent measurements handler (paper, section IV-B).
+
+It stacks what arrived in this tick into y_k, says by Delta_k which of it is there, and gives each sensor's
+noise covariance; the filter forms H_k = Delta_k Cbar from it, and filter and servo E_k.
+"""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from scipy.stats import chi2
+
+from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR
+from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
+from ortilo_drake.scenario import Noise
+
+
+@njit(cache=True)
+def squared_distance(
+    fix: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.ndarray, size: int
+) -> float:
+    """Return the squared Mahalanobis distance e^T (P_pp + V)^-1 e of a fix from the predicted position."""
+    S = np.empty((3, 3))
+    e = np.empty(3)
+    for i in range(3):
+        e[i] = fix[2 + i] - xhat[i]
+        for j in range(3):
+            S[i, j] = P[i * size + j] + V[3 * i + j]
+    return float(e @ np.linalg.solve(S, e))
+
+
+@njit(cache=True)
+def stack_measurements(
+    uwb: np.ndarray,
+    camera: np.ndarray,
+    imu: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    V: np.ndarray,
+    from_fix: np.ndarray,
+    gates: np.ndarray,
+) -> np.ndarray:
+    """Return [y, delta, V2's blocks] of this tick (39).
+
+    y = [uwb position, camera position, imu angles]; delta_j = 1 where sensor j's measurement is there and, for a
+    position, within its gate. Rows that did not arrive hold 0.
+
+    Args:
+        uwb: fix message (14).
+        camera: fix message (14).
+        imu: imu message (11).
+        xhat: prediction (15), for the gates.
+        P: its covariance, row by row (225).
+        V: constant noise covariances of the three sensors, row by row (3, 9).
+        from_fix: 1 where a position sensor's covariance comes with each fix (2).
+        gates: largest squared Mahalanobis distance of each position sensor, inf for none (2).
+    """
+    out = np.zeros(39)
+    for j in range(2):
+        fix = uwb if j == 0 else camera
+        block = fix[5:14] if from_fix[j] else V[j]
+        out[12 + 9 * j : 21 + 9 * j] = block
+        if fix[0] == 0.0:
+            out[12 + 9 * j : 21 + 9 * j] = V[j]
+        elif np.isinf(gates[j]) or squared_distance(fix, xhat, P, block, 15) <= gates[j]:
+            out[3 * j : 3 * j + 3] = fix[2:5]
+            out[9 + j] = 1.0
+    if imu[0] != 0.0:
+        out[6:9] = imu[2:5]
+        out[11] = 1.0
+    out[30:39] = V[2]
+    return out
+
+
+def arrival_matrix(delta: np.ndarray) -> np.ndarray:
+    """Return Delta_k (9 x 9): each arrival repeated three times on the diagonal."""
+    return np.diag(np.repeat(delta, 3))
+
+
+def selection_matrix(delta: np.ndarray) -> np.ndarray:
+    """Return E_k = [Delta_1, not Delta_1 and Delta_2, 0] (3 x 9): the position the integrator uses."""
+    E = np.zeros((3, 9))
+    E[:, 0:3] = np.eye(3) * delta[0]
+    E[:, 3:6] = np.eye(3) * (1.0 - delta[0]) * delta[1]
+    return E
+
+
+class MeasurementHandler(LeafSystem):
+    """Turns fixes and imu angles into y_k, the arrivals and V2.
+
+    Ports:
+        uwb (14), camera (14): fix messages.
+        imu (11): imu message.
+        estimate (15): xhat_k|k-1, for the gates.
+        covariance (225): P_k row by row, for the gates.
+        measurement (39, output): y (9), delta (3), V2's three blocks row by row (27).
+
+    Memoryless.
+    """
+
+    def __init__(self, settings: HandlerSettings, noise: Noise):
+        super().__init__()
+        self.set_name("measurement_handler")
+        sensors = (noise.uwb, noise.camera, noise.imu)
+        self._V = np.array([np.diag(v if v is not None else (1.0, 1.0, 1.0)).ravel() for v in sensors])
+        self._from_fix = np.array([noise.uwb is None, noise.camera is None])
+        gates = (settings.uwb_gate, settings.camera_gate)
+        self._gates = np.array([np.inf if gate is None else chi2.ppf(gate, df=3) for gate in gates])
+        self._is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
+        self._unused = np.zeros(N_XBAR * N_XBAR)
+        self._uwb = self.DeclareVectorInputPort("uwb", FIX_SIZE)
+        self._camera = self.DeclareVectorInputPort("camera", FIX_SIZE)
+        self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
+        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+        self._covariance = self.DeclareVectorInputPort("covariance", N_XBAR * N_XBAR)
+        needs = {self._uwb.ticket(), self._camera.ticket(), self._imu.ticket()}
+        if self._is_gated:
+            needs |= {self._estimate.ticket(), self._covariance.ticket()}
+        self.DeclareVectorOutputPort(
+            "measurement",
+            MEASUREMENT_SIZE,
+            self._calc_measurement,
+            prerequisites_of_calc=needs,
+        )
+
+    def _calc_measurement(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(
+            stack_measurements(
+                self._uwb.Eval(context),
+                self._camera.Eval(context),
+                self._imu.Eval(context),
+                self._estimate.Eval(context) if self._is_gated else self._unused,
+                self._covariance.Eval(context) if self._is_gated else self._unused,
+                self._V,
+                self._from_fix,
+                self._gates,
+            )
+        )
