@@ -70,8 +70,7 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
     else:
         builder.Connect(never("uwb", FIX_SIZE).get_output_port(), handler.GetInputPort("uwb"))
     if "camera" in scenario.sensors:
-        camera = room.camera.scaled_to(scenario.projected_camera.width)
-        fix = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, camera))
+        fix = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.projected_camera.width))
         builder.ExportInput(fix.GetInputPort("detections"), "detections")
         builder.Connect(estimate, fix.GetInputPort("estimate"))
         builder.Connect(covariance, fix.GetInputPort("covariance"))

@@ -191,7 +191,7 @@ class ProjectedCamera(Frozen):
     """
 
     width: Annotated[int, Field(ge=16, le=8192)] = 320
-    edge_sd: NonNegativeFloat = 1.0
+    edge_sd: NonNegativeFloat = 1.3
     miss_base: Probability = 0.02
     miss_per_metre: NonNegativeFloat = 0.02
     max_distance: PositiveFloat = 12.0
@@ -236,15 +236,19 @@ class LandmarkFix(Frozen):
     Attributes:
         method: 'known_attitude' (two landmarks or more, attitude from the filter), 'cosine_law' (three or more,
             the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
-        center_sd: what the solver believes of a box centre's error [px].
+        center_sd: what the solver believes of a box centre's error [px]; more than the boxes' own, because the
+            filter's attitude error is common to successive fixes.
         gate: an association is refused beyond this probability of the predicted projection's error.
         max_residual: 'known_attitude' drops boxes that disagree with the rest by more than this many sd.
+        prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
+            filter's covariance.
     """
 
     method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
-    center_sd: PositiveFloat = 1.0
+    center_sd: PositiveFloat = 2.0
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
     max_residual: PositiveFloat = 4.0
+    prior_sd: tuple[PositiveFloat, PositiveFloat] | None = None
 
 
 class Noise(Frozen):
@@ -304,11 +308,11 @@ class KalmanFilter(Frozen):
 class ServoWeights(Frozen):
     """Diagonals of the servo's Q (by group of states) and R."""
 
-    position: PositiveVec3 = (1.0, 1.0, 1.0)
+    position: PositiveVec3 = (6.0, 6.0, 6.0)
     angle: tuple[NonNegativeFloat, NonNegativeFloat, PositiveFloat] = (1.0, 1.0, 1.0)
     velocity: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (1.0, 1.0, 1.0)
     rate: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.1, 0.1, 0.1)
-    integral: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
+    integral: PositiveVec3 = (3.0e-4, 3.0e-4, 3.0e-4)
     control: tuple[PositiveFloat, PositiveFloat, PositiveFloat, PositiveFloat] = (0.02, 1.0, 1.0, 1.0)
 
 
@@ -343,7 +347,8 @@ class GcsPlanner(Frozen):
         height: flying height [m].
         speed: path speed [m/s].
         acceleration: largest acceleration [m/s^2].
-        clearance: horizontal distance kept between the vehicle's outline and every obstacle [m].
+        clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
+            for it [m]; less in a narrow place.
         vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
     """
 
@@ -353,8 +358,8 @@ class GcsPlanner(Frozen):
     height: PositiveFloat = 1.5
     speed: PositiveFloat = 0.35
     acceleration: PositiveFloat = 0.2
-    clearance: NonNegativeFloat = 0.25
-    vertical_clearance: NonNegativeFloat = 0.7
+    clearance: NonNegativeFloat = 1.6
+    vertical_clearance: NonNegativeFloat = 0.6
 
 
 class WaypointPlanner(Frozen):
@@ -539,4 +544,3 @@ def read_waypoints(path: Path) -> np.ndarray:
     return np.array(points).reshape(-1, 3)
 
 
-__all__ = ["InputError", "Scenario", "load_scenario", "load_yaml", "scenario_names", "with_seed"]

@@ -1,4 +1,4 @@
-"""When and why a flight is lost."""
+"""When and why a flight is lost, and what it touched."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,14 +12,6 @@ MAX_TILT = np.pi / 3  # beyond this the vehicle counts as tumbling
 BODY_HALF_HEIGHT = 0.15  # of the airframe about the centre of mass [m]; ours, for the M100
 
 
-@lru_cache(maxsize=8)
-def _obstacles(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the obstacles' lower and upper corners (n, 2), tops (n) and names."""
-    found = footprints(room)
-    low, high = np.array([f.low for f in found]), np.array([f.high for f in found])
-    return low, high, np.array([f.top for f in found]), tuple(f.name for f in found)
-
-
 @dataclass(frozen=True)
 class Lost:
     """A lost flight: the tick and time at which it ended, and why."""
@@ -29,12 +21,35 @@ class Lost:
     cause: str
 
 
+@lru_cache(maxsize=8)
+def _obstacles(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the obstacles: cores' lower and upper corners (n, 2), radii, tops and names (n)."""
+    found = footprints(room)
+    return (
+        np.array([f.low for f in found]),
+        np.array([f.high for f in found]),
+        np.array([f.radius for f in found]),
+        np.array([f.top for f in found]),
+        np.array([f.name for f in found]),
+    )
+
+
+def touching(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return which obstacles the vehicle's outline touches at each position (n, obstacles), and their names.
+
+    The outline is a disc of vehicle.radius, BODY_HALF_HEIGHT up and down.
+    """
+    low, high, radius, top, names = _obstacles(room)
+    nearest = np.clip(p_WB[:, np.newaxis, 0:2], low, high)
+    near = np.sum((p_WB[:, np.newaxis, 0:2] - nearest) ** 2, axis=2) < (vehicle.radius + radius) ** 2
+    return near & (p_WB[:, 2:3] - BODY_HALF_HEIGHT < top), names
+
+
 def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Lost | None:
     """Return the first loss in a series of true states, if any.
 
-    A flight is lost when the state is no longer finite, the vehicle tilts by more than 60 degrees, its centre
-    leaves the room, or its outline (a disc of vehicle.radius) touches a wall, stand, landmark or piece of
-    furniture that reaches up to it.
+    A flight is lost when its state is no longer finite, when the vehicle tilts by more than 60 degrees, when its
+    centre leaves the room, or when its outline touches a wall. Furniture is another matter, see contacts.
 
     Args:
         states: x at every tick (n, 12).
@@ -42,21 +57,26 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Los
         room: the room.
         vehicle: the vehicle.
     """
-    p, finite = states[:, 0:3], np.all(np.isfinite(states), axis=1)
-    low, high, top, names = _obstacles(room)
-    nearest = np.clip(p[:, np.newaxis, 0:2], low, high)
-    touches = np.sum((p[:, np.newaxis, 0:2] - nearest) ** 2, axis=2) < vehicle.radius**2
-    hits = touches & (p[:, 2:3] - BODY_HALF_HEIGHT < top)
+    p_WB, finite = states[:, 0:3], np.all(np.isfinite(states), axis=1)
+    touches, names = touching(p_WB, room, vehicle)
     causes = {
         "diverged": ~finite,
         "tumbled": finite & (np.cos(states[:, 3]) * np.cos(states[:, 4]) < np.cos(MAX_TILT)),
-        "left the room": finite & np.any((p < room.interior.min) | (p > room.interior.max), axis=1),
-        "hit": np.any(hits, axis=1),
+        "left the room": finite & np.any((p_WB < room.interior.min) | (p_WB > room.interior.max), axis=1),
+        "hit a wall": np.any(touches[:, names == "wall"], axis=1),
     }
     found = [(int(np.argmax(bad)), cause) for cause, bad in causes.items() if bad.any()]
     if not found:
         return None
     tick, cause = min(found, key=lambda loss: loss[0])
-    if cause == "hit":
-        cause = f"hit {names[int(np.argmax(hits[tick]))]}"
     return Lost(tick, tick * h, cause)
+
+
+def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:
+    """Return the names of the furniture, stands and landmarks that the vehicle's outline touched.
+
+    Their extents are our estimates, the walls' are surveyed: so a contact is reported beside a flight's errors, but
+    does not end it.
+    """
+    touches, names = touching(states[:, 0:3], room, vehicle)
+    return sorted(set(names[np.any(touches, axis=0) & (names != "wall")].tolist()))

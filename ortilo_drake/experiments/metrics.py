@@ -7,7 +7,8 @@ import numpy as np
 import xarray as xr
 from scipy.spatial import cKDTree
 
-from ortilo_drake.experiments.flight import AXES
+from ortilo_drake.experiments.flight import AXES, scenario_of
+from ortilo_drake.experiments.lost import contacts
 
 
 def estimation_mse(flight: xr.Dataset) -> dict[str, float]:
@@ -70,12 +71,13 @@ def _finite(value: float) -> float | None:
 
 def summary(flight: xr.Dataset) -> dict[str, Any]:
     """Return what `ortilo fly --json` prints; a lost flight's errors are those up to its loss."""
-    scenario = json.loads(flight.attrs["scenario"])
-    used = [s for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
+    scenario = scenario_of(flight)
+    used = [str(s) for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
     return {
-        "scenario": scenario["name"],
+        "scenario": scenario.name,
         "seed": int(flight.attrs["seed"]),
         "lost": json.loads(flight.attrs["lost"]),
+        "contacts": contacts(flight["truth"].values, scenario.load_room(), scenario.vehicle),
         "mse": estimation_mse(flight),
         "path_mse": _finite(path_mse(flight)),
         "path_distance_mse": path_distance_mse(flight),

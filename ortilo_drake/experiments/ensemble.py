@@ -1,0 +1,124 @@
+"""Many flights on worker processes, resumable."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from distributed import Client, LocalCluster, as_completed
+
+from ortilo_drake.experiments.flight import fly, load_flight, save_flight
+from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, with_seed
+
+
+def flight_folder(out: Path, scenario: Scenario) -> Path:
+    """Return the folder of a scenario's flights: its name and a digest of all but the seed.
+
+    A changed scenario gets a folder of its own, so that a resumed run never mixes two.
+    """
+    text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
+    return out / f"{scenario.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
+    """Return where the flight with that seed is kept."""
+    return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
+
+
+def fly_and_save(scenario_json: str, seed: int, out: str) -> dict[str, Any]:
+    """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
+    scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
+    flight = fly(scenario)
+    flight.attrs["summary"] = json.dumps(summary(flight))
+    save_flight(flight, flight_file(Path(out), scenario, seed))
+    return dict(json.loads(flight.attrs["summary"]))
+
+
+def _finished(path: Path) -> dict[str, Any] | None:
+    """Return the summary of a flight that is already there, None if it is missing or damaged."""
+    if not path.exists():
+        return None
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as flight:
+            return dict(json.loads(flight.attrs["summary"]))
+    except (OSError, KeyError, ValueError):
+        return None
+
+
+def fly_many(
+    scenario: Scenario,
+    seeds: Iterable[int],
+    out: Path,
+    workers: int = 1,
+    progress: Callable[[dict[str, Any]], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Fly a scenario once for each seed and return the summaries in the order of the seeds.
+
+    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped. Each flight
+    is written as it ends. A flight depends on its scenario and seed alone, not on the number of workers; a worker
+    that dies is replaced and its flight flown again.
+
+    Args:
+        scenario: the scenario; its own seed is not used.
+        seeds: the seeds.
+        out: folder for the flights.
+        workers: worker processes; 1 flies in this process.
+        progress: called with each summary as it comes in.
+
+    Raises:
+        InputError: if a flight cannot be flown or written.
+    """
+    seeds = list(seeds)
+    summaries: dict[int, dict[str, Any]] = {}
+
+    def take(seed: int, result: dict[str, Any]) -> None:
+        summaries[seed] = result
+        if progress:
+            progress(result)
+
+    for seed in seeds:
+        done = _finished(flight_file(out, scenario, seed))
+        if done is not None:
+            take(seed, done)
+    missing = [seed for seed in seeds if seed not in summaries]
+    text = scenario.model_dump_json()
+    if workers == 1:
+        for seed in missing:
+            take(seed, fly_and_save(text, seed, str(out)))
+    elif missing:
+        with _cluster(min(workers, len(missing))) as client:
+            futures = {
+                client.submit(fly_and_save, text, seed, str(out), pure=False, retries=2): seed for seed in missing
+            }
+            for future in as_completed(futures):
+                take(futures[future], future.result())
+    return [summaries[seed] for seed in seeds]
+
+
+def _cluster(workers: int) -> Client:
+    """Return a client of its own worker processes on this machine, reachable from it alone."""
+    cluster = LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
+    )
+    return _OwningClient(cluster)
+
+
+class _OwningClient(Client):
+    """A client that takes its cluster down with it."""
+
+    def __exit__(self, *error: Any) -> None:
+        cluster = self.cluster
+        super().__exit__(*error)
+        cluster.close()
+
+
+def flights_of(scenario: Scenario, seeds: Iterable[int], out: Path) -> list[xr.Dataset]:
+    """Return the saved flights of those seeds; InputError if one is missing."""
+    flights = [load_flight(flight_file(out, scenario, seed)) for seed in seeds]
+    if not flights:
+        raise InputError("flights: none asked for")
+    return flights

@@ -1,0 +1,158 @@
+"""The free space at one flying height and convex cells in it.
+
+Every obstacle is a rounded rectangle: all points within ``radius`` of an axis-aligned core (a wall's is the
+wall, a stand's a point). Its radius is inflated by the vehicle's, so that the vehicle becomes a point. The
+*room* at a point is its distance from the nearest inflated obstacle.
+
+A cell is grown from a seed as in IRIS (Deits and Tedrake, 2015) with a disc for the ellipse: obstacle by
+obstacle, the nearest first, a half-plane square to the shortest line from the seed. It keeps ``clearance``
+from the obstacle where there is room for it, and less where the place is narrow.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ortilo_drake.model.room import Room, footprints
+
+BORDER = 1.0e-9  # a point on a cell's border counts as inside [m]
+OUTSIDE = 10.0  # thickness of the outer walls as obstacles [m]
+LAP = 8  # steps of a route that a cell shares with the one before
+ELBOW = 0.15  # space that a cell leaves around its seed before it keeps the clearance [m]
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """Where the vehicle's centre may be at its flying height.
+
+    Attributes:
+        names: what errors call the obstacles (n).
+        low: lower corners of their cores (n, 2) [m].
+        high: upper corners of their cores (n, 2) [m].
+        radius: how far they reach beyond their cores, the vehicle's radius included (n) [m].
+        top: below this height they are in the way (n) [m].
+        clearance: room to keep to them where there is so much [m].
+        bounds: lower and upper corner of the room's interior (2, 3) [m].
+    """
+
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    radius: np.ndarray
+    top: np.ndarray
+    clearance: float
+    bounds: np.ndarray
+
+    def room(self, p: np.ndarray) -> np.ndarray:
+        """Return the distance of a point p (2) from each inflated obstacle (n) [m]."""
+        return np.hypot(*(p - np.clip(p, self.low, self.high)).T) - self.radius
+
+    def room_on_grid(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the least room [m] at each point (x_i, y_j) of a grid (n_x, n_y)."""
+        least = np.full((x.size, y.size), np.inf)
+        for low, high, radius in zip(self.low, self.high, self.radius, strict=True):
+            dx, dy = x - np.clip(x, low[0], high[0]), y - np.clip(y, low[1], high[1])
+            np.minimum(least, np.hypot(dx[:, None], dy[None, :]) - radius, out=least)
+        return least
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The convex polygon {p : A p <= b}; the rows of A have unit length."""
+
+    A: np.ndarray
+    b: np.ndarray
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Return for each point (n, 2) whether it lies in the cell (n)."""
+        return np.all(points @ self.A.T <= self.b + BORDER, axis=1)
+
+
+def free_space(
+    room: Room, height: float, vehicle_radius: float, clearance: float, vertical_clearance: float
+) -> FreeSpace:
+    """Return the free space between walls, outer walls and whatever ends above height - vertical_clearance.
+
+    Args:
+        room: the surveyed room.
+        height: flying height [m].
+        vehicle_radius: of the vehicle's outline [m].
+        clearance: to keep between outline and obstacles where there is room [m].
+        vertical_clearance: what ends lower than this below the flying height is flown over [m].
+    """
+    names, low, high, radius, top = [], [], [], [], []
+    for found in footprints(room):
+        is_wall = found.name == "wall"
+        if not is_wall and found.top <= height - vertical_clearance:
+            continue
+        names.append(found.name)
+        low.append(np.array(found.low))
+        high.append(np.array(found.high))
+        radius.append(found.radius)
+        top.append(np.inf if is_wall else found.top + vertical_clearance)
+    bounds = np.array([room.interior.min, room.interior.max])
+    for axis in range(2):
+        for side in range(2):
+            core = bounds[:, :2] + np.array([[-OUTSIDE], [OUTSIDE]])
+            core[1 - side, axis] = bounds[side, axis]
+            names.append("outer wall")
+            low.append(core[0])
+            high.append(core[1])
+            radius.append(0.0)
+            top.append(np.inf)
+    inflated = np.array(radius) + vehicle_radius
+    return FreeSpace(tuple(names), np.array(low), np.array(high), inflated, np.array(top), clearance, bounds)
+
+
+def grow_cell(seed: np.ndarray, space: FreeSpace) -> Cell:
+    """Return the cell around a seed (2) that has room on all sides.
+
+    With c the core's point nearest to the seed and n the direction to it, the half-plane is
+    n . p <= n . c - radius - kept. An obstacle that lies behind an earlier half-plane adds none.
+    """
+    towards = np.clip(seed, space.low, space.high) - seed
+    distance = np.hypot(towards[:, 0], towards[:, 1])
+    normals = towards / distance[:, None]
+    room = distance - space.radius
+    kept = np.minimum(space.clearance, np.maximum(room - ELBOW, room / 2))
+    offsets = normals @ seed + room - kept
+    center, half = (space.low + space.high) / 2, (space.high - space.low) / 2
+    waiting = np.ones(distance.size, dtype=bool)
+    chosen = []
+    for i in np.argsort(room - kept, kind="stable"):
+        if waiting[i]:
+            chosen.append(i)
+            # The least n . p over each inflated obstacle: is all of it beyond the new half-plane?
+            least = center @ normals[i] - half @ np.abs(normals[i]) - space.radius - kept
+            waiting &= least < offsets[i] - BORDER
+            waiting[i] = False
+    return Cell(normals[chosen], offsets[chosen])
+
+
+def cells_along(route: np.ndarray, space: FreeSpace) -> list[Cell]:
+    """Return few cells, in the order of the route, that hold every step of it and so connect its ends.
+
+    Each is the one, among the cells grown from the route's points, that holds the route for longest from
+    where the one before lets go; it also holds the LAP steps before that where such a cell leads on at all.
+
+    Args:
+        route: points with positive room (n, 2), close together [m].
+        space: the free space.
+    """
+    cells = [grow_cell(p, space) for p in route]
+    inside = np.array([cell.contains(route) for cell in cells])
+    held = inside[:, :-1] & inside[:, 1:]
+    chosen, step, steps = [], 0, len(route) - 1
+    while step < steps:
+        reach = first_false(held[:, step:])
+        lapped = np.where(held[:, max(0, step - LAP) : step].all(axis=1), reach, 0)
+        best = int(np.argmax(lapped if lapped.max() > 0 else reach))
+        # A cell may fail to hold even the steps beside its seed in a very narrow place: leave the gap to GCS.
+        step += max(1, int(reach[best]))
+        chosen.append(cells[best])
+    return chosen
+
+
+def first_false(rows: np.ndarray) -> np.ndarray:
+    """Return for each row of a boolean matrix how many entries at its beginning are true."""
+    return np.where(rows.all(axis=1), rows.shape[1], np.argmin(rows, axis=1))

@@ -1,0 +1,163 @@
+"""Which detected box is which landmark: classes repeat in the room, so the predicted projection decides.
+
+The filter predicts where each landmark's box centre appears, z_i = h_i(xhat), and how far that may be wrong,
+
+    S_i = J_i P J_i^T + sd^2 I,   J_i = d h_i / d(p_WB, rpy),   P of position and attitude (6 x 6).
+
+A box of the same class and of about the predicted size may be landmark i if
+d^2 = (z - z_i)^T S_i^-1 (z - z_i) is within the gate; the boxes are given out so that the sum of d^2 is least, a
+landmark without a box counting as much as the gate (global nearest neighbour: Blackman, "Multiple-Target Tracking with Radar Applications", 1986, chapter 4).
+"""
+
+import numpy as np
+from numba import njit
+from scipy.optimize import linear_sum_assignment
+
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import NEAR, box_center, extent_box, in_body_frame
+from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
+
+BORDER = 1.5  # a box that comes nearer to the image's border is taken for cut [px]
+MAX_SCALE = (
+    1.6  # a box this much larger or smaller than predicted belongs to a landmark nearer or farther away
+)
+_FORBIDDEN = 1.0e6
+
+
+@njit(cache=True)
+def whole_boxes(detections: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return class (k), centre (k, 2) and width + height (k) of the boxes that the image border does not cut.
+
+    Args:
+        detections: the detections message.
+        image: width and height [px] (2).
+    """
+    labels, centers, spans = np.empty(MAX_DETECTIONS), np.empty((MAX_DETECTIONS, 2)), np.empty(MAX_DETECTIONS)
+    k = 0
+    for row in range(MAX_DETECTIONS):
+        box = detections[PAYLOAD + row * DETECTION_SIZE : PAYLOAD + (row + 1) * DETECTION_SIZE]
+        low, high = BORDER - 0.5, -BORDER - 0.5
+        if (
+            box[0] >= 0.0
+            and box[2] > low
+            and box[3] > low
+            and box[4] < image[0] + high
+            and box[5] < image[1] + high
+        ):
+            labels[k] = box[0]
+            centers[k, 0], centers[k, 1] = 0.5 * (box[2] + box[4]), 0.5 * (box[3] + box[5])
+            spans[k] = box[4] - box[2] + box[5] - box[3]
+            k += 1
+    return labels[:k], centers[:k], spans[:k]
+
+
+@njit(cache=True)
+def pose_covariance(P: np.ndarray) -> np.ndarray:
+    """Return the block of position and attitude (6, 6) of the filter's P (225, row by row)."""
+    return np.ascontiguousarray(P.reshape((15, 15))[:6, :6])
+
+
+@njit(cache=True)
+def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: float) -> tuple[float, float, float]:
+    """Return S_uu, S_uv, S_vv of S = J P J^T + sd^2 I."""
+    S_uu, S_uv, S_vv = sd**2, 0.0, sd**2
+    for a in range(6):
+        for b in range(6):
+            S_uu += J[0, a] * P[a, b] * J[0, b]
+            S_uv += J[0, a] * P[a, b] * J[1, b]
+            S_vv += J[1, a] * P[a, b] * J[1, b]
+    return S_uu, S_uv, S_vv
+
+
+@njit(cache=True)
+def association_costs(
+    detections: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    positions: np.ndarray,
+    sizes: np.ndarray,
+    labels: np.ndarray,
+    p_BC: np.ndarray,
+    f: float,
+    c: np.ndarray,
+    image: np.ndarray,
+    sd: float,
+    gate: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return candidate landmarks (k), centres of whole boxes (m, 2) and the costs of pairing them (k, m + k).
+
+    Column m + i, at the cost of the gate, leaves landmark i without a box. Arguments as in associate.
+    """
+    box_labels, centers, spans = whole_boxes(detections, image)
+    m, n = box_labels.size, positions.shape[0]
+    p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
+    R_WB = rotation_matrix(rpy)
+    z, J, box = np.empty(2), np.empty((2, 6)), np.empty(4)
+    candidates, k = np.empty(n, dtype=np.int64), 0
+    d2 = np.full((n, m), _FORBIDDEN)
+    for i in range(n):
+        # Cheap first: a class that was seen, and a place in front, within half an image of the image.
+        if not np.any(box_labels == labels[i]):
+            continue
+        q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
+        depth = q[0] - p_BC[0]
+        if depth < NEAR or f * abs(q[1]) > image[0] * depth or f * abs(q[2]) > image[1] * depth:
+            continue
+        if not box_center(positions[i], sizes[i], p_WB, rpy, R_WB, p_BC, f, c, z, J):
+            continue
+        extent_box(positions[i], sizes[i], p_WB, R_WB, p_BC, f, c, box)
+        span = box[2] - box[0] + box[3] - box[1]
+        S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, sd)
+        for j in range(m):
+            if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
+                e_u, e_v = centers[j, 0] - z[0], centers[j, 1] - z[1]
+                squared = (S_vv * e_u**2 - 2.0 * S_uv * e_u * e_v + S_uu * e_v**2) / (S_uu * S_vv - S_uv**2)
+                if squared <= gate:
+                    d2[k, j] = squared
+        candidates[k] = i
+        k += 1
+    costs = np.full((k, m + k), _FORBIDDEN)
+    costs[:, :m] = d2[:k]
+    for i in range(k):
+        costs[i, m + i] = gate
+    return candidates[:k], centers, costs
+
+
+def associate(
+    detections: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    positions: np.ndarray,
+    sizes: np.ndarray,
+    labels: np.ndarray,
+    p_BC: np.ndarray,
+    f: float,
+    c: np.ndarray,
+    image: np.ndarray,
+    sd: float,
+    gate: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the landmarks found, as indices in rising order (k), and their boxes' centres (k, 2).
+
+    The order of the message's rows does not matter.
+
+    Args:
+        detections: the detections message.
+        xhat: estimate; position and attitude come first.
+        P: its covariance (225).
+        positions: p_W of the landmarks (n, 3).
+        sizes: their extents along W's axes (n, 3).
+        labels: their classes (n).
+        p_BC: camera in B (3).
+        f: focal length [px].
+        c: principal point [px] (2).
+        image: width and height [px] (2).
+        sd: error of a box centre [px].
+        gate: largest admissible d^2.
+    """
+    candidates, centers, costs = association_costs(
+        detections, xhat, P, positions, sizes, labels, p_BC, f, c, image, sd, gate
+    )
+    _, column = linear_sum_assignment(costs)
+    paired = column < len(centers)
+    return candidates[paired], centers[column[paired]]

@@ -1,0 +1,124 @@
+"""Position from the camera's landmark boxes, by one of three methods."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from scipy.stats import chi2
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, FIX_SIZE, N_XBAR, STAMP
+from ortilo_drake.onboard.cosine_law import cosine_law
+from ortilo_drake.onboard.known_attitude import known_attitude
+from ortilo_drake.onboard.landmark_association import associate
+from ortilo_drake.onboard.pnp import pnp
+from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
+
+Solution = tuple[bool, np.ndarray, np.ndarray]
+METHODS: Final[dict[str, Callable[..., Solution]]] = {
+    "known_attitude": known_attitude,
+    "cosine_law": cosine_law,
+    "pnp": pnp,
+}
+
+MAX_SD = (
+    1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
+)
+MAX_CORRECTION = 3.0  # nor is a fix farther than this from the estimate that its boxes were associated by [m]
+
+
+def landmark_fix_message(
+    detections: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    method: Callable[..., Solution],
+    landmarks: tuple[np.ndarray, np.ndarray, np.ndarray],
+    camera: tuple[np.ndarray, float, np.ndarray, np.ndarray],
+    sd: float,
+    gate: float,
+    max_residual: float,
+) -> np.ndarray:
+    """Return the fix message: p_WB and its covariance, or zeros if nothing arrived or it yields no fix.
+
+    Args:
+        detections: the detections message.
+        xhat: estimate (15).
+        P: its covariance row by row (225).
+        method: one of METHODS.
+        landmarks: positions p_W (n, 3), extents (n, 3), classes (n).
+        camera: p_BC (3), f [px], c [px] (2), image size [px] (2).
+        sd: error of a box centre [px].
+        gate: largest squared Mahalanobis distance of an association.
+        max_residual: largest disagreement of a box with the others [sd].
+    """
+    message = np.zeros(FIX_SIZE)
+    if detections[ARRIVED] != 1.0:
+        return message
+    positions, sizes, labels = landmarks
+    p_BC, f, c, image = camera
+    chosen, centers = associate(detections, xhat, P, positions, sizes, labels, p_BC, f, c, image, sd, gate)
+    found, p_WB, covariance = method(
+        centers, positions[chosen], sizes[chosen], xhat, P, p_BC, f, c, sd, max_residual
+    )
+    if not found or not np.trace(covariance) <= MAX_SD**2:
+        return message
+    if np.linalg.norm(p_WB - xhat[0:3]) > MAX_CORRECTION:
+        return message
+    message[ARRIVED], message[STAMP] = 1.0, detections[STAMP]
+    message[2:5], message[5:14] = p_WB, covariance.ravel()
+    return message
+
+
+class LandmarkFix(LeafSystem):
+    """Memoryless: boxes to a position, by the estimate of the same tick, xhat(k|k-1).
+
+    Boxes that come late are judged by the present estimate; the fix keeps their stamp.
+
+    Ports:
+        detections (DETECTIONS_SIZE): the detections message, see model/signals.py.
+        estimate (15): xhat.
+        covariance (225): P row by row.
+        fix (14, output): the fix message.
+
+    Args:
+        settings: method and what it believes of the boxes.
+        room: landmarks and the camera.
+        width: image width [px] that the detections are in.
+    """
+
+    def __init__(self, settings: LandmarkFixSettings, room: Room, width: int):
+        super().__init__()
+        self.set_name("landmark_fix")
+        camera = room.camera.scaled_to(width)
+        self._constants = (
+            METHODS[settings.method],
+            (room.landmark_positions, room.landmark_sizes, room.landmark_labels),
+            (
+                np.array(camera.position),
+                camera.focal_length,
+                np.array(camera.center),
+                np.array([camera.width, camera.height], dtype=float),
+            ),
+            settings.center_sd,
+            float(chi2.ppf(settings.gate, 2)),
+            settings.max_residual,
+        )
+        self._prior = None
+        if settings.prior_sd is not None:
+            position, angle = np.square(settings.prior_sd)
+            self._prior = np.diag([position] * 3 + [angle] * 3 + [0.0] * (N_XBAR - 6)).ravel()
+        self._detections = self.DeclareVectorInputPort("detections", DETECTIONS_SIZE)
+        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+        self._covariance = self.DeclareVectorInputPort("covariance", N_XBAR**2)
+        ports = {self._detections.ticket(), self._estimate.ticket(), self._covariance.ticket()}
+        self.DeclareVectorOutputPort("fix", FIX_SIZE, self._calc_fix, prerequisites_of_calc=ports)
+
+    def _calc_fix(self, context: Context, output: BasicVector) -> None:
+        detections = self._detections.Eval(context)
+        if detections[ARRIVED] != 1.0:  # most ticks: spare the other ports
+            output.SetFromVector(np.zeros(FIX_SIZE))
+            return
+        xhat = self._estimate.Eval(context)
+        P = self._covariance.Eval(context) if self._prior is None else self._prior
+        output.SetFromVector(landmark_fix_message(detections, xhat, P, *self._constants))

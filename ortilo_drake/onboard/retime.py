@@ -1,0 +1,110 @@
+"""From a path to a flight along it: at constant speed, from rest to rest, within an acceleration limit.
+
+Along the path's length s, with curvature kappa and v = s_dot, the acceleration has the two components
+
+    a_t = dv/dt = 1/2 d(v^2)/ds,      a_n = kappa v^2,      a_t^2 + a_n^2 <= a_max^2.
+
+A forward and a backward pass over s give the fastest v(s) (Bobrow, Dubowsky and Gibson, 1985). Its
+acceleration jumps, and that of a vehicle that tilts to accelerate cannot; so s(t) is averaged over a short
+window, which makes the acceleration continuous and keeps both limits on v and dv/dt.
+"""
+
+import numpy as np
+from numba import njit
+from pydrake.trajectories import PiecewisePolynomial, Trajectory
+from scipy.integrate import cumulative_trapezoid
+
+from ortilo_drake.model.typed_yaml import InputError
+
+SAMPLES = 4000  # of the path
+STEP = 0.002  # of time, before the knots are chosen [s]
+WINDOW = 0.8  # over which s(t) is averaged [s]
+KNOTS = 0.15  # the longest time between two knots of the result [s]
+TOLERANCE = 0.005  # by which the result may exceed a limit, relative
+TIGHTEST = 0.25  # a path that needs limits tighter than this part of the given ones is refused
+
+
+@njit(cache=True)
+def fastest_speed(ds: np.ndarray, kappa: np.ndarray, speed: float, acceleration: float) -> np.ndarray:
+    """Return v at each sample (n) of a path: v <= speed, |(a_t, a_n)| <= acceleration, v = 0 at both ends.
+
+    Args:
+        ds: length between neighbouring samples (n - 1) [m].
+        kappa: curvature (n) [1/m].
+        speed: limit of v [m/s].
+        acceleration: a_max [m/s^2].
+    """
+    n = len(kappa)
+    limit = np.minimum(speed**2, acceleration / np.maximum(kappa, 1.0e-9))
+    w = limit.copy()  # v^2
+    w[0] = w[n - 1] = 0.0
+    for i in range(1, n):
+        a_t = np.sqrt(max(0.0, acceleration**2 - (kappa[i - 1] * w[i - 1]) ** 2))
+        w[i] = min(w[i], w[i - 1] + 2.0 * a_t * ds[i - 1])
+    for i in range(n - 2, -1, -1):
+        a_t = np.sqrt(max(0.0, acceleration**2 - (kappa[i + 1] * w[i + 1]) ** 2))
+        w[i] = min(w[i], w[i + 1] + 2.0 * a_t * ds[i])
+    return np.sqrt(w)
+
+
+def averaged_length(ds: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times t (m) of the result's knots, from 0, and s(t) averaged over WINDOW there.
+
+    Args:
+        ds: length between neighbouring samples (n - 1) [m].
+        v: speed at the samples (n) [m/s], 0 at both ends; between samples it is linear in time.
+    """
+    t_v = np.concatenate([[0.0], np.cumsum(2.0 * ds / (v[1:] + v[:-1]))])
+    duration = t_v[-1] + WINDOW
+    fine = np.linspace(0.0, duration, int(np.ceil(duration / STEP)) + 1)
+    s = cumulative_trapezoid(np.interp(fine, t_v, v), fine, initial=0.0)
+    # The mean over the window that ends at t: the averaged motion starts at 0 too and ends a window later.
+    v_mean = (s - np.interp(fine - WINDOW, fine, s)) / WINDOW
+    s_mean = cumulative_trapezoid(v_mean, fine, initial=0.0)
+    t = np.linspace(0.0, duration, max(3, int(np.ceil(duration / KNOTS)) + 1))
+    return t, np.interp(t, fine, s_mean) * (ds.sum() / s_mean[-1])
+
+
+def largest(trajectory: Trajectory, order: int) -> float:
+    """Return the largest norm of a trajectory's derivative of some order, sampled densely."""
+    duration = trajectory.end_time() - trajectory.start_time()
+    times = np.linspace(trajectory.start_time(), trajectory.end_time(), int(duration / KNOTS) * 8 + 9)
+    return float(np.linalg.norm(trajectory.MakeDerivative(order).vector_values(times), axis=0).max())
+
+
+def retime(path: Trajectory, speed: float, acceleration: float) -> PiecewisePolynomial:
+    """Return a flight along a path with continuous acceleration, at rest and unaccelerated at both ends.
+
+    It flies at ``speed`` wherever the acceleration allows, and keeps both limits to TOLERANCE.
+
+    Args:
+        path: r(u), any dimension, with continuous second derivative.
+        speed: limit of |r_dot| [m/s].
+        acceleration: limit of |r_ddot| [m/s^2].
+
+    Raises:
+        InputError: if the path turns too sharply to be flown within the limits.
+    """
+    u = np.linspace(path.start_time(), path.end_time(), SAMPLES)
+    r = path.vector_values(u)
+    dr, ddr = path.MakeDerivative(1).vector_values(u), path.MakeDerivative(2).vector_values(u)
+    ds = np.linalg.norm(np.diff(r, axis=1), axis=0)
+    squared = np.sum(dr**2, axis=0)
+    squared = np.maximum(squared, 1e-12 * squared.max())  # where the path halts and turns back, r' = 0
+    across = ddr - dr * (np.sum(dr * ddr, axis=0) / squared)
+    kappa = np.linalg.norm(across, axis=0) / squared
+    s = np.concatenate([[0.0], np.cumsum(ds)])
+    v_limit, a_limit = speed, acceleration
+    # The average mixes speeds from before and behind a bend: where that breaks a limit, use a tighter one.
+    while min(v_limit / speed, a_limit / acceleration) > TIGHTEST:
+        t, s_t = averaged_length(ds, fastest_speed(ds, kappa, v_limit, a_limit))
+        knots = path.vector_values(np.interp(s_t, s, u))
+        rest = np.zeros(len(knots))
+        flight = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(t, knots, rest, rest)
+        v_excess, a_excess = largest(flight, 1) / speed, largest(flight, 2) / acceleration
+        if max(v_excess, a_excess) <= 1.0 + TOLERANCE:
+            return flight
+        v_limit /= max(1.0, v_excess)
+        a_limit /= max(1.0, a_excess)
+    x, y = r[:2, int(np.argmax(kappa))]
+    raise InputError(f"path: turns too sharply at ({x:.3g}, {y:.3g}) to be flown smoothly")

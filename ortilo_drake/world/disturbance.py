@@ -1,0 +1,51 @@
+"""What pushes the vehicle about: a random force and torque, drawn anew every tick."""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.scenario import Disturbance
+from ortilo_drake.world.noise import normals, stream_id
+
+
+@njit(cache=True)
+def disturbance_at(
+    force_sd: float, torque_sd: float, seed: int, stream: np.uint64, time: float, h: float
+) -> np.ndarray:
+    """Return d = [force in W [N], torque in B [N m]] (6), Gaussian with these sd per axis, of one tick."""
+    d = normals(seed, stream, tick_of(time, h), 6)
+    for i in range(3):
+        d[i] *= force_sd
+        d[3 + i] *= torque_sd
+    return d
+
+
+class DisturbanceSource(LeafSystem):
+    """A source of white disturbance; a ZeroOrderHold of period h after it holds each draw over its tick.
+
+    Read between ticks it gives the nearest tick's draw, so a continuous plant must not take it directly.
+
+    Ports:
+        disturbance (6, output): force in W [N], torque in B [N m].
+
+    Args:
+        settings: standard deviations per axis.
+        seed: seed of all noise.
+        h: tick [s].
+    """
+
+    def __init__(self, settings: Disturbance, seed: int, h: float):
+        super().__init__()
+        self.set_name("disturbance")
+        self._force_sd, self._torque_sd = settings.force_sd, settings.torque_sd
+        self._seed, self._stream, self._h = seed, stream_id("disturbance"), h
+        self.DeclareVectorOutputPort(
+            "disturbance", 6, self._calc_disturbance, prerequisites_of_calc={self.time_ticket()}
+        )
+
+    def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
+        time = context.get_time()
+        output.SetFromVector(
+            disturbance_at(self._force_sd, self._torque_sd, self._seed, self._stream, time, self._h)
+        )

@@ -1,0 +1,302 @@
+"""Draw a flight in Meshcat: the vehicle, its estimate with the 3-sigma ellipsoid, planned and flown paths."""
+
+import itertools
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Mesh, Meshcat, ReadObjToTriangleSurfaceMesh, Rgba, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.world.meshcat_room import ANCHOR, aim_camera, class_color, draw_room, make_meshcat
+
+VEHICLE_MESH = Path(__file__).with_name("meshes") / "m100.obj"
+
+VEHICLE = "/flight/vehicle"
+ESTIMATE = "/flight/estimate"
+ELLIPSOID = "/flight/ellipsoid"
+PLANNED_PATH = "/flight/planned_path"
+TRUE_PATH = "/flight/true_path"
+ESTIMATED_PATH = "/flight/estimated_path"
+
+PLANNED = Rgba(0.10, 0.55, 1.00, 0.45)
+TRUE = Rgba(0.05, 0.05, 0.05, 1.0)
+ESTIMATED = Rgba(0.95, 0.05, 0.60, 1.0)
+GHOST = Rgba(0.95, 0.05, 0.60, 0.25)
+UNCERTAINTY = Rgba(0.60, 0.10, 0.95, 0.22)
+
+SIGMAS = 3.0
+SMALLEST_AXIS = 1e-3  # [m]; the viewer cannot show a body of no extent
+FRAME_RATE = 15.0  # of a replay [Hz]
+LEGEND_STYLE = """
+#legend { position: fixed; left: 10px; bottom: 10px; padding: 8px 12px; columns: 2;
+  background: rgba(255, 255, 255, 0.8); font: 13px/1.5 sans-serif }
+#legend span { display: inline-block; width: 12px; height: 12px; margin-right: 6px }
+"""
+AROUND = np.array([1.5, 3.5, 1.5])  # [m] of the room to show around a replayed flight
+CHUNK = 30  # points in one object of a live trail
+
+
+def pose(x: np.ndarray) -> RigidTransform:
+    """Return X_WB from a state [p_WB, rpy, ...]."""
+    return RigidTransform(RollPitchYaw(x[3:6]), x[0:3])
+
+
+def _axis_rotations() -> np.ndarray:
+    """Return the 24 rotations that carry the coordinate axes into one another (24, 3, 3)."""
+    signed = (
+        np.eye(3)[list(order)] * np.array(signs)
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((-1.0, 1.0), repeat=3)
+    )
+    return np.array([S for S in signed if np.linalg.det(S) > 0])
+
+
+_AXES = _axis_rotations()
+
+
+def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the 3-sigma ellipsoid of a covariance P = R diag(s / 3)^2 R^T as (R, s).
+
+    Principal axes come in any order and sign. Of the 24 rotations that describe the same ellipsoid this is
+    the one nearest to R_near, so that a viewer that turns from one to the next does not tumble.
+
+    Args:
+        P: covariance of p_W (3, 3) [m^2].
+        R_near: rotation (3, 3).
+
+    Returns:
+        R (3, 3), whose columns are the principal axes in W, and the semi-axes s (3) [m].
+    """
+    variances, R = np.linalg.eigh((P + P.T) / 2)
+    R[:, 2] *= np.sign(np.linalg.det(R))
+    candidates = R @ _AXES
+    best = int(np.argmax(np.einsum("ij,nij->n", R_near, candidates)))  # trace(R_near^T R)
+    s = SIGMAS * np.sqrt(np.maximum(variances, 0.0)) @ np.abs(_AXES[best])
+    return candidates[best], np.maximum(s, SMALLEST_AXIS)
+
+
+def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return m square prisms along the m segments of a path, as vertices (3, 8 m) and triangles (3, 8 m).
+
+    Browsers draw every line one pixel wide, whatever width is asked for; a tube is seen from afar. Segments
+    of no length are left out.
+
+    Args:
+        points: p_W (n, 3) [m].
+        radius: from the axis to the edges [m].
+    """
+    d = np.diff(points, axis=0)
+    length = np.linalg.norm(d, axis=1)
+    start, end, d = (a[length > 1e-9] for a in (points[:-1], points[1:], d))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    n_1 = np.cross(d, np.eye(3)[np.argmin(np.abs(d), axis=1)])
+    n_1 *= radius / np.linalg.norm(n_1, axis=1, keepdims=True)
+    n_2 = np.cross(d, n_1)
+    corners = [p + n for p in (start, end) for n in (n_1, n_2, -n_1, -n_2)]
+    vertices = np.stack(corners, axis=1).reshape(-1, 3)
+    sides = [
+        face for i in range(4) for face in ((i, (i + 1) % 4, i + 4), ((i + 1) % 4, (i + 1) % 4 + 4, i + 4))
+    ]
+    faces = (8 * np.arange(len(start))[:, None, None] + np.array(sides)).reshape(-1, 3)
+    return vertices.T, faces.T.astype(np.int32)
+
+
+def draw_path(meshcat: Meshcat, path: str, points: np.ndarray, radius: float, rgba: Rgba) -> None:
+    """Draw the path through points p_W (n, 3); nothing where they are all the same."""
+    vertices, faces = tube(points, radius)
+    if faces.size:
+        meshcat.SetTriangleMesh(path, vertices, faces, rgba)
+    else:
+        meshcat.Delete(path)
+
+
+def draw_plan(meshcat: Meshcat, trajectory: Trajectory, samples: int = 400) -> None:
+    """Draw the planned path: a trajectory whose first three values are p_W."""
+    times = np.linspace(trajectory.start_time(), trajectory.end_time(), samples)
+    points = np.array([np.ravel(trajectory.value(t))[:3] for t in times])
+    draw_path(meshcat, PLANNED_PATH, points, 0.045, PLANNED)
+
+
+def draw_vehicle(meshcat: Meshcat) -> None:
+    """Put vehicle, estimate (a ghost of the vehicle) and ellipsoid under /flight, and delete flown paths."""
+    for path in (TRUE_PATH, ESTIMATED_PATH):
+        meshcat.Delete(path)
+    meshcat.SetObject(VEHICLE, Mesh(VEHICLE_MESH))
+    # Without its materials: Meshcat's property "color" leaves those of a mesh file as they are.
+    meshcat.SetObject(ESTIMATE, ReadObjToTriangleSurfaceMesh(VEHICLE_MESH), GHOST)
+    meshcat.SetObject(ELLIPSOID, Sphere(1.0), UNCERTAINTY)
+
+
+def show_pose(
+    meshcat: Meshcat, x: np.ndarray, xhat: np.ndarray, P: np.ndarray, R_near: np.ndarray, time: float
+) -> np.ndarray:
+    """Move vehicle, estimate and ellipsoid, and return the ellipsoid's R.
+
+    The ellipsoid is a unit ball under a pose and the property ``scale``: a RigidTransform has none, and of
+    SetTransform's two forms only that one is recorded.
+
+    Args:
+        meshcat: where draw_vehicle has been.
+        x: state (12).
+        xhat: estimate, at least [p_WB, rpy].
+        P: covariance of the estimated position (3, 3) [m^2].
+        R_near: see sigma_ellipsoid.
+        time: time in the recording [s], if one is being made.
+    """
+    R, s = sigma_ellipsoid(P, R_near)
+    meshcat.SetTransform(VEHICLE, pose(x), time)
+    meshcat.SetTransform(ESTIMATE, pose(xhat), time)
+    meshcat.SetTransform(ELLIPSOID, RigidTransform(RotationMatrix(R), xhat[0:3]), time)
+    meshcat.SetProperty(ELLIPSOID, "scale", s.tolist(), time)
+    return R
+
+
+def _draw_flown(meshcat: Meshcat, points: np.ndarray, chunk: str = "") -> None:
+    """Draw flown paths from rows [p_WB, estimate of p_WB] (n, 6)."""
+    draw_path(meshcat, TRUE_PATH + chunk, points[:, 0:3], 0.02, TRUE)
+    draw_path(meshcat, ESTIMATED_PATH + chunk, points[:, 3:6], 0.02, ESTIMATED)
+
+
+class MeshcatFlight(LeafSystem):
+    """Shows a flight as it is simulated, with trails of the true and the estimated path.
+
+    Ports:
+        state (12): x of the vehicle.
+        estimate (15): xhat.
+        covariance (225): P row by row.
+
+    State: the last CHUNK displayed rows [p_WB, estimate of p_WB] (CHUNK x 6). A trail is drawn in chunks, of
+    which only the newest is sent again, so a long flight costs as much per frame as a short one.
+
+    Args:
+        meshcat: where to draw; draw_room is the caller's.
+        h: tick [s].
+        ticks: ticks between two displayed frames.
+    """
+
+    def __init__(self, meshcat: Meshcat, h: float, ticks: int = 2):
+        super().__init__()
+        if ticks < 1:
+            raise InputError(f"ticks: {ticks}: must be at least 1")
+        self.set_name("meshcat_flight")
+        self._meshcat, self._h, self._ticks = meshcat, h, ticks
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+        self._covariance = self.DeclareVectorInputPort("covariance", N_XBAR * N_XBAR)
+        self._trail = self.DeclareDiscreteState(CHUNK * 6)
+        self.DeclareInitializationDiscreteUpdateEvent(self._start_trail)
+        self.DeclareInitializationPublishEvent(self._draw)
+        self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._extend_trail)
+        self.DeclarePeriodicPublishEvent(h, 0.0, self._show)
+        draw_vehicle(meshcat)
+
+    def _now(self, context: Context) -> np.ndarray:
+        return np.concatenate([self._state.Eval(context)[:3], self._estimate.Eval(context)[:3]])
+
+    def _frame(self, context: Context) -> int | None:
+        """Return the number of the frame to display in this tick, None if none is due."""
+        frame, rest = divmod(tick_of(context.get_time(), self._h), self._ticks)
+        return frame if rest == 0 else None
+
+    def _start_trail(self, context: Context, values: DiscreteValues) -> None:
+        values.set_value(self._trail, np.tile(self._now(context), CHUNK))
+
+    def _extend_trail(self, context: Context, values: DiscreteValues) -> None:
+        if self._frame(context) is not None:
+            trail = values.value(self._trail)
+            values.set_value(self._trail, np.concatenate([trail[6:], self._now(context)]))
+
+    def _draw(self, context: Context) -> None:
+        draw_vehicle(self._meshcat)
+
+    def _show(self, context: Context) -> None:
+        frame = self._frame(context)
+        if frame is None:
+            return
+        xhat = self._estimate.Eval(context)
+        P = self._covariance.Eval(context).reshape(N_XBAR, N_XBAR)[:3, :3]
+        show_pose(self._meshcat, self._state.Eval(context), xhat, P, np.eye(3), context.get_time())
+        # The periodic update of this tick has not happened yet: the state ends with the frame before.
+        chunk, place = divmod(frame, CHUNK)
+        trail = context.get_discrete_state().value(self._trail).reshape(CHUNK, 6)
+        _draw_flown(
+            self._meshcat, np.vstack([trail[CHUNK - 1 - place :], self._now(context)]), f"/{chunk:04d}"
+        )
+
+
+def legend(room: Room) -> str:
+    """Return an HTML legend of the colours of paths, ellipsoid, anchors and landmark classes."""
+    colors = {"planned path": PLANNED, "true path": TRUE, "estimate": ESTIMATED, "3 sigma": UNCERTAINTY}
+    colors |= {"anchor": ANCHOR} | {label: class_color(room, label) for label in room.classes}
+    rows = "".join(
+        f'<div><span style="background:rgb({255 * c.r():.0f},{255 * c.g():.0f},{255 * c.b():.0f})"></span>'
+        f"{escape(name)}</div>"
+        for name, c in colors.items()
+    )
+    return f'<style>{LEGEND_STYLE}</style>\n<div id="legend">{rows}</div>\n'
+
+
+def _check_log(times: np.ndarray, **arrays: np.ndarray) -> None:
+    """Raise InputError unless times rise and every array is finite and has a row for each time."""
+    if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
+        raise InputError(f"times: shape {times.shape}: must be two or more rising times")
+    shapes = {"states": (N_X,), "estimates": (N_XBAR,), "covariances": (N_XBAR, N_XBAR)}
+    for name, array in arrays.items():
+        if array.shape != (len(times), *shapes[name]):
+            raise InputError(f"{name}: shape {array.shape}: must be {(len(times), *shapes[name])}")
+        if not np.all(np.isfinite(array)):
+            raise InputError(f"{name}: must be finite numbers")
+
+
+def html_replay(
+    room: Room,
+    trajectory: Trajectory,
+    times: np.ndarray,
+    states: np.ndarray,
+    estimates: np.ndarray,
+    covariances: np.ndarray,
+    meshcat: Meshcat | None = None,
+) -> str:
+    """Return a logged flight as one HTML page that plays without a network.
+
+    Args:
+        room: where it flew.
+        trajectory: the planned path, p_W its first three values.
+        times: equally spaced times of the log (n) [s].
+        states: x (n, 12).
+        estimates: xhat (n, 15).
+        covariances: P (n, 15, 15).
+        meshcat: where to draw; a new one if None.
+
+    Raises:
+        InputError: naming the array that does not fit.
+    """
+    _check_log(times, states=states, estimates=estimates, covariances=covariances)
+    meshcat = make_meshcat() if meshcat is None else meshcat
+    draw_room(meshcat, room)
+    draw_plan(meshcat, trajectory)
+    draw_vehicle(meshcat)
+    h = (times[-1] - times[0]) / (len(times) - 1)
+    stride = max(1, round(1.0 / (FRAME_RATE * h)))
+    shown = slice(0, len(times), stride)
+    _draw_flown(meshcat, np.hstack([states[shown, :3], estimates[shown, :3]]))
+    inside = np.clip(states[:, :3], room.interior.min, room.interior.max)  # a lost flight may end anywhere
+    aim_camera(meshcat, inside.min(axis=0) - AROUND, inside.max(axis=0) + AROUND)
+    frames_per_second = 1.0 / (stride * h)
+    R = np.eye(3)
+    meshcat.DeleteRecording()
+    meshcat.StartRecording(frames_per_second, set_visualizations_while_recording=False)
+    log = zip(states[shown], estimates[shown], covariances[shown, :3, :3], strict=True)
+    for frame, (x, xhat, P) in enumerate(log):
+        # Meshcat rounds a time down to a frame: half a frame keeps it clear of rounding.
+        R = show_pose(meshcat, x, xhat, P, R, (frame + 0.5) / frames_per_second)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    return meshcat.StaticHtml().replace("</body>", legend(room) + "</body>")

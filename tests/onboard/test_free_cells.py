@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.geometry.optimization import HPolyhedron, Hyperellipsoid, Hyperrectangle, MinkowskiSum
+
+from ortilo_drake.model.room import ORTILO_ROOM, load_room
+from ortilo_drake.onboard.free_cells import cells_along, first_false, free_space, grow_cell
+from ortilo_drake.onboard.gcs_path import shortest_route
+
+SPACE = free_space(
+    load_room(ORTILO_ROOM), height=1.5, vehicle_radius=0.49, clearance=0.7, vertical_clearance=0.6
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-1.0, 29.0), st.floats(-3.8, 4.0))
+def test_a_cell_holds_its_seed_and_touches_no_inflated_obstacle_by_drakes_geometry(
+    x: float, y: float
+) -> None:
+    seed = np.array([x, y])
+    if SPACE.room(seed).min() < 0.02:
+        return
+    cell = grow_cell(seed, SPACE)
+    assert cell.contains(seed[None, :]).all()
+    region = HPolyhedron(cell.A, cell.b)
+    assert region.IsBounded()
+    for low, high, radius in zip(SPACE.low, SPACE.high, SPACE.radius, strict=True):
+        disc = Hyperellipsoid.MakeHypersphere(radius - 1e-6, np.zeros(2))
+        assert not region.IntersectsWith(MinkowskiSum(Hyperrectangle(low, high), disc))
+
+
+def test_a_cell_keeps_the_clearance_where_there_is_room_and_half_the_room_where_there_is_little() -> None:
+    roomy = np.array([5.0, 2.2])
+    assert SPACE.room(roomy).min() > 0.7 + 0.15
+    points = np.random.default_rng(1).uniform([-1.5, -4.3], [29.4, 4.5], (20000, 2))
+    inside = points[grow_cell(roomy, SPACE).contains(points)]
+    assert len(inside) > 100
+    assert min(SPACE.room(p).min() for p in inside) >= 0.7 - 1e-6
+
+    tight = np.array([15.0, 3.98])  # between a wall block and the outer wall
+    room = SPACE.room(tight).min()
+    assert 0.0 < room < 0.15
+    points = tight + np.random.default_rng(1).uniform(-0.2, 0.2, (20000, 2))
+    inside = points[grow_cell(tight, SPACE).contains(points)]
+    assert len(inside) > 100
+    assert min(SPACE.room(p).min() for p in inside) == pytest.approx(room / 2, abs=5e-3)
+
+
+def test_cells_along_a_route_hold_every_step_of_it() -> None:
+    x = np.arange(0.0, 8.0, 0.05)
+    route = np.column_stack([x, 0.3 * x])
+    assert min(SPACE.room(p).min() for p in route) > 0.1
+    cells = cells_along(route, SPACE)
+    inside = np.array([cell.contains(route) for cell in cells])
+    assert (inside[:, :-1] & inside[:, 1:]).any(axis=0).all()
+    assert len(cells) < 10
+
+
+def test_first_false_counts_leading_trues() -> None:
+    rows = np.array([[True, True, False, True], [False, True, True, True], [True, True, True, True]])
+    assert first_false(rows).tolist() == [2, 0, 4]
+
+
+def test_room_on_a_grid_is_the_room_at_its_points() -> None:
+    x, y = np.linspace(-1, 29, 13), np.linspace(-4, 4, 7)
+    on_grid = SPACE.room_on_grid(x, y)
+    one_by_one = [[SPACE.room(np.array([a, b])).min() for b in y] for a in x]
+    np.testing.assert_allclose(on_grid, one_by_one, atol=1e-12)
+
+
+def test_what_is_low_enough_is_flown_over() -> None:
+    assert "stand" not in SPACE.names  # 0.86 m
+    assert {"wall", "plant", "person", "bicycle"} <= set(SPACE.names)
+
+
+def test_the_route_goes_through_the_only_gap_and_prefers_the_wider_one() -> None:
+    room = np.ones((21, 21))
+    room[10, :] = -1.0
+    room[10, 4], room[10, 16] = 0.1, 0.9
+    route = shortest_route(room, 1.0, start=10, goal=20 * 21 + 10)
+    assert route is not None
+    assert 10 * 21 + 16 in route
+    room[10, 16] = -1.0
+    route = shortest_route(room, 1.0, start=10, goal=20 * 21 + 10)
+    assert route is not None
+    assert 10 * 21 + 4 in route
+    room[10, 4] = 0.0
+    assert shortest_route(room, 1.0, start=10, goal=20 * 21 + 10) is None
+
+
+def test_the_route_over_an_open_grid_is_as_long_as_octile_distance() -> None:
+    route = shortest_route(np.full((30, 40), 2.0), 1.0, start=0, goal=29 * 40 + 39)
+    assert route is not None
+    steps = np.diff(np.column_stack(np.unravel_index(route, (30, 40))), axis=0)
+    assert np.hypot(*steps.T).sum() == pytest.approx(29 * np.sqrt(2) + 10)
