@@ -1,6 +1,7 @@
 """The closed loop: world and onboard half joined by wires, with a log of everything at every tick."""
 
 import numpy as np
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, VectorLogSink
 from pydrake.trajectories import Trajectory
@@ -9,6 +10,7 @@ from ortilo_drake.diagrams.onboard import make_onboard
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_U, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.meshcat_flight import MeshcatFlight
 
 # What the log holds, in order: port -> size.
 LOGGED = {
@@ -21,7 +23,9 @@ LOGGED = {
 }
 
 
-def make_closed_loop(scenario: Scenario, trajectory: Trajectory | None = None) -> Diagram:
+def make_closed_loop(
+    scenario: Scenario, trajectory: Trajectory | None = None, meshcat: Meshcat | None = None
+) -> Diagram:
     """Return world and onboard half in one Diagram.
 
     Ports:
@@ -33,6 +37,7 @@ def make_closed_loop(scenario: Scenario, trajectory: Trajectory | None = None) -
     Args:
         scenario: the scenario.
         trajectory: the path to fly; by default what the scenario's planner plans.
+        meshcat: if given, shows the flight in it.
 
     Raises:
         InputError: if there is no path or no servo gain.
@@ -53,6 +58,11 @@ def make_closed_loop(scenario: Scenario, trajectory: Trajectory | None = None) -
             builder.ExportOutput(source.GetOutputPort(name), name)
     log = builder.AddNamedSystem("log", VectorLogSink(sum(LOGGED.values()), scenario.h))
     builder.Connect(multiplexer.get_output_port(), log.get_input_port())
+    if meshcat is not None:
+        display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h))
+        for name in ("state", "estimate", "covariance"):
+            source = world if name == "state" else onboard
+            builder.Connect(source.GetOutputPort(name), display.GetInputPort(name))
     diagram = builder.Build()
     diagram.set_name(scenario.name)
     return diagram
@@ -68,6 +78,4 @@ def set_hovering(diagram: Diagram, context: Context, scenario: Scenario) -> None
     quadrotor = world.GetSubsystemByName("quadrotor")
     quadrotor.GetMyMutableContextFromRoot(context).SetContinuousState(x_0)
     hold = world.GetSubsystemByName("hold")
-    hold.SetVectorState(
-        hold.GetMyMutableContextFromRoot(context), [scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0]
-    )
+    hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), [scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])

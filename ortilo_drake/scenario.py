@@ -13,7 +13,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pos
 
 from ortilo_drake.model.room import ORTILO_ROOM, Room, Vec3, load_room
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml, parse_yaml, read_text, validate
+from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, read_text, validate
 from ortilo_drake.model.vehicle import Vehicle
 
 SCENARIO_FOLDER = Path(__file__).parent / "diagrams" / "scenarios"
@@ -542,5 +542,3 @@ def read_waypoints(path: Path) -> np.ndarray:
             raise InputError(f"{path}: line {number}: {line.strip()!r} is not three finite numbers")
         points.append(point)
     return np.array(points).reshape(-1, 3)
-
-

@@ -20,7 +20,7 @@ from ortilo_drake.scenario import PositionBlackout, Scenario
 # Okabe and Ito's colours, told apart by everyone.
 COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00"}
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -88,7 +88,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
                     label=TITLE.get(name, name) if strong else None,
                 )
         axes.plot(*first["reference"].values[:, :2].T, "k--", lw=1.0, label="desired")
-        axes.legend(loc="lower right", ncols=5, fontsize=8)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
         return _save(figure, path)
 
 
@@ -126,7 +126,7 @@ def flight_figure(flight: xr.Dataset, path: Path) -> Path:
         room_axes.plot(*flight["reference"].values[:, :2].T, "k--", lw=1.0, label="planned")
         room_axes.plot(*flight["truth"].values[:, :2].T, color="#D55E00", lw=1.6, label="true")
         room_axes.plot(*flight["estimate"].values[:, :2].T, color="#0072B2", lw=0.9, label="estimated")
-        room_axes.legend(loc="lower right", ncols=5, fontsize=8)
+        room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
         room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
         time = flight["time"].values
         error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]

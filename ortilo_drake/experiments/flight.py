@@ -1,5 +1,6 @@
 """One flight: a scenario in, an xarray Dataset out."""
 
+import gc
 import json
 import os
 import time
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram
 
@@ -28,9 +30,15 @@ from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import Scenario
 
 AXES = ("x", "y", "z")
-CHECK_EVERY = 10  # ticks between two looks at whether the flight is lost
+CHECK_EVERY = 30  # ticks between two looks at whether the flight is lost
 XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
+
+
+def flight_ticks(scenario: Scenario) -> int:
+    """Return how many ticks a flight takes: its path and the time to settle; InputError if there is no path."""
+    trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+    return round((trajectory.end_time() + scenario.settle) * scenario.control_rate)
 
 
 def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
@@ -50,7 +58,11 @@ def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
 
 
 def _advance(
-    simulator: Simulator, diagram: Diagram, scenario: Scenario, ticks: int, progress: Callable[[int], None] | None
+    simulator: Simulator,
+    diagram: Diagram,
+    scenario: Scenario,
+    ticks: int,
+    progress: Callable[[int], None] | None,
 ) -> Lost | None:
     """Fly that many ticks, or until the flight is lost."""
     room = scenario.load_room()
@@ -68,12 +80,15 @@ def _advance(
     return None
 
 
-def fly(scenario: Scenario, progress: Callable[[int], None] | None = None) -> xr.Dataset:
+def fly(
+    scenario: Scenario, progress: Callable[[int], None] | None = None, meshcat: Meshcat | None = None
+) -> xr.Dataset:
     """Fly one scenario.
 
     Args:
         scenario: the scenario, its seed included.
         progress: called with the number of ticks flown.
+        meshcat: shows the flight live; it is then paced by the wall clock.
 
     Returns:
         A Dataset over ticks; see flight_dataset. The same scenario gives the same numbers bit for bit; only the
@@ -82,16 +97,22 @@ def fly(scenario: Scenario, progress: Callable[[int], None] | None = None) -> xr
     Raises:
         InputError: if the scenario has no path or no servo gain.
     """
-    diagram = make_closed_loop(scenario)
-    trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
-    ticks = round((trajectory.end_time() + scenario.settle) * scenario.control_rate)
+    diagram = make_closed_loop(scenario, meshcat=meshcat)
+    ticks = flight_ticks(scenario)
     # A throwaway start, so that numba's compilation is not taken for flying time.
     make_simulator(diagram, scenario).AdvanceTo(3.5 * scenario.h)
 
     simulator = make_simulator(diagram, scenario)
-    started = time.perf_counter()
-    lost = _advance(simulator, diagram, scenario, ticks, progress)
-    wall = time.perf_counter() - started
+    if meshcat is not None:
+        simulator.set_target_realtime_rate(1.0)
+    gc.collect()
+    gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
+    try:
+        started = time.perf_counter()
+        lost = _advance(simulator, diagram, scenario, ticks, progress)
+        wall = time.perf_counter() - started
+    finally:
+        gc.enable()
     log = diagram.GetSubsystemByName("log").FindLog(simulator.get_context())
     end = lost.tick + 1 if lost else ticks + 1
     dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)
@@ -137,7 +158,11 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
                 signal["control"],
                 {"units": "f_T in N; tau in N m", "long_name": "commanded control u_k, f_T absolute"},
             ),
-            "reference": (("tick", "axis"), reference[:, 0], {"units": "m", "long_name": "planned position r_k"}),
+            "reference": (
+                ("tick", "axis"),
+                reference[:, 0],
+                {"units": "m", "long_name": "planned position r_k"},
+            ),
             "reference_velocity": (("tick", "axis"), reference[:, 1], {"units": "m/s"}),
             "reference_acceleration": (("tick", "axis"), reference[:, 2], {"units": "m/s^2"}),
             "measurement": (
@@ -148,15 +173,26 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "innovation": (
                 ("tick", "output"),
                 np.where(there, y - predicted, np.nan),
-                {"units": "as measurement", "long_name": "Delta_k y_k - H_k xhat_k|k-1, NaN where nothing arrived"},
+                {
+                    "units": "as measurement",
+                    "long_name": "Delta_k y_k - H_k xhat_k|k-1, NaN where nothing arrived",
+                },
             ),
             "measurement_covariance": (
                 ("tick", "sensor", "row", "column"),
                 V2,
                 {"units": "m^2, rad^2", "long_name": "V_2 of each sensor"},
             ),
-            "arrival": (("tick", "sensor"), delta, {"units": "1", "long_name": "delta_k: used by the filter"}),
-            "due": (("tick", "sensor"), due, {"units": "1", "long_name": "the sensor's rate has it send in this tick"}),
+            "arrival": (
+                ("tick", "sensor"),
+                delta,
+                {"units": "1", "long_name": "delta_k: used by the filter"},
+            ),
+            "due": (
+                ("tick", "sensor"),
+                due,
+                {"units": "1", "long_name": "the sensor's rate has it send in this tick"},
+            ),
         },
         coords={
             "time": ("tick", times, {"units": "s"}),

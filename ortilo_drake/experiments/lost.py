@@ -22,24 +22,24 @@ class Lost:
 
 
 @lru_cache(maxsize=8)
-def _obstacles(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the obstacles: cores' lower and upper corners (n, 2), radii, tops and names (n)."""
-    found = footprints(room)
-    return (
-        np.array([f.low for f in found]),
-        np.array([f.high for f in found]),
-        np.array([f.radius for f in found]),
-        np.array([f.top for f in found]),
-        np.array([f.name for f in found]),
-    )
+def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return walls (True) and the rest (False): cores' corners (n, 2) twice, radii, tops and names (n)."""
+
+    def arrays(walls: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        found = [f for f in footprints(room) if (f.name == "wall") == walls]
+        low, high = np.array([f.low for f in found]), np.array([f.high for f in found])
+        radius, top = np.array([f.radius for f in found]), np.array([f.top for f in found])
+        return low.reshape(-1, 2), high.reshape(-1, 2), radius, top, np.array([f.name for f in found])
+
+    return {walls: arrays(walls) for walls in (True, False)}
 
 
-def touching(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle, walls: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return which obstacles the vehicle's outline touches at each position (n, obstacles), and their names.
 
-    The outline is a disc of vehicle.radius, BODY_HALF_HEIGHT up and down.
+    The outline is a disc of vehicle.radius, BODY_HALF_HEIGHT up and down. Either the walls or all the rest.
     """
-    low, high, radius, top, names = _obstacles(room)
+    low, high, radius, top, names = _obstacles(room)[walls]
     nearest = np.clip(p_WB[:, np.newaxis, 0:2], low, high)
     near = np.sum((p_WB[:, np.newaxis, 0:2] - nearest) ** 2, axis=2) < (vehicle.radius + radius) ** 2
     return near & (p_WB[:, 2:3] - BODY_HALF_HEIGHT < top), names
@@ -58,12 +58,12 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Los
         vehicle: the vehicle.
     """
     p_WB, finite = states[:, 0:3], np.all(np.isfinite(states), axis=1)
-    touches, names = touching(p_WB, room, vehicle)
+    at_wall, _ = touched(p_WB, room, vehicle, walls=True)
     causes = {
         "diverged": ~finite,
         "tumbled": finite & (np.cos(states[:, 3]) * np.cos(states[:, 4]) < np.cos(MAX_TILT)),
         "left the room": finite & np.any((p_WB < room.interior.min) | (p_WB > room.interior.max), axis=1),
-        "hit a wall": np.any(touches[:, names == "wall"], axis=1),
+        "hit a wall": np.any(at_wall, axis=1),
     }
     found = [(int(np.argmax(bad)), cause) for cause, bad in causes.items() if bad.any()]
     if not found:
@@ -78,5 +78,5 @@ def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:
     Their extents are our estimates, the walls' are surveyed: so a contact is reported beside a flight's errors, but
     does not end it.
     """
-    touches, names = touching(states[:, 0:3], room, vehicle)
-    return sorted(set(names[np.any(touches, axis=0) & (names != "wall")].tolist()))
+    touches, names = touched(states[:, 0:3], room, vehicle, walls=False)
+    return sorted(set(names[np.any(touches, axis=0)].tolist()))

@@ -1,5 +1,6 @@
 """The paper's tables I and II, ours beside its own."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ PAPER: dict[str, Any] = {
     "path": {scenario: dict(zip(STATISTICS, row, strict=True)) for scenario, row in _PAPER_PATH.items()},
 }
 
-_FUNCTIONS = {
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "mean": np.mean,
     "median": np.median,
     "p75": lambda values, axis=-1: np.percentile(values, 75, axis=axis),
@@ -55,7 +56,11 @@ def interval(values: list[float], statistic: str) -> list[float] | None:
     if len(values) < 2:
         return None
     found = bootstrap(
-        (np.array(values),), _FUNCTIONS[statistic], vectorized=True, method="percentile", rng=np.random.default_rng(0)
+        (np.array(values),),
+        _FUNCTIONS[statistic],
+        vectorized=True,
+        method="percentile",
+        rng=np.random.default_rng(0),
     )
     return [float(found.confidence_interval.low), float(found.confidence_interval.high)]
 

@@ -36,8 +36,16 @@ def rotation_matrix(rpy: np.ndarray) -> np.ndarray:
     c_psi, s_psi = np.cos(rpy[2]), np.sin(rpy[2])
     return np.array(
         [
-            [c_theta * c_psi, s_phi * s_theta * c_psi - c_phi * s_psi, c_phi * s_theta * c_psi + s_phi * s_psi],
-            [c_theta * s_psi, s_phi * s_theta * s_psi + c_phi * c_psi, c_phi * s_theta * s_psi - s_phi * c_psi],
+            [
+                c_theta * c_psi,
+                s_phi * s_theta * c_psi - c_phi * s_psi,
+                c_phi * s_theta * c_psi + s_phi * s_psi,
+            ],
+            [
+                c_theta * s_psi,
+                s_phi * s_theta * s_psi + c_phi * c_psi,
+                c_phi * s_theta * s_psi - s_phi * c_psi,
+            ],
             [-s_theta, s_phi * c_theta, c_phi * c_theta],
         ]
     )
@@ -70,9 +78,7 @@ def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: n
 
 
 @njit(cache=True)
-def small_angle_dynamics(
-    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray
-) -> np.ndarray:
+def small_angle_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the paper's nonlinear equations, which take the Euler rates for the body rates.
 
     Args:
@@ -84,9 +90,7 @@ def small_angle_dynamics(
     """
     a = translational_acceleration(x, u, d, mass)
     alpha = angular_acceleration(x[9:12], u, d, inertia)
-    return np.array(
-        [x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], alpha[0], alpha[1], alpha[2]]
-    )
+    return np.array([x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], alpha[0], alpha[1], alpha[2]])
 
 
 @register_jitable
@@ -104,9 +108,7 @@ def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def rigid_body_dynamics(
-    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray
-) -> np.ndarray:
+def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
 
     w = E(rpy) rpy_dot, so rpy_ddot = E^-1 (w_dot - E_dot rpy_dot), with w_dot from Euler's equations.
@@ -119,29 +121,17 @@ def rigid_body_dynamics(
     w_dot = angular_acceleration(body_rates(x[3:6], x[9:12]), u, d, inertia)
     # b = w_dot - E_dot rpy_dot
     b_x = w_dot[0] + c_theta * theta_dot * psi_dot
-    b_y = (
-        w_dot[1]
-        + s_phi * phi_dot * theta_dot
-        - (c_phi * c_theta * phi_dot - s_phi * s_theta * theta_dot) * psi_dot
-    )
-    b_z = (
-        w_dot[2]
-        + c_phi * phi_dot * theta_dot
-        + (s_phi * c_theta * phi_dot + c_phi * s_theta * theta_dot) * psi_dot
-    )
+    b_y = w_dot[1] + s_phi * phi_dot * theta_dot - (c_phi * c_theta * phi_dot - s_phi * s_theta * theta_dot) * psi_dot
+    b_z = w_dot[2] + c_phi * phi_dot * theta_dot + (s_phi * c_theta * phi_dot + c_phi * s_theta * theta_dot) * psi_dot
     # E^-1 b
     psi_ddot = (s_phi * b_y + c_phi * b_z) / c_theta
     theta_ddot = c_phi * b_y - s_phi * b_z
     phi_ddot = b_x + s_theta * psi_ddot
-    return np.array(
-        [x[6], x[7], x[8], phi_dot, theta_dot, psi_dot, a[0], a[1], a[2], phi_ddot, theta_ddot, psi_ddot]
-    )
+    return np.array([x[6], x[7], x[8], phi_dot, theta_dot, psi_dot, a[0], a[1], a[2], phi_ddot, theta_ddot, psi_ddot])
 
 
 @njit(cache=True)
-def linear_dynamics(
-    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray
-) -> np.ndarray:
+def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the paper's equations linearised at hover. Arguments as in small_angle_dynamics."""
     return np.array(
         [

@@ -43,9 +43,7 @@ def _pixel(p_BL: Point, p_BC: np.ndarray, f: float, c: np.ndarray) -> Point:
 
 
 @njit(cache=True)
-def project(
-    p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, p_BC: np.ndarray, f: float, c: np.ndarray
-) -> Point:
+def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, p_BC: np.ndarray, f: float, c: np.ndarray) -> Point:
     """Return u, v [px] and the depth q_x [m] of a point; u and v are NaN if it is nearer than NEAR.
 
     Args:

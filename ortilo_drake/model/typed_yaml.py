@@ -26,13 +26,13 @@ class _UniqueKeyLoader(yaml.SafeLoader):
 
 
 def _mapping_of_unique_keys(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
     for i, key in enumerate(keys):
         if not isinstance(key, str):
             raise InputError(f"line {node.start_mark.line + 1}: key {key!r} is not a name")
         if key in keys[:i]:
             raise InputError(f"line {node.value[i][0].start_mark.line + 1}: key '{key}' stands twice")
-    return dict(loader.construct_pairs(node, deep=True))  # type: ignore[no-untyped-call]
+    return dict(loader.construct_pairs(node, deep=True))
 
 
 _UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_of_unique_keys)
@@ -49,7 +49,7 @@ def parse_yaml(text: str, source: str) -> Any:
         InputError: if the text is not YAML, repeats a key or uses a tag that is not plain data.
     """
     try:
-        return yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - derived from SafeLoader
+        return yaml.load(text, Loader=_UniqueKeyLoader)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     except (yaml.YAMLError, ValueError) as error:

@@ -42,9 +42,7 @@ def rays(pixels: np.ndarray, f: float, c: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 @njit(cache=True)
-def distances_from_cosines(
-    b: np.ndarray, positions: np.ndarray, d: np.ndarray
-) -> tuple[bool, np.ndarray, np.ndarray]:
+def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether it converged, the distances d (n), and d d_i / d(b_j . b_k) (n, pairs).
 
     Args:

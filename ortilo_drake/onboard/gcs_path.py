@@ -84,9 +84,7 @@ def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> Compo
         goal: r at the end (2) [m].
     """
     sets = [HPolyhedron(cell.A, cell.b) for cell in cells]
-    forward = [
-        (i, j) for i in range(len(sets)) for j in range(i + 1, len(sets)) if sets[i].IntersectsWith(sets[j])
-    ]
+    forward = [(i, j) for i in range(len(sets)) for j in range(i + 1, len(sets)) if sets[i].IntersectsWith(sets[j])]
     gcs = GcsTrajectoryOptimization(2)
     # Time plays no part here: each curve runs over one unit of s.
     regions = gcs.AddRegions(sets, forward, ORDER, h_min=1.0, h_max=1.0)

@@ -84,9 +84,7 @@ def augmented_dynamics(Phi: np.ndarray, chosen: int) -> np.ndarray:
 
 
 @register_jitable
-def transposed_gain(
-    P: np.ndarray, Phibar: np.ndarray, V2: np.ndarray, rows: np.ndarray, chosen: int
-) -> np.ndarray:
+def transposed_gain(P: np.ndarray, Phibar: np.ndarray, V2: np.ndarray, rows: np.ndarray, chosen: int) -> np.ndarray:
     """Return K^T (m, 15) for the m rows of y that arrived.
 
     Args:
@@ -230,9 +228,7 @@ def filter_step(
 
 
 @njit(cache=True)
-def filter_gain(
-    P: np.ndarray, delta: np.ndarray, V2: np.ndarray, Phi: np.ndarray, integrator: int
-) -> np.ndarray:
+def filter_gain(P: np.ndarray, delta: np.ndarray, V2: np.ndarray, Phi: np.ndarray, integrator: int) -> np.ndarray:
     """Return K_k at full size (15 x 9), its columns 0 where nothing arrived. Arguments as in filter_step."""
     rows = np.array([r for r in range(9) if delta[r // 3] != 0.0], dtype=np.int64)
     chosen = integrated_sensor(delta, integrator)

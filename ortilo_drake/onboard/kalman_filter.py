@@ -1,7 +1,7 @@
 """The intermittent Kalman filter as a system."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_U, N_XBAR, REFERENCE_SIZE
@@ -44,9 +44,7 @@ class KalmanFilter(LeafSystem):
         h: tick [s].
     """
 
-    def __init__(
-        self, settings: FilterSettings, vehicle: Vehicle, integrator: str, xbar_0: np.ndarray, h: float
-    ):
+    def __init__(self, settings: FilterSettings, vehicle: Vehicle, integrator: str, xbar_0: np.ndarray, h: float):
         super().__init__()
         self.set_name("kalman_filter")
         self._Phi, self._Gamma = discretize(hover_A(), hover_B(vehicle), h)
@@ -77,5 +75,3 @@ class KalmanFilter(LeafSystem):
         )
         values.set_value(0, predicted[:N_XBAR])
         values.set_value(1, predicted[N_XBAR:])
-
-

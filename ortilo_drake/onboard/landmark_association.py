@@ -18,9 +18,7 @@ from ortilo_drake.model.pinhole import NEAR, box_center, extent_box, in_body_fra
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
 
 BORDER = 1.5  # a box that comes nearer to the image's border is taken for cut [px]
-MAX_SCALE = (
-    1.6  # a box this much larger or smaller than predicted belongs to a landmark nearer or farther away
-)
+MAX_SCALE = 1.6  # a box this much larger or smaller than predicted belongs to a landmark nearer or farther away
 _FORBIDDEN = 1.0e6
 
 
@@ -37,13 +35,7 @@ def whole_boxes(detections: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, 
     for row in range(MAX_DETECTIONS):
         box = detections[PAYLOAD + row * DETECTION_SIZE : PAYLOAD + (row + 1) * DETECTION_SIZE]
         low, high = BORDER - 0.5, -BORDER - 0.5
-        if (
-            box[0] >= 0.0
-            and box[2] > low
-            and box[3] > low
-            and box[4] < image[0] + high
-            and box[5] < image[1] + high
-        ):
+        if box[0] >= 0.0 and box[2] > low and box[3] > low and box[4] < image[0] + high and box[5] < image[1] + high:
             labels[k] = box[0]
             centers[k, 0], centers[k, 1] = 0.5 * (box[2] + box[4]), 0.5 * (box[3] + box[5])
             spans[k] = box[4] - box[2] + box[5] - box[3]

@@ -22,9 +22,7 @@ METHODS: Final[dict[str, Callable[..., Solution]]] = {
     "pnp": pnp,
 }
 
-MAX_SD = (
-    1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
-)
+MAX_SD = 1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
 MAX_CORRECTION = 3.0  # nor is a fix farther than this from the estimate that its boxes were associated by [m]
 
 
@@ -58,9 +56,7 @@ def landmark_fix_message(
     positions, sizes, labels = landmarks
     p_BC, f, c, image = camera
     chosen, centers = associate(detections, xhat, P, positions, sizes, labels, p_BC, f, c, image, sd, gate)
-    found, p_WB, covariance = method(
-        centers, positions[chosen], sizes[chosen], xhat, P, p_BC, f, c, sd, max_residual
-    )
+    found, p_WB, covariance = method(centers, positions[chosen], sizes[chosen], xhat, P, p_BC, f, c, sd, max_residual)
     if not found or not np.trace(covariance) <= MAX_SD**2:
         return message
     if np.linalg.norm(p_WB - xhat[0:3]) > MAX_CORRECTION:

@@ -64,7 +64,7 @@ class LqServo(LeafSystem):
     Ports:
         estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
         reference (9): r, r_dot, r_ddot.
-        velocity (8): velocity message; read only where the scenario lends the servo the truth.
+        velocity (8): velocity message; only where the scenario lends the servo the truth.
         control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
 
     Memoryless.
@@ -83,9 +83,9 @@ class LqServo(LeafSystem):
         self._borrows_truth = settings.velocities == "truth"
         self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
         self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
-        self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
         needs = {self._estimate.ticket(), self._reference.ticket()}
         if self._borrows_truth:
+            self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
             needs.add(self._velocity.ticket())
         self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
 
@@ -94,6 +94,4 @@ class LqServo(LeafSystem):
         if self._borrows_truth:
             xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
         reference = self._reference.Eval(context)
-        output.SetFromVector(
-            servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form)
-        )
+        output.SetFromVector(servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))

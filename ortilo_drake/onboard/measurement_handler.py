@@ -9,15 +9,13 @@ from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.stats import chi2
 
-from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR
+from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR, SENSORS
 from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
 from ortilo_drake.scenario import Noise
 
 
 @njit(cache=True)
-def squared_distance(
-    fix: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.ndarray, size: int
-) -> float:
+def squared_distance(fix: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.ndarray, size: int) -> float:
     """Return the squared Mahalanobis distance e^T (P_pp + V)^-1 e of a fix from the predicted position."""
     S = np.empty((3, 3))
     e = np.empty(3)
@@ -88,50 +86,47 @@ class MeasurementHandler(LeafSystem):
     """Turns fixes and imu angles into y_k, the arrivals and V2.
 
     Ports:
-        uwb (14), camera (14): fix messages.
-        imu (11): imu message.
-        estimate (15): xhat_k|k-1, for the gates.
-        covariance (225): P_k row by row, for the gates.
+        uwb (14), camera (14): fix messages; each only if its sensor flies.
+        imu (11): imu message; only if it flies.
+        estimate (15): xhat_k|k-1; only if there is a gate.
+        covariance (225): P_k row by row; only if there is a gate.
         measurement (39, output): y (9), delta (3), V2's three blocks row by row (27).
 
-    Memoryless.
+    Memoryless. A sensor that does not fly never arrives.
+
+    Args:
+        settings: gates.
+        noise: V.
+        sensors: which of uwb, camera and imu fly.
     """
 
-    def __init__(self, settings: HandlerSettings, noise: Noise):
+    def __init__(self, settings: HandlerSettings, noise: Noise, sensors: tuple[str, ...] = SENSORS):
         super().__init__()
         self.set_name("measurement_handler")
-        sensors = (noise.uwb, noise.camera, noise.imu)
-        self._V = np.array([np.diag(v if v is not None else (1.0, 1.0, 1.0)).ravel() for v in sensors])
+        variances = (noise.uwb, noise.camera, noise.imu)
+        self._V = np.array([np.diag(v if v is not None else (1.0, 1.0, 1.0)).ravel() for v in variances])
         self._from_fix = np.array([noise.uwb is None, noise.camera is None])
         gates = (settings.uwb_gate, settings.camera_gate)
         self._gates = np.array([np.inf if gate is None else chi2.ppf(gate, df=3) for gate in gates])
-        self._is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
-        self._unused = np.zeros(N_XBAR * N_XBAR)
-        self._uwb = self.DeclareVectorInputPort("uwb", FIX_SIZE)
-        self._camera = self.DeclareVectorInputPort("camera", FIX_SIZE)
-        self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
-        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
-        self._covariance = self.DeclareVectorInputPort("covariance", N_XBAR * N_XBAR)
-        needs = {self._uwb.ticket(), self._camera.ticket(), self._imu.ticket()}
-        if self._is_gated:
-            needs |= {self._estimate.ticket(), self._covariance.ticket()}
+        is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
+        sizes = {"uwb": FIX_SIZE, "camera": FIX_SIZE, "imu": IMU_SIZE}
+        self._ports = [self.DeclareVectorInputPort(s, sizes[s]) if s in sensors else None for s in SENSORS]
+        self._ports += [
+            self.DeclareVectorInputPort(name, size) if is_gated else None
+            for name, size in (("estimate", N_XBAR), ("covariance", N_XBAR * N_XBAR))
+        ]
+        self._absent = [np.zeros(n) for n in (FIX_SIZE, FIX_SIZE, IMU_SIZE, N_XBAR, N_XBAR * N_XBAR)]
         self.DeclareVectorOutputPort(
             "measurement",
             MEASUREMENT_SIZE,
             self._calc_measurement,
-            prerequisites_of_calc=needs,
+            prerequisites_of_calc={port.ticket() for port in self._ports if port is not None}
+            or {self.nothing_ticket()},
         )
 
     def _calc_measurement(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            stack_measurements(
-                self._uwb.Eval(context),
-                self._camera.Eval(context),
-                self._imu.Eval(context),
-                self._estimate.Eval(context) if self._is_gated else self._unused,
-                self._covariance.Eval(context) if self._is_gated else self._unused,
-                self._V,
-                self._from_fix,
-                self._gates,
-            )
-        )
+        inputs = [
+            absent if port is None else port.Eval(context)
+            for port, absent in zip(self._ports, self._absent, strict=True)
+        ]
+        output.SetFromVector(stack_measurements(*inputs, self._V, self._from_fix, self._gates))

@@ -233,9 +233,7 @@ def least_squares(
 
 
 @njit(cache=True)
-def fix_message(
-    uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool
-) -> np.ndarray:
+def fix_message(uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool) -> np.ndarray:
     """Return the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix."""
     message = np.zeros(14)
     n = anchors.shape[0]

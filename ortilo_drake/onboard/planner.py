@@ -19,9 +19,7 @@ CHECKS = 2000  # points of a waypoint path that are checked
 
 
 @lru_cache(maxsize=16)
-def plan(
-    settings: GcsPlanner | WaypointPlanner | HoverPlanner, room: Room, vehicle: Vehicle
-) -> PiecewisePolynomial:
+def plan(settings: GcsPlanner | WaypointPlanner | HoverPlanner, room: Room, vehicle: Vehicle) -> PiecewisePolynomial:
     """Return the planned p_WB(t) (3 rows) [m] from t = 0; the same settings give the same bits.
 
     Args:
@@ -34,9 +32,7 @@ def plan(
     """
     if isinstance(settings, HoverPlanner):
         point = np.array(settings.point)
-        refuse_contact(
-            "planner.point", point[None, :], free_space(room, 0.0, vehicle.radius, 0.0, 0.0), vehicle
-        )
+        refuse_contact("planner.point", point[None, :], free_space(room, 0.0, vehicle.radius, 0.0, 0.0), vehicle)
         return PiecewisePolynomial.ZeroOrderHold([0.0, settings.duration], np.column_stack([point, point]))
     if isinstance(settings, GcsPlanner):
         path = gcs_path(settings, room, vehicle)

@@ -45,9 +45,7 @@ def refine_pose(
         R_WB = rotation_matrix(pose[3:6])
         for i in range(n):
             rows = slice(2 * i, 2 * i + 2)
-            if not box_center(
-                positions[i], sizes[i], pose[0:3], pose[3:6], R_WB, p_BC, f, c, z, J[2 * i : 2 * i + 2]
-            ):
+            if not box_center(positions[i], sizes[i], pose[0:3], pose[3:6], R_WB, p_BC, f, c, z, J[2 * i : 2 * i + 2]):
                 return False, pose, np.zeros((6, 6))
             r[rows] = centers[i] - z
         step, _, rank, _ = np.linalg.lstsq(J, r, 1e-9)
@@ -101,7 +99,5 @@ def pnp(
     roll, pitch = np.arctan2(R_WB[2, 1], R_WB[2, 2]), np.arcsin(np.clip(-R_WB[2, 0], -1.0, 1.0))
     rpy = np.array([roll, pitch, np.arctan2(R_WB[1, 0], R_WB[0, 0])])
     kept = np.sort(inliers[:, 0])
-    refined, pose, covariance = refine_pose(
-        centers[kept], positions[kept], sizes[kept], p_WB, rpy, p_BC, f, c
-    )
+    refined, pose, covariance = refine_pose(centers[kept], positions[kept], sizes[kept], p_WB, rpy, p_BC, f, c)
     return bool(refined), pose[0:3], sd**2 * covariance[0:3, 0:3]

@@ -46,6 +46,4 @@ class DisturbanceSource(LeafSystem):
 
     def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
         time = context.get_time()
-        output.SetFromVector(
-            disturbance_at(self._force_sd, self._torque_sd, self._seed, self._stream, time, self._h)
-        )
+        output.SetFromVector(disturbance_at(self._force_sd, self._torque_sd, self._seed, self._stream, time, self._h))

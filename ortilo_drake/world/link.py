@@ -157,9 +157,7 @@ class SensorLink(LeafSystem):
             return NOT_SENT
         x = self._state.Eval(context) if self._by_position else self._nowhere
         bad = self._chain is not None and context.get_discrete_state(self._chain)[0] == 1.0
-        return delay_of_message(
-            k, x, bad, self._loss, self._blackouts, self._delays, self._seed, self._stream
-        )
+        return delay_of_message(k, x, bad, self._loss, self._blackouts, self._delays, self._seed, self._stream)
 
     def _calc_delivered(self, context: Context, output: BasicVector) -> None:
         k = tick_of(context.get_time(), self._h)
@@ -187,6 +185,4 @@ class SensorLink(LeafSystem):
                     put_in_flight(flying.reshape(self._flying_shape), k + d, message)
         if self._chain is not None:
             bad = context.get_discrete_state(self._chain)[0] == 1.0
-            discrete_state.get_mutable_value(self._chain)[0] = chain_after(
-                k, bad, self._loss, self._seed, self._stream
-            )
+            discrete_state.get_mutable_value(self._chain)[0] = chain_after(k, bad, self._loss, self._seed, self._stream)

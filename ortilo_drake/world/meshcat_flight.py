@@ -101,9 +101,7 @@ def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     n_2 = np.cross(d, n_1)
     corners = [p + n for p in (start, end) for n in (n_1, n_2, -n_1, -n_2)]
     vertices = np.stack(corners, axis=1).reshape(-1, 3)
-    sides = [
-        face for i in range(4) for face in ((i, (i + 1) % 4, i + 4), ((i + 1) % 4, (i + 1) % 4 + 4, i + 4))
-    ]
+    sides = [face for i in range(4) for face in ((i, (i + 1) % 4, i + 4), ((i + 1) % 4, (i + 1) % 4 + 4, i + 4))]
     faces = (8 * np.arange(len(start))[:, None, None] + np.array(sides)).reshape(-1, 3)
     return vertices.T, faces.T.astype(np.int32)
 
@@ -226,9 +224,7 @@ class MeshcatFlight(LeafSystem):
         # The periodic update of this tick has not happened yet: the state ends with the frame before.
         chunk, place = divmod(frame, CHUNK)
         trail = context.get_discrete_state().value(self._trail).reshape(CHUNK, 6)
-        _draw_flown(
-            self._meshcat, np.vstack([trail[CHUNK - 1 - place :], self._now(context)]), f"/{chunk:04d}"
-        )
+        _draw_flown(self._meshcat, np.vstack([trail[CHUNK - 1 - place :], self._now(context)]), f"/{chunk:04d}")
 
 
 def legend(room: Room) -> str:

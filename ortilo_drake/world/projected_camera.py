@@ -15,9 +15,7 @@ from ortilo_drake.world.line_of_sight import is_hidden
 from ortilo_drake.world.noise import normals, stream_id, uniforms
 
 # Where an extent is looked at, as shares of its half sizes: its centre and points towards its corners.
-_SAMPLES = np.array(
-    [[0.0, 0.0, 0.0], *[[x, y, z] for x in (-0.7, 0.7) for y in (-0.7, 0.7) for z in (-0.7, 0.7)]]
-)
+_SAMPLES = np.array([[0.0, 0.0, 0.0], *[[x, y, z] for x in (-0.7, 0.7) for y in (-0.7, 0.7) for z in (-0.7, 0.7)]])
 _MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
 
 
@@ -53,9 +51,7 @@ def visible_share(
     aside = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
     near_walls, n_walls = np.empty_like(walls), 0
     for i in range(walls.shape[0]):
-        if _is_near(
-            p_WC, p_WL, walls[i, 0], walls[i, 1], np.sqrt(walls[i, 4] ** 2 + walls[i, 5] ** 2) + aside
-        ):
+        if _is_near(p_WC, p_WL, walls[i, 0], walls[i, 1], np.sqrt(walls[i, 4] ** 2 + walls[i, 5] ** 2) + aside):
             near_walls[n_walls] = walls[i]
             n_walls += 1
     near_stands, n_stands = np.empty_like(stands), 0

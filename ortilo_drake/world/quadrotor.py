@@ -7,7 +7,7 @@ from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.equations import DYNAMICS
-from ortilo_drake.model.signals import N_U, N_X
+from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import M100, Vehicle
 
 
@@ -15,7 +15,7 @@ from ortilo_drake.model.vehicle import M100, Vehicle
 def QuadrotorPlant_(T: type) -> type:
     """Return the plant for a scalar type: float, AutoDiffXd or Expression."""
 
-    class Impl(LeafSystem_[T]):  # type: ignore[misc]
+    class Impl(LeafSystem_[T]):
         """A quadrotor as a rigid body under its total thrust and three torques.
 
         Ports:
@@ -27,9 +27,7 @@ def QuadrotorPlant_(T: type) -> type:
         'rigid_body' or 'linear'. Floats run through numba, other scalars through the same source in Python.
         """
 
-        def _construct(
-            self, vehicle: Vehicle = M100, kinematics: str = "small_angle", converter: Any = None
-        ) -> None:
+        def _construct(self, vehicle: Vehicle = M100, kinematics: str = "small_angle", converter: Any = None) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("quadrotor")
             self._vehicle, self._kinematics = vehicle, kinematics
@@ -46,9 +44,12 @@ def QuadrotorPlant_(T: type) -> type:
             Impl._construct(self, other._vehicle, other._kinematics, converter=converter)
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
-            d = self._undisturbed
-            if self._disturbance.HasValue(context):
+            try:
                 d = self._disturbance.Eval(context)
+            except RuntimeError:  # not connected; asking first would cost every other call a tenth of its time
+                if self._disturbance.HasValue(context):
+                    raise
+                d = self._undisturbed
             x = context.get_continuous_state_vector().CopyToVector()
             x_dot = self._dynamics(x, self._control.Eval(context), d, self._mass, self._inertia)
             derivatives.SetFromVector(x_dot)

@@ -73,9 +73,7 @@ class Rotors(LeafSystem):
         self._control = self.DeclareVectorInputPort("control", N_U)
         hover = BasicVector(np.full(4, vehicle.hover_rotor_speed))
         self.DeclareContinuousState(hover)
-        self.DeclareVectorOutputPort(
-            "wrench", N_U, self._calc_wrench, prerequisites_of_calc={self.xc_ticket()}
-        )
+        self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc={self.xc_ticket()})
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         speeds = context.get_continuous_state_vector().CopyToVector()

@@ -1,0 +1,254 @@
+"""The command `ortilo`."""
+
+import json
+import logging
+import os
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario, read_text, scenario_names
+
+app = typer.Typer(
+    help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+scenario_app = typer.Typer(help="List, show and check scenarios.", no_args_is_help=True)
+app.add_typer(scenario_app, name="scenario")
+
+# Results go to stdout, progress and errors to stderr.
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+DEFAULT_SCENARIO = "imu_uwb_yolo"
+ScenarioArgument = Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
+
+
+class Preset(StrEnum):
+    """Which covariances and velocities the tables fly with."""
+
+    tuned = "tuned"
+    paper = "paper"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file under a temporary name, then rename it; InputError if that fails."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _write_json(path: Path | None, data: Any) -> None:
+    if path is not None:
+        write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def _check_writable(*paths: Path | None) -> None:
+    """Refuse a file that cannot be written before anything is flown."""
+    for path in paths:
+        if path is None:
+            continue
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, give a file")
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
+            raise InputError(f"{path}: cannot be written: no permission in {folder}")
+
+
+def _progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=err, transient=True)
+
+
+def _print_flight(result: dict[str, Any]) -> None:
+    lost = result["lost"]
+    out.print(f"[bold]{result['scenario']}[/bold], seed {result['seed']}")
+    if lost:
+        out.print(f"  [red]lost[/red] at {lost['time']:.2f} s: {lost['cause']}")
+    mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result["mse"].items())
+    out.print(f"  estimation MSE      {mse} m²")
+    path = "not defined on this path" if result["path_mse"] is None else f"{result['path_mse']:.5f} m²"
+    out.print(f"  path MSE            {path}, by distance {result['path_distance_mse']:.5f} m²")
+    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result["arrivals"].items()]
+    out.print(f"  fixes used of due   {', '.join(rates)}")
+    out.print(f"  position NEES       {result['nees']:.2f} (3 if consistent)")
+    if result["contacts"]:
+        out.print(f"  [yellow]touched[/yellow]             {', '.join(result['contacts'])}")
+    out.print(f"  real-time factor    {result['real_time_factor']:.0f}")
+
+
+@app.command()
+def fly(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: Annotated[int | None, typer.Option(help="Seed of all noise, if not the scenario's own.")] = None,
+    settings: SetOption = None,
+    meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
+    html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw path, errors and arrivals to this file.")] = None,
+    out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Fly one scenario and print its errors, arrival rates and real-time factor."""
+    chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    _check_writable(html, png, out_file, json_file)
+    # Only now: Drake and numba take seconds to import, a typing error should not.
+    from ortilo_drake.experiments.display import flight_page, fly_live
+    from ortilo_drake.experiments.figures import flight_figure
+    from ortilo_drake.experiments.flight import flight_ticks, save_flight
+    from ortilo_drake.experiments.flight import fly as fly_once
+    from ortilo_drake.experiments.metrics import summary
+
+    with _progress() as progress:
+        task = progress.add_task("compiling" if not meshcat else "flying live", total=flight_ticks(chosen))
+
+        def show(ticks: int) -> None:
+            progress.update(task, completed=ticks, description="flying")
+
+        flight = fly_live(chosen, err.print, show) if meshcat else fly_once(chosen, show)
+    result = summary(flight)
+    if out_file:
+        save_flight(flight, out_file)
+    if html:
+        write_text(html, flight_page(flight))
+    if png:
+        flight_figure(flight, png)
+    _write_json(json_file, result)
+    _print_flight(result)
+    for path in (html, png, out_file, json_file):
+        if path:
+            out.print(f"  wrote {path}")
+
+
+@app.command()
+def tables(
+    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights of each scenario, seeds from 0.")] = 20,
+    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")] = None,
+    preset: Annotated[Preset, typer.Option(help="Our tuning or the paper's printed covariances.")] = Preset.tuned,
+    settings: SetOption = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
+        "out/tables"
+    ),
+    json_file: JsonOption = None,
+) -> None:
+    """Fly both of the paper's scenarios many times and print its tables I and II beside ours.
+
+    Flights already in the folder are kept, so an interrupted run goes on where it stopped.
+    """
+    from ortilo_drake.experiments.report import table_text
+    from ortilo_drake.experiments.tables import SCENARIOS, make_tables
+
+    prefix = "paper_" if preset is Preset.paper else ""
+    chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
+    _check_writable(json_file, out_folder / "tables.md")
+    from ortilo_drake.experiments.ensemble import flight_file, fly_many
+    from ortilo_drake.experiments.figures import arrival_figure, error_figure, trajectory_figure
+    from ortilo_drake.experiments.flight import load_flight
+
+    count = workers or os.cpu_count() or 1
+    summaries: dict[str, list[dict[str, Any]]] = {}
+    with _progress() as progress:
+        tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
+        for name, flown in chosen.items():
+
+            def show(_: dict[str, Any], name: str = name) -> None:
+                progress.advance(tasks[name])
+
+            summaries[name] = fly_many(flown, range(flights), out_folder / "flights", count, show)
+    result = make_tables(preset.value, summaries)
+    text = table_text(result)
+    first = {
+        name: [load_flight(flight_file(out_folder / "flights", flown, seed)) for seed in range(min(flights, 20))]
+        for name, flown in chosen.items()
+    }
+    written = [
+        trajectory_figure(first, out_folder / f"trajectories_{preset.value}.png"),
+        error_figure(summaries, out_folder / f"errors_{preset.value}.png"),
+        arrival_figure({n: rows[0] for n, rows in first.items()}, out_folder / f"arrivals_{preset.value}.png"),
+    ]
+    write_text(out_folder / f"tables_{preset.value}.md", text)
+    _write_json(json_file, result)
+    out.print(text, markup=False, soft_wrap=True)
+    for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):
+        out.print(f"wrote {path}")
+
+
+@app.command()
+def diagram(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    svg: Annotated[Path, typer.Option(help="The image file.")] = Path("diagram.svg"),
+    settings: SetOption = None,
+    depth: Annotated[int, typer.Option(min=0, max=3, help="How far to open nested diagrams.")] = 2,
+) -> None:
+    """Draw the closed loop's block diagram."""
+    chosen = load_scenario(scenario, tuple(settings or ()))
+    _check_writable(svg)
+    from ortilo_drake.experiments.block_diagram import diagram_svg
+
+    write_text(svg, diagram_svg(chosen, depth))
+    out.print(f"wrote {svg}")
+
+
+@scenario_app.command("list")
+def list_scenarios() -> None:
+    """List the ready-made scenarios with the first line of their description."""
+    from ortilo_drake.scenario import SCENARIO_FOLDER
+
+    for name in scenario_names():
+        first = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()[0]
+        out.print(f"[bold]{name:26}[/bold]{first.removeprefix('#').strip()}")
+
+
+@scenario_app.command("show")
+def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
+    """Print a scenario in full, every default filled in, as YAML that loads again."""
+    import yaml
+
+    chosen = load_scenario(scenario, tuple(settings or ()))
+    out.print(yaml.safe_dump(chosen.model_dump(mode="json"), sort_keys=False), end="", markup=False, soft_wrap=True)
+
+
+@scenario_app.command("check")
+def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
+    """Check a scenario: its fields, its room, and that there is a path and a servo gain."""
+    chosen: Scenario = load_scenario(scenario, tuple(settings or ()))
+    from ortilo_drake.experiments.flight import flight_ticks
+    from ortilo_drake.onboard.lq_gain import servo_gain
+
+    seconds = flight_ticks(chosen) * chosen.h
+    servo_gain(chosen.vehicle, chosen.servo.weights, chosen.h)
+    out.print(f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}")
+
+
+def main() -> None:
+    """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    try:
+        app()
+    except InputError as error:
+        err.print(f"ortilo: {error}", style="red", markup=False, soft_wrap=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        err.print("ortilo: interrupted; finished flights are kept")
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()
