@@ -103,8 +103,8 @@ def error_figure(summaries: dict[str, list[dict[str, Any]]], path: Path) -> Path
                 values = [row["path_mse"] if column == "path" else row["mse"][column] for row in kept]
                 values = [value for value in values if value is not None]
                 axes.boxplot(values, positions=[i - 0.15], widths=0.22, showfliers=False, medianprops={"color": "k"})
-                spread = np.linspace(-0.06, 0.06, len(values)) if values else []
-                axes.plot(i - 0.15 + np.array(spread), values, ".", color=COLOR[name], ms=4, alpha=0.7)
+                spread = np.linspace(-0.06, 0.06, len(values))
+                axes.plot(i - 0.15 + spread, values, ".", color=COLOR[name], ms=4, alpha=0.7)
                 paper = PAPER["path"][name] if column == "path" else PAPER["estimation"][name][column]
                 axes.plot([i + 0.2] * 2, [paper["p25"], paper["p75"]], color="0.5", lw=4, solid_capstyle="butt")
                 axes.plot(i + 0.2, paper["median"], "k_", ms=12, mew=2)

@@ -9,6 +9,11 @@ from the filter's position. The attitude's error is common to all boxes and goes
 
     cov(p) = sd^2 N^-1 + G P_a G^T,   G = N^-1 sum_i J_i^T A_i,   A_i = d h_i / d rpy.
 
+A box's residual r_i has the covariance
+
+    S_i = sd^2 (I - J_i N^-1 J_i^T) + (A_i - J_i G) P_a (A_i - J_i G)^T = sd^2 I + [J_i A_i] Q [J_i A_i]^T,
+    Q = [G P_a G^T - sd^2 N^-1, -G P_a; -P_a G^T, P_a].
+
 A box centre has kinks where another corner of the extent becomes the outermost, and Gauss-Newton may step to
 and fro across one (by a millimetre, say); so steps shrink after the first few.
 """
@@ -18,7 +23,7 @@ from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_center
-from ortilo_drake.onboard.landmark_association import pose_covariance
+from ortilo_drake.onboard.landmark_association import innovation_covariance, pose_covariance, squared_distance
 
 _ITERATIONS = 30
 _CONVERGED = 1e-7  # [m]
@@ -53,8 +58,8 @@ def known_attitude(
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
 
-    The box that disagrees most with the rest is dropped, and the position solved again, as long as it
-    disagrees by more than max_residual: r^T (sd^2 I + A P_a A^T)^-1 r > max_residual^2.
+    The box that disagrees most with the rest is dropped, and the position solved again, as long as it disagrees by
+    more than max_residual: r_i^T S_i^-1 r_i > max_residual^2.
 
     Args:
         centers: centres of the boxes [px] (n, 2).
@@ -73,6 +78,7 @@ def known_attitude(
     R_WB = rotation_matrix(rpy)
     kept, n_kept = np.ones(n, dtype=np.bool_), n
     z, J, J_of, r = np.empty(2), np.empty((2, 6)), np.empty((n, 2, 6)), np.empty((n, 2))
+    Q = np.empty((6, 6))
     nothing = (False, p, np.zeros((3, 3)))
     while n_kept >= 2:
         converged, N_inverse, B = False, np.zeros((3, 3)), np.zeros((3, 3))
@@ -101,27 +107,21 @@ def known_attitude(
             converged = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) < _CONVERGED
         if not converged:
             return nothing
+        G = N_inverse @ B
+        G_P_a = G @ P_a
+        G_P_a_G = G_P_a @ np.ascontiguousarray(G.T)
+        Q[0:3, 0:3], Q[0:3, 3:6] = G_P_a_G - sd**2 * N_inverse, -G_P_a
+        Q[3:6, 0:3], Q[3:6, 3:6] = -G_P_a.T, P_a
         worst, farthest = -1, max_residual**2
         for i in range(n):
             if kept[i]:
-                d2 = _squared_deviation(r[i], J_of[i], P_a, sd)
+                S_uu, S_uv, S_vv = innovation_covariance(J_of[i], Q, sd)
+                # Two boxes leave a residual in one direction only; the last digits keep S regular.
+                d2 = squared_distance(r[i, 0], r[i, 1], S_uu + 1e-6 * sd**2, S_uv, S_vv + 1e-6 * sd**2)
                 if d2 > farthest:
                     worst, farthest = i, d2
         if worst < 0:
-            G = N_inverse @ B
-            return True, p, sd**2 * N_inverse + G @ P_a @ np.ascontiguousarray(G.T)
+            return True, p, sd**2 * N_inverse + G_P_a_G
         kept[worst] = False
         n_kept -= 1
     return nothing
-
-
-@njit(cache=True)
-def _squared_deviation(r: np.ndarray, J: np.ndarray, P_a: np.ndarray, sd: float) -> float:
-    """Return r^T (sd^2 I + A P_a A^T)^-1 r with A the attitude's columns of J (2 x 6)."""
-    S_uu, S_uv, S_vv = sd**2, 0.0, sd**2
-    for a in range(3):
-        for b in range(3):
-            S_uu += J[0, 3 + a] * P_a[a, b] * J[0, 3 + b]
-            S_uv += J[0, 3 + a] * P_a[a, b] * J[1, 3 + b]
-            S_vv += J[1, 3 + a] * P_a[a, b] * J[1, 3 + b]
-    return (S_vv * r[0] ** 2 - 2.0 * S_uv * r[0] * r[1] + S_uu * r[1] ** 2) / (S_uu * S_vv - S_uv**2)

@@ -4,9 +4,10 @@ The filter predicts where each landmark's box centre appears, z_i = h_i(xhat), a
 
     S_i = J_i P J_i^T + sd^2 I,   J_i = d h_i / d(p_WB, rpy),   P of position and attitude (6 x 6).
 
-A box of the same class and of about the predicted size may be landmark i if
-d^2 = (z - z_i)^T S_i^-1 (z - z_i) is within the gate; the boxes are given out so that the sum of d^2 is least, a
-landmark without a box counting as much as the gate (global nearest neighbour: Blackman, "Multiple-Target Tracking with Radar Applications", 1986, chapter 4).
+A box of the same class and of about the predicted size may be landmark i if d^2 = e^T S_i^-1 e, e = z - z_i, is
+within the gate; the boxes are given out so that the sum of d^2 is least, a landmark without a box counting as
+much as the gate (global nearest neighbour: Blackman, "Multiple-Target Tracking with Radar Applications", 1986,
+chapter 4).
 """
 
 import numpy as np
@@ -62,6 +63,12 @@ def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: float) -> tuple[floa
 
 
 @njit(cache=True)
+def squared_distance(e_u: float, e_v: float, S_uu: float, S_uv: float, S_vv: float) -> float:
+    """Return e^T S^-1 e."""
+    return (S_vv * e_u**2 - 2.0 * S_uv * e_u * e_v + S_uu * e_v**2) / (S_uu * S_vv - S_uv**2)
+
+
+@njit(cache=True)
 def association_costs(
     detections: np.ndarray,
     xhat: np.ndarray,
@@ -102,8 +109,7 @@ def association_costs(
         S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, sd)
         for j in range(m):
             if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
-                e_u, e_v = centers[j, 0] - z[0], centers[j, 1] - z[1]
-                squared = (S_vv * e_u**2 - 2.0 * S_uv * e_u * e_v + S_uu * e_v**2) / (S_uu * S_vv - S_uv**2)
+                squared = squared_distance(centers[j, 0] - z[0], centers[j, 1] - z[1], S_uu, S_uv, S_vv)
                 if squared <= gate:
                     d2[k, j] = squared
         candidates[k] = i

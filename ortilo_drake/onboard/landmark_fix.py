@@ -69,7 +69,8 @@ def landmark_fix_message(
 class LandmarkFix(LeafSystem):
     """Memoryless: boxes to a position, by the estimate of the same tick, xhat(k|k-1).
 
-    Boxes that come late are judged by the present estimate; the fix keeps their stamp.
+    Where the settings give a prior_sd, it stands in for P throughout: in the association and as what is believed
+    of the attitude. Boxes that come late are judged by the present estimate; the fix keeps their stamp.
 
     Ports:
         detections (DETECTIONS_SIZE): the detections message, see model/signals.py.

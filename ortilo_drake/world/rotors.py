@@ -76,6 +76,7 @@ class Rotors(LeafSystem):
         self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc={self.xc_ticket()})
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+        """Write the four accelerations (Drake's hook)."""
         speeds = context.get_continuous_state_vector().CopyToVector()
         commanded = commanded_speeds(self._control.Eval(context), self._M_inverse, self._max_speed)
         derivatives.SetFromVector(rotor_acceleration(speeds, commanded, self._time_constant))

@@ -1,0 +1,127 @@
+"""How fast flights and the filter's step run, as figures and ratios of one run.
+
+    python benchmarks/bench_flight.py            # the figures of the README
+    python benchmarks/bench_flight.py --smoke    # a quick look that everything still runs
+
+Flights are timed as simulated seconds per second of AdvanceTo, logging included, on one core. The filter's step is
+one masked, correlated step of 15 states and 9 rows, called from Python, beside filterpy and beside plain NumPy on
+the same numbers; each figure is the least of several rounds, in turn, so that a slow moment hits all alike.
+"""
+
+import argparse
+import json
+import os
+import platform
+import timeit
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from filterpy.kalman import KalmanFilter as FilterpyFilter
+
+from ortilo_drake.experiments.flight import fly
+from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_HOLD, filter_step
+from ortilo_drake.onboard.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.scenario import load_scenario, with_seed
+
+H = 1.0 / 30.0
+DELTA = np.array([1.0, 0.0, 1.0])  # uwb and imu there, the camera not
+
+
+def flight_speeds(name: str, flights: int) -> list[float]:
+    """Return the real-time factors of that many flights."""
+    scenario = load_scenario(name)
+    return [float(fly(with_seed(scenario, seed)).attrs["real_time_factor"]) for seed in range(flights)]
+
+
+def numba_step() -> object:
+    """Return a call of the package's filter step."""
+    Phi, Gamma = discretize(hover_A(), hover_B(M100), H)
+    W = disturbance_W(M100, H, 0.27, 0.005)
+    V2 = np.array([np.eye(3) * v for v in (0.01, 0.02, 1e-4)])
+    measurement = np.concatenate((np.zeros(9), DELTA, V2.ravel()))
+    xhat, P = np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()
+    u, r = np.zeros(4), np.zeros(3)
+    return lambda: filter_step(xhat, P, measurement, u, r, Phi, Gamma, W, INTEGRATOR_HOLD)
+
+
+def numpy_step() -> object:
+    """Return a call of the paper's equations in plain NumPy, at full size with the rows masked."""
+    Phi, Gamma = discretize(hover_A(), hover_B(M100), H)
+    C, W = output_C(), disturbance_W(M100, H, 0.27, 0.005)
+    V2 = np.diag(np.repeat([0.01, 0.02, 1e-4], 3))
+    x, P, y, u, r = np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3), np.zeros(9), np.zeros(4), np.zeros(3)
+
+    def step() -> tuple[np.ndarray, np.ndarray]:
+        E = selection_matrix(DELTA)
+        Phibar = np.block([[Phi, np.zeros((12, 3))], [-E @ C, np.eye(3)]])
+        HC = np.hstack([arrival_matrix(DELTA) @ C, np.zeros((9, 3))])
+        EV12 = np.vstack([np.zeros((12, 9)), -E @ V2])
+        K = np.linalg.solve((HC @ P @ HC.T + V2).T, (Phibar @ P @ HC.T + EV12).T).T
+        F, G = Phibar - K @ HC, K + np.vstack([np.zeros((12, 9)), E])
+        P_next = F @ P @ F.T + G @ V2 @ G.T
+        P_next[:12, :12] += W
+        x_next = Phibar @ x + K @ (y - HC @ x)
+        x_next[:12] += Gamma @ u
+        x_next[12:] += r
+        return x_next, P_next
+
+    return step
+
+
+def filterpy_step() -> object:
+    """Return a call of filterpy's predict and update, 15 states, 9 rows, no cross-covariance."""
+    kf = FilterpyFilter(dim_x=15, dim_z=9)
+    kf.F[:12, :12] = discretize(hover_A(), hover_B(M100), H)[0]
+    kf.H = np.hstack([arrival_matrix(DELTA) @ output_C(), np.zeros((9, 3))])
+    kf.Q[:12, :12] = disturbance_W(M100, H, 0.27, 0.005)
+    kf.R = np.diag(np.repeat([0.01, 0.02, 1e-4], 3))
+    z = np.zeros(9)
+
+    def step() -> None:
+        kf.predict()
+        kf.update(z)
+
+    return step
+
+
+def step_times(rounds: int, calls: int) -> dict[str, float]:
+    """Return microseconds a step, the least of the rounds."""
+    steps = {"ortilo_drake": numba_step(), "numpy": numpy_step(), "filterpy": filterpy_step()}
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    for step in steps.values():
+        step()
+    for _ in range(rounds):
+        for name, step in steps.items():
+            times[name].append(timeit.timeit(step, number=calls) / calls * 1e6)
+    return {name: min(values) for name, values in times.items()}
+
+
+def main() -> None:
+    """Print the figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--smoke", action="store_true", help="few flights, few rounds")
+    smoke = parser.parse_args().smoke
+    flights, rounds, calls = (1, 2, 200) if smoke else (7, 9, 3000)
+    speeds = {name: flight_speeds(name, flights) for name in ("imu_uwb", "imu_uwb_yolo")}
+    step = step_times(rounds, calls)
+    print(
+        json.dumps(
+            {
+                "python": platform.python_version(),
+                "simulated_s_per_s": {
+                    n: {"median": round(float(np.median(v))), "max": round(max(v))} for n, v in speeds.items()
+                },
+                "filter_step_us": {name: round(value, 2) for name, value in step.items()},
+                "filter_step_ratio": {n: round(step[n] / step["ortilo_drake"], 1) for n in ("numpy", "filterpy")},
+            },
+            indent=2,
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

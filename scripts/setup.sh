@@ -1,0 +1,41 @@
+#!/usr/bin/env bash
+# Makes the virtual environment $VENV with the package, editable, and what its tests need.
+# Says what the system lacks and installs it where it can (Debian or Ubuntu, as root or with sudo).
+set -euo pipefail
+PYTHON=${PYTHON:-python3}
+VENV=${VENV:-.venv}
+cd "$(dirname "$0")/.."
+
+as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi; }
+
+install_packages() {
+    echo "setup: missing: $* - installing" >&2
+    if ! command -v apt-get >/dev/null || ! { as_root apt-get update -qq && as_root env DEBIAN_FRONTEND=noninteractive \
+        apt-get install -y -qq --no-install-recommends "$@"; } >/dev/null; then
+        echo "setup: could not install them; please run: sudo apt-get install $*" >&2
+        return 1
+    fi
+}
+
+if ! command -v "$PYTHON" >/dev/null; then
+    install_packages python3 python3-venv
+fi
+if ! "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
+    echo "setup: $("$PYTHON" --version) is too old, needs Python 3.11 or later: make PYTHON=python3.11 ..." >&2
+    exit 1
+fi
+if ! "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null; then
+    install_packages "python$("$PYTHON" -c 'import sys; print("%d.%d" % sys.version_info[:2])')-venv"
+fi
+
+# Drake's Python bindings load these; 'dot' is wanted by 'ortilo diagram' alone.
+missing=()
+for pair in libGL.so.1:libgl1 libX11.so.6:libx11-6 libgomp.so.1:libgomp1; do
+    ldconfig -p 2>/dev/null | grep -q "${pair%%:*}" || missing+=("${pair##*:}")
+done
+if [ ${#missing[@]} -gt 0 ]; then install_packages "${missing[@]}"; fi
+command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo diagram' will need it" >&2
+
+[ -x "$VENV/bin/python" ] || "$PYTHON" -m venv "$VENV"
+echo "setup: installing into $VENV" >&2
+"$VENV/bin/python" -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'

@@ -1,0 +1,300 @@
+"""The three methods against OpenCV's projection, the Cramer-Rao bound and their own covariances; the system."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.model.pinhole import R_BC
+from ortilo_drake.model.room import load_room
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, FIX_SIZE, PAYLOAD
+from ortilo_drake.onboard.landmark_fix import METHODS, LandmarkFix
+from ortilo_drake.scenario import LandmarkFix as Settings
+from ortilo_drake.scenario import ProjectedCamera as CameraSettings
+from ortilo_drake.world.projected_camera import ProjectedCamera
+
+ROOM = load_room()
+CAMERA = ROOM.camera.scaled_to(320)
+P_BC, F, C = np.array(CAMERA.position), CAMERA.focal_length, np.array(CAMERA.center)
+# Spread over the image and in depth, as seen from (0, 0, 1.5), and of the sizes that the room has.
+POINTS = np.array(
+    [
+        [4.5, 0.4, 0.2],
+        [5.5, 3.7, 0.3],
+        [5.5, 1.0, 0.6],
+        [3.4, -0.9, 1.1],
+        [6.7, -0.1, 1.0],
+        [4.0, 1.5, 2.6],
+        [3.6, -2.2, 2.4],
+    ]
+)
+SIZES = np.array(
+    [
+        [0.3, 0.3, 0.6],
+        [0.5, 0.5, 0.5],
+        [0.7, 0.5, 0.6],
+        [0.5, 0.5, 0.5],
+        [0.5, 0.5, 1.9],
+        [0.1, 0.4, 0.4],
+        [0.3, 0.3, 0.4],
+    ]
+)
+ATTITUDE_SD = 0.004
+EXACT = (0.0, 0.0, 1.5, 0.013, -0.021, 0.034)
+
+
+def state(pose=EXACT) -> np.ndarray:
+    return np.concatenate([pose, np.zeros(9)])
+
+
+def covariance(position_sd: float = 0.1, angle_sd: float = ATTITUDE_SD) -> np.ndarray:
+    return np.diag([position_sd**2] * 3 + [angle_sd**2] * 3 + [1.0] * 9).ravel()
+
+
+def boxes(pose, points=POINTS, sizes=SIZES) -> np.ndarray:
+    """(u_min, v_min, u_max, v_max) of the extents, by OpenCV."""
+    R_WB = Rotation.from_euler("ZYX", [pose[5], pose[4], pose[3]]).as_matrix()
+    R_CW = (R_WB @ R_BC).T
+    K = np.array([[F, 0.0, C[0]], [0.0, F, C[1]], [0.0, 0.0, 1.0]])
+    grid = 0.5 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    corners = (points[:, None] + grid * sizes[:, None]).reshape(-1, 3)
+    t = -R_CW @ (np.asarray(pose[:3]) + R_WB @ P_BC)
+    uv = cv2.projectPoints(corners, cv2.Rodrigues(R_CW)[0], t, K, None)[0].reshape(-1, 8, 2)
+    return np.concatenate([uv.min(axis=1), uv.max(axis=1)], axis=1)
+
+
+def centers(pose, points=POINTS, sizes=SIZES) -> np.ndarray:
+    box = boxes(pose, points, sizes)
+    return 0.5 * (box[:, :2] + box[:, 2:])
+
+
+def jacobian(pose, n: int = len(POINTS), step: float = 1e-6) -> np.ndarray:
+    """d centres / d [p_WB, rpy] (2 n, 6) by central differences of OpenCV's projection."""
+    columns = [
+        (centers(pose + d, POINTS[:n], SIZES[:n]) - centers(pose - d, POINTS[:n], SIZES[:n])).ravel() / (2 * step)
+        for d in step * np.eye(6)
+    ]
+    return np.array(columns).T
+
+
+def solve(method: str, z, xhat, n=slice(None), P=None, sd: float = 1.0, max_residual: float = 4.0):
+    P = covariance() if P is None else P
+    found, p_WB, cov = METHODS[method](z, POINTS[n], SIZES[n], xhat, P, P_BC, F, C, sd, max_residual)
+    return found, p_WB, cov
+
+
+offsets = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
+angles = st.tuples(*[st.floats(-0.1, 0.1)] * 3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_noise_free_boxes_give_the_position(method):
+    @settings(deadline=None, max_examples=40)
+    @given(offsets, angles)
+    def check(offset, rpy):
+        pose = np.array([0.0, 0.0, 1.5, *rpy])
+        xhat = state(pose)
+        xhat[:3] += offset
+        found, p_WB, cov = solve(method, centers(pose), xhat)
+        assert found
+        np.testing.assert_allclose(p_WB, pose[:3], atol=1e-6)
+        assert np.all(np.linalg.eigvalsh(cov) > 0.0)
+
+    check()
+
+
+def test_pnp_needs_no_attitude():
+    xhat = state()
+    xhat[3:6] += [0.02, -0.02, 0.05]
+    found, p_WB, _ = solve("pnp", centers(EXACT), xhat)
+    assert found
+    np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-6)
+
+
+@pytest.mark.parametrize(("method", "fewest"), [("known_attitude", 2), ("cosine_law", 3), ("pnp", 4)])
+def test_fewest_landmarks(method, fewest):
+    for n in range(fewest):
+        assert not solve(method, centers(EXACT)[:n], state(), slice(n))[0]
+    found, p_WB, _ = solve(method, centers(EXACT)[:fewest], state(), slice(fewest))
+    assert found
+    np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-6)
+
+
+def runs(method: str, count: int, attitude_sd: float, sd: float = 1.0):
+    """Errors (count, 3) and squared Mahalanobis distances of fixes under noise."""
+    rng = np.random.default_rng(0)
+    errors, nees = [], []
+    for _ in range(count):
+        xhat = state()
+        xhat[:3] += rng.normal(0.0, 0.05, 3)
+        xhat[3:6] += rng.normal(0.0, attitude_sd, 3)
+        z = centers(EXACT) + rng.normal(0.0, sd, (len(POINTS), 2))
+        P = covariance(angle_sd=max(attitude_sd, 1e-12))
+        found, p_WB, cov = solve(method, z, xhat, P=P, sd=sd, max_residual=8.0)
+        assert found
+        errors.append(p_WB - EXACT[:3])
+        nees.append(errors[-1] @ np.linalg.solve(cov, errors[-1]))
+    return np.array(errors), np.array(nees)
+
+
+def test_known_attitude_reaches_the_cramer_rao_bound():
+    errors, _ = runs("known_attitude", 2000, attitude_sd=0.0)
+    J = jacobian(np.array(EXACT))[:, :3]
+    bound = np.linalg.inv(J.T @ J)
+    # chi-square of 2000 samples: the ratio of variances is within 1 +- 4 sqrt(2 / 2000).
+    np.testing.assert_allclose(np.diag(np.cov(errors.T)) / np.diag(bound), 1.0, atol=0.13)
+    assert np.all(np.abs(errors.mean(axis=0)) < 4.0 * np.sqrt(np.diag(bound) / 2000.0))
+
+
+@pytest.mark.parametrize("method", ["cosine_law", "pnp"])
+def test_methods_without_attitude_against_their_cramer_rao_bound(method):
+    """The bound for an unknown attitude; least squares on the pixels reaches it, the law of cosines comes near."""
+    errors, _ = runs(method, 500, attitude_sd=0.0, sd=0.5)
+    J = jacobian(np.array(EXACT))
+    bound = 0.25 * np.diag(np.linalg.inv(J.T @ J))[:3]
+    ratio = np.mean(errors**2, axis=0) / bound
+    assert np.all(ratio > 1.0 - 4.0 * np.sqrt(2.0 / 500.0))
+    assert np.all(ratio < (1.0 + 4.0 * np.sqrt(2.0 / 500.0) if method == "pnp" else 4.0)), ratio
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_covariance_is_honest(method):
+    """Mean squared Mahalanobis distance of the error, its chi-square band of 99.9 %."""
+    count = 2000 if method == "known_attitude" else 500
+    _, nees = runs(method, count, ATTITUDE_SD, sd=0.7)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * count) / count
+    assert low < nees.mean() < high
+
+
+def test_the_attitude_error_is_part_of_the_covariance():
+    """Without noise of the boxes the whole error comes from the attitude: cov = G P_a G^T."""
+    J = jacobian(np.array(EXACT))
+    G = np.linalg.solve(J[:, :3].T @ J[:, :3], J[:, :3].T @ J[:, 3:])
+    found, _, cov = solve("known_attitude", centers(EXACT), state(), sd=1e-6)
+    assert found
+    # At a corner's kink the differences differ: compare as matrices.
+    expected = ATTITUDE_SD**2 * G @ G.T
+    assert np.linalg.norm(cov - expected) < 1e-4 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("bad", range(len(POINTS)))
+def test_an_outlier_is_dropped(bad):
+    rng = np.random.default_rng(bad)
+    z = centers(EXACT) + rng.normal(0.0, 0.5, (len(POINTS), 2))
+    others = np.delete(np.arange(len(POINTS)), bad)
+    expected = solve("known_attitude", z[others], state(), others)
+    z[bad] += [20.0, -15.0]
+    found, p_WB, cov = solve("known_attitude", z, state())
+    assert found
+    np.testing.assert_allclose(p_WB, expected[1], atol=1e-6)
+    np.testing.assert_allclose(cov, expected[2], atol=1e-9)
+
+
+def test_pnp_repeats_itself_and_drops_an_outlier():
+    z = centers(EXACT) + np.random.default_rng(1).normal(0.0, 0.3, (len(POINTS), 2))
+    z[4] += [30.0, 0.0]
+    first = solve("pnp", z, state())
+    cv2.setRNGSeed(12345)
+    second = solve("pnp", z, state())
+    assert first[0]
+    assert second[0]
+    assert first[1].tolist() == second[1].tolist()
+    assert first[2].tolist() == second[2].tolist()
+    others = np.array([0, 1, 2, 3, 5, 6])
+    clean = solve("pnp", z[others], state(), others)
+    np.testing.assert_allclose(first[1], clean[1], atol=1e-6)
+
+
+def test_one_landmark_seen_twice_gives_no_position():
+    """Two boxes of one point in space tell the direction, not the distance."""
+    twice = np.array([4, 4])
+    assert not solve("known_attitude", centers(EXACT)[twice], state(), twice)[0]
+
+
+def detections(pose, shown, arrived: float = 1.0) -> np.ndarray:
+    message = np.zeros(DETECTIONS_SIZE)
+    message[0], message[1] = arrived, 7.5
+    message[PAYLOAD::DETECTION_SIZE] = -1.0
+    box = boxes(pose, ROOM.landmark_positions[shown], ROOM.landmark_sizes[shown]) if shown else []
+    for row, (i, edges) in enumerate(zip(shown, box, strict=True)):
+        message[PAYLOAD + 6 * row : PAYLOAD + 6 * row + 6] = [ROOM.landmark_labels[i], 0.9, *edges]
+    return message
+
+
+def fix(message, xhat, P, chosen: Settings) -> np.ndarray:
+    system = LandmarkFix(chosen, ROOM, 320)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("detections").FixValue(context, message)
+    system.GetInputPort("estimate").FixValue(context, xhat)
+    system.GetInputPort("covariance").FixValue(context, P)
+    return system.GetOutputPort("fix").Eval(context)
+
+
+SHOWN = [0, 2, 4, 6, 8, 9]  # in the image, whole, from EXACT
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_system_turns_boxes_into_a_stamped_fix(method):
+    xhat = state()
+    xhat[:3] += [0.1, -0.1, 0.05]
+    message = fix(detections(EXACT, shown=SHOWN), xhat, covariance(), Settings(method=method))
+    assert message.shape == (FIX_SIZE,)
+    assert message[0] == 1.0
+    assert message[1] == 7.5
+    np.testing.assert_allclose(message[2:5], EXACT[:3], atol=1e-6)
+    cov = message[5:].reshape(3, 3)
+    np.testing.assert_allclose(cov, cov.T, rtol=1e-6)
+    assert np.all(np.linalg.eigvalsh(cov) > 0.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_system_without_enough_is_no_fix(method):
+    chosen = Settings(method=method)
+    nothing = np.zeros(FIX_SIZE).tolist()
+    assert fix(detections(EXACT, shown=SHOWN, arrived=0.0), state(), covariance(), chosen).tolist() == nothing
+    assert fix(detections(EXACT, shown=[]), state(), covariance(), chosen).tolist() == nothing
+    assert fix(detections(EXACT, shown=[4]), state(), covariance(), chosen).tolist() == nothing
+    # The clock and the bicycle below it, seen from afar: nearly one direction, the distance unknown.
+    far = (0.5, 1.28, 1.5, 0.0, 0.0, 0.0)
+    chosen = Settings(method=method, center_sd=5.0)
+    assert fix(detections(far, shown=[10, 13]), state(far), covariance(), chosen).tolist() == nothing
+
+
+def test_a_prior_sd_stands_in_for_the_covariance():
+    xhat, wide = state(), covariance(10.0, 1.0)
+    message = detections(EXACT, shown=SHOWN)
+    given_prior = fix(message, xhat, wide, Settings(prior_sd=(0.1, ATTITUDE_SD)))
+    from_filter = fix(message, xhat, covariance(0.1, ATTITUDE_SD), Settings())
+    assert given_prior[0] == 1.0
+    assert given_prior.tolist() == from_filter.tolist()
+
+
+def test_camera_and_fix_together_along_the_first_blackout():
+    """Default errors, false boxes and misses included: a fix in nearly every image, and its covariance holds."""
+    camera = ProjectedCamera(CameraSettings(), ROOM, 3, 1.0 / 30.0)
+    context = camera.CreateDefaultContext()
+    landmark_fix = LandmarkFix(Settings(center_sd=CameraSettings().edge_sd / np.sqrt(2.0)), ROOM, 320)
+    fix_context = landmark_fix.CreateDefaultContext()
+    rng = np.random.default_rng(2)
+    landmark_fix.GetInputPort("covariance").FixValue(fix_context, covariance())
+    nees = []
+    for tick, x in enumerate(np.linspace(1.5, 5.5, 300)):
+        truth = state((x, 0.25 * x, 1.5, *rng.normal(0.0, 0.02, 3)))
+        xhat = truth.copy()
+        xhat[:3] += rng.normal(0.0, 0.1, 3)
+        xhat[3:6] += rng.normal(0.0, ATTITUDE_SD, 3)
+        context.SetTime(tick / 30.0)
+        camera.GetInputPort("state").FixValue(context, truth[:12])
+        message = camera.GetOutputPort("detections").Eval(context)
+        landmark_fix.GetInputPort("detections").FixValue(fix_context, message)
+        landmark_fix.GetInputPort("estimate").FixValue(fix_context, xhat)
+        answer = landmark_fix.GetOutputPort("fix").Eval(fix_context)
+        if answer[0] == 1.0:
+            e = answer[2:5] - truth[:3]
+            nees.append(e @ np.linalg.solve(answer[5:].reshape(3, 3), e))
+    assert len(nees) > 0.95 * 300
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * len(nees)) / len(nees)
+    assert low < np.mean(nees) < high

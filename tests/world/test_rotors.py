@@ -1,0 +1,84 @@
+"""Rotors: mixing from the rotors' places, limits, and the lag's closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+
+from ortilo_drake.model.vehicle import M100, Vehicle
+from ortilo_drake.world.rotors import Rotors, commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
+
+M = mixing_matrix(M100)
+M_INVERSE = np.linalg.inv(M)
+HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
+# Front left, front right, rear right, rear left in B (x forward, y left), and each rotor's sense of turning
+# about B's z (clockwise from above is -1).
+HALF = M100.arm_length / np.sqrt(2.0)
+PLACES = HALF * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
+TURNS = np.array([-1, 1, -1, 1])
+
+
+@given(arrays(float, 4, elements=st.floats(0.0, 838.0)))
+def test_wrench_is_the_sum_of_forces_at_the_rotors_and_of_their_drags(speeds: np.ndarray) -> None:
+    forces = np.outer(M100.rotor_lift * speeds**2, [0.0, 0.0, 1.0])
+    torque = np.cross(PLACES, forces).sum(axis=0)
+    torque[2] += np.sum(-TURNS * M100.rotor_drag * speeds**2)
+    expected = [forces[:, 2].sum(), *torque]
+    np.testing.assert_allclose(wrench_of(speeds, M), expected, rtol=1e-12, atol=1e-12)
+
+
+@given(arrays(float, 4, elements=st.floats(1.0, 800.0)))
+def test_mixing_is_undone_by_its_inverse(speeds: np.ndarray) -> None:
+    back = commanded_speeds(wrench_of(speeds, M), M_INVERSE, M100.rotor_max_speed)
+    np.testing.assert_allclose(back, speeds, rtol=1e-7, atol=1e-4)
+
+
+def test_hover_speeds_lift_exactly_the_weight() -> None:
+    rotors = Rotors(M100)
+    context = rotors.CreateDefaultContext()
+    np.testing.assert_allclose(rotors.get_output_port().Eval(context), HOVER, atol=1e-12)
+    rotors.get_input_port().FixValue(context, HOVER)
+    at_rest = rotors.EvalTimeDerivatives(context).CopyToVector()
+    np.testing.assert_allclose(at_rest, np.zeros(4), atol=1e-8)
+
+
+@given(arrays(float, 4, elements=st.floats(-500.0, 500.0)))
+def test_commands_stay_within_the_rotors_limits(u: np.ndarray) -> None:
+    speeds = commanded_speeds(u, M_INVERSE, M100.rotor_max_speed)
+    squared = M_INVERSE @ u
+    np.testing.assert_allclose(speeds, np.sqrt(np.clip(squared, 0.0, 838.0**2)), rtol=1e-12, atol=1e-6)
+
+
+def test_largest_thrust_is_that_of_all_rotors_at_full_speed() -> None:
+    speeds = commanded_speeds(np.array([1e4, 0.0, 0.0, 0.0]), M_INVERSE, M100.rotor_max_speed)
+    largest = 4 * 1.858582798e-5 * 838.0**2
+    np.testing.assert_allclose(wrench_of(speeds, M), [largest, 0.0, 0.0, 0.0], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("thrust", "tau"), [(40.0, 0.0125), (10.0, 0.025)], ids=["faster", "slower"])
+def test_lag_is_the_exponential_of_its_own_direction(thrust: float, tau: float) -> None:
+    rotors = Rotors(M100)
+    simulator = Simulator(rotors)
+    ApplySimulatorConfig(
+        SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-10, max_step_size=0.01), simulator
+    )
+    rotors.get_input_port().FixValue(simulator.get_mutable_context(), [thrust, 0.0, 0.0, 0.0])
+    first, last = M100.hover_rotor_speed, np.sqrt(thrust / (4 * M100.rotor_lift))
+    for t in (0.005, 0.0125, 0.03, 0.1):
+        simulator.AdvanceTo(t)
+        speeds = simulator.get_context().get_continuous_state_vector().CopyToVector()
+        np.testing.assert_allclose(speeds, last + (first - last) * np.exp(-t / tau), rtol=1e-8)
+
+
+def test_each_rotor_lags_in_its_own_direction() -> None:
+    acceleration = rotor_acceleration(
+        np.full(4, 500.0), np.array([600.0, 400.0, 500.0, 501.0]), np.array([0.0125, 0.025])
+    )
+    np.testing.assert_allclose(acceleration, [100.0 / 0.0125, -100.0 / 0.025, 0.0, 1.0 / 0.0125])
+
+
+def test_too_heavy_a_vehicle_is_refused() -> None:
+    with pytest.raises(ValueError, match="cannot lift mass 6.0"):
+        Vehicle(mass=6.0)
