@@ -101,7 +101,7 @@ def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> Compo
     regions.AddVertexCost(Binding[Cost](bending, regions.vertex_control_points().flatten()))
     options = GraphOfConvexSetsOptions()
     options.convex_relaxation = True
-    options.max_rounded_paths = 5
+    options.max_rounded_paths = 20
     options.preprocessing = False
     options.solver = ClarabelSolver()
     log = logging.getLogger("drake")

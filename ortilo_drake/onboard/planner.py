@@ -1,5 +1,6 @@
 """The planner: the reference trajectory from a scenario's settings, and the system that plays it."""
 
+import dataclasses
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from ortilo_drake.onboard.gcs_path import find_cells, smooth_path
 from ortilo_drake.onboard.retime import retime
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner, read_waypoints
 
+SHARES = (1.0, 0.9, 0.8, 0.6, 0.4, 0.2, 0.0)  # of the clearance, tried in turn until a smooth path fits
 CHECKS = 2000  # points of a waypoint path that are checked
 
 
@@ -71,8 +73,12 @@ def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle) -> Trajectory:
     refuse_contact("planner.goal", np.array([[*goal, settings.height]]), space, vehicle)
     if np.array_equal(start, goal):
         raise InputError(f"planner.goal: {settings.goal}: is the start; to stay there use kind 'hover'")
-    cells = find_cells(space, start, goal)
-    path = None if cells is None else smooth_path(cells, start, goal)
+    path = None
+    for share in SHARES:
+        cells = find_cells(dataclasses.replace(space, clearance=share * settings.clearance), start, goal)
+        path = None if cells is None else smooth_path(cells, start, goal)
+        if path is not None:
+            break
     if path is None:
         raise InputError(
             f"planner.goal: {settings.goal}: no free way leads there from {settings.start} at height "

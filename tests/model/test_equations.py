@@ -69,9 +69,7 @@ def test_small_angle_takes_euler_rates_for_body_rates(x: np.ndarray, u: np.ndarr
 
 @pytest.mark.parametrize("kinematics", DYNAMICS)
 @given(STATES, CONTROLS, DISTURBANCES)
-def test_compiled_and_plain_form_agree(
-    kinematics: str, x: np.ndarray, u: np.ndarray, d: np.ndarray
-) -> None:
+def test_compiled_and_plain_form_agree(kinematics: str, x: np.ndarray, u: np.ndarray, d: np.ndarray) -> None:
     compiled = DYNAMICS[kinematics](x, u, d, M100.mass, INERTIA)
     plain = DYNAMICS[kinematics].py_func(x, u, d, M100.mass, INERTIA)
     np.testing.assert_allclose(compiled, plain, rtol=1e-12, atol=1e-11)

@@ -38,9 +38,7 @@ def test_A_is_nilpotent_of_index_four() -> None:
 
 
 @pytest.mark.parametrize("h", [0.001, H, 0.1])
-@pytest.mark.parametrize(
-    "vehicle", [M100, Vehicle(mass=0.5, inertia=(0.003, 0.004, 0.005))], ids=["m100", "small"]
-)
+@pytest.mark.parametrize("vehicle", [M100, Vehicle(mass=0.5, inertia=(0.003, 0.004, 0.005))], ids=["m100", "small"])
 def test_discretisation_is_scipys(vehicle: Vehicle, h: float) -> None:
     A, B = hover_A(), np.hstack([hover_B(vehicle), hover_B_d(vehicle)])
     Phi, Gamma = discretize(A, B, h)

@@ -8,16 +8,12 @@ from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.onboard.free_cells import cells_along, first_false, free_space, grow_cell
 from ortilo_drake.onboard.gcs_path import shortest_route
 
-SPACE = free_space(
-    load_room(ORTILO_ROOM), height=1.5, vehicle_radius=0.49, clearance=0.7, vertical_clearance=0.6
-)
+SPACE = free_space(load_room(ORTILO_ROOM), height=1.5, vehicle_radius=0.49, clearance=0.7, vertical_clearance=0.6)
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-1.0, 29.0), st.floats(-3.8, 4.0))
-def test_a_cell_holds_its_seed_and_touches_no_inflated_obstacle_by_drakes_geometry(
-    x: float, y: float
-) -> None:
+def test_a_cell_holds_its_seed_and_touches_no_inflated_obstacle_by_drakes_geometry(x: float, y: float) -> None:
     seed = np.array([x, y])
     if SPACE.room(seed).min() < 0.02:
         return

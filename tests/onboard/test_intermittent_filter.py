@@ -104,9 +104,7 @@ def test_the_printed_formula_over_thousands_of_random_arrivals(integrator: str) 
         V2 = blocks[k % 7]
         y = rng.normal(size=9) * np.repeat([0.1, 0.15, 0.01], 3)
         u, r = rng.normal(size=4) * [1.0, 0.01, 0.01, 0.01], 0.1 * rng.normal(size=3)
-        out = filter_step(
-            xhat, P_flat, message(y, delta, V2), u, r, PHI, GAMMA, W, INTEGRATORS[integrator]
-        )
+        out = filter_step(xhat, P_flat, message(y, delta, V2), u, r, PHI, GAMMA, W, INTEGRATORS[integrator])
         xbar, P = printed_step(xbar, P, y, delta, dense[k % 7], u, r, integrator)
         xhat, P_flat = out[:15], out[15:]
         P_mine = P_flat.reshape(15, 15)
@@ -146,9 +144,7 @@ def test_the_integrator_is_known_so_its_gain_is_minus_E(seed: int) -> None:
         assert np.max(np.abs(K[12:] + selection(delta))) < 1e-9
         assert not np.any(K[:, np.repeat(delta, 3) == 0.0])
         m = message(np.zeros(9), delta, V2)
-        step = filter_step(
-            np.zeros(15), P.ravel(), m, np.zeros(4), np.zeros(3), PHI, GAMMA, W, INTEGRATOR_LITERAL
-        )
+        step = filter_step(np.zeros(15), P.ravel(), m, np.zeros(4), np.zeros(3), PHI, GAMMA, W, INTEGRATOR_LITERAL)
         P = step[15:].reshape(15, 15)
 
 

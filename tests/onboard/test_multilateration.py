@@ -59,9 +59,7 @@ def test_so_do_some_of_the_ranges(p, there) -> None:
     u = (p - ANCHORS[flags == 1]) / distances(p, ANCHORS[flags == 1])[:, None]
     assume(np.linalg.svd(u)[1][2] > 1e-2)
     ranges = np.where(flags == 1, distances(p, ANCHORS), 0.0)
-    found, q, _ = least_squares(
-        ranges, flags, ANCHORS, np.array([0.01, 0.0]), p + np.array([0.01, -0.01, 0.01])
-    )
+    found, q, _ = least_squares(ranges, flags, ANCHORS, np.array([0.01, 0.0]), p + np.array([0.01, -0.01, 0.01]))
     assert found
     np.testing.assert_allclose(q, p, atol=1e-9)
 
@@ -75,9 +73,7 @@ def test_the_nearest_three_give_the_position_back(p, towards) -> None:
     assume(abs(height) > 0.05)
     noise = np.array([1e-3, 0.0])
     assume(np.trace(cramer_rao(p, a, np.full(3, 1e-3))) < MAX_SD**2)
-    found, q, _ = nearest_three(
-        distances(p, ANCHORS), ALL, ANCHORS, noise, p + towards * np.sign(height) * normal
-    )
+    found, q, _ = nearest_three(distances(p, ANCHORS), ALL, ANCHORS, noise, p + towards * np.sign(height) * normal)
     assert found
     np.testing.assert_allclose(q, p, atol=1e-9)
     # From beyond the anchors' plane it is the mirror image.
@@ -258,17 +254,13 @@ def test_the_port_carries_fix_stamp_and_covariance(settings, solve, noise) -> No
 
 # --- two real flights ---------------------------------------------------------------------------------------
 
-FLIGHT_ANCHORS = np.array(
-    [(x, y, z) for z in (0.0, 2.2) for x, y in ((0, 0), (0, 8.0), (8.86, 8.0), (8.86, 0))]
-)
+FLIGHT_ANCHORS = np.array([(x, y, z) for z in (0.0, 2.2) for x, y in ((0, 0), (0, 8.0), (8.86, 8.0), (8.86, 0))])
 
 
 def flight_folder(name: str) -> Path:
     variable = os.environ.get("ORTILO_FLIGHT_DATA")
     if not variable:
-        pytest.skip(
-            "ORTILO_FLIGHT_DATA is not set: it names the folder of recorded flights (flight1, flight2)"
-        )
+        pytest.skip("ORTILO_FLIGHT_DATA is not set: it names the folder of recorded flights (flight1, flight2)")
     for folder in (Path(variable), *sorted(p for p in Path(variable).rglob("*") if p.is_dir())):
         if (folder / "flight1").is_dir():
             return folder / name
@@ -296,9 +288,7 @@ def error_after_alignment(t, p, t_truth, p_truth, offset: float) -> np.ndarray:
 
 # Horizontal and vertical RMSE [m]. The data's own notes give 0.076 to 0.094 and 0.138 to 0.166 for unweighted
 # Gauss-Newton; the vertical error of flight1 comes out smaller here, with SciPy's solver as with ours.
-@pytest.mark.parametrize(
-    ("name", "rmse_xy", "rmse_z"), [("flight1", 0.091, 0.115), ("flight2", 0.082, 0.162)]
-)
+@pytest.mark.parametrize(("name", "rmse_xy", "rmse_z"), [("flight1", 0.091, 0.115), ("flight2", 0.082, 0.162)])
 def test_real_ranges_give_the_motion_captured_path(name, rmse_xy, rmse_z) -> None:
     t, ranges, t_truth, p_truth = read_flight(flight_folder(name))
     p_last = np.array([4.4, 4.0, 1.0])
@@ -308,9 +298,7 @@ def test_real_ranges_give_the_motion_captured_path(name, rmse_xy, rmse_z) -> Non
         assert found
         path[k] = p_last
     for k in range(0, len(t), 250):
-        fit = scipy.optimize.least_squares(
-            lambda p, r: r - distances(p, FLIGHT_ANCHORS), path[k], args=(ranges[k],)
-        )
+        fit = scipy.optimize.least_squares(lambda p, r: r - distances(p, FLIGHT_ANCHORS), path[k], args=(ranges[k],))
         np.testing.assert_allclose(path[k], fit.x, atol=1e-5)
 
     def mean_square(offset: float) -> np.ndarray:

@@ -12,15 +12,8 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner import make_planner, plan
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner
 
-
-def room_with_thin_signs() -> Room:
-    """The room with its stop signs as wide as the 0.59 m plate is: the goal lies beside one."""
-    room = load_room(ORTILO_ROOM)
-    return room.model_copy(update={"furniture_size": {**room.furniture_size, "Stop Sign": (0.3, 1.85)}})
-
-
-ROOM = room_with_thin_signs()
-SETTINGS = GcsPlanner(clearance=0.7, vertical_clearance=0.6)
+ROOM = load_room(ORTILO_ROOM)
+SETTINGS = GcsPlanner()
 FLIGHT = plan(SETTINGS, ROOM, M100)
 TIMES = np.linspace(0.0, FLIGHT.end_time(), 20001)
 P = FLIGHT.vector_values(TIMES)
@@ -54,9 +47,11 @@ def test_the_default_flight_keeps_its_outline_off_everything_by_each_things_own_
     low, high = np.array(ROOM.interior.min[:2]), np.array(ROOM.interior.max[:2])
     assert np.all((low + M100.radius < P[:2].T) & (high - M100.radius > P[:2].T))
     for kind, x, y, z, *_ in ROOM.furniture:
-        radius, height = ROOM.furniture_size[kind]
+        size_x, size_y, height = ROOM.furniture_size[kind]
         if z + height > 0.9:
-            assert np.hypot(P[0] - x, P[1] - y).min() > M100.radius + radius + 0.01, kind
+            dx = np.maximum(np.abs(P[0] - x) - (size_x - min(size_x, size_y)) / 2, 0.0)
+            dy = np.maximum(np.abs(P[1] - y) - (size_y - min(size_x, size_y)) / 2, 0.0)
+            assert np.hypot(dx, dy).min() > M100.radius + min(size_x, size_y) / 2 + 0.01, kind
     blackout = P[:2, (P[0] >= 1.5) & (P[0] <= 5.5)].T
     assert wall_distance(blackout) > M100.radius + 0.7
 
@@ -76,9 +71,7 @@ def test_the_plan_is_the_same_bit_for_bit_in_another_process() -> None:
         "print(hashlib.sha256(v.tobytes()).hexdigest())"
     )
     here = Path(__file__).parent
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=here
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=here)
     again = plan(SETTINGS, ROOM, M100).vector_values(TIMES)
     assert np.array_equal(again, P)
     assert done.stdout.strip() == hashlib.sha256(P.tobytes()).hexdigest()
@@ -143,7 +136,7 @@ def waypoints(*points: tuple[float, float, float], file: str | None = None) -> W
         ),
         (gcs(goal=(21.0, 9.0)), r"planner\.goal: .* outside the room"),
         (gcs(goal=(5.7, -1.0)), r"planner\.goal: .* 0\.00 m from 'wall', must be more than .* 0\.49 m"),
-        (gcs(start=(26.8, 1.5)), r"planner\.start: .* m from 'person_standing_0'"),
+        (gcs(start=(26.8, 1.5)), r"planner\.start: .* m from 'person"),
         (gcs(goal=(29.2, 0.0)), r"planner\.goal: .* from '(outer )?wall'"),
         (gcs(height=3.2), r"planner\.height: 3\.2: must lie between 0 and 3 m"),
         (gcs(goal=(0.0, 0.0)), r"planner\.goal: .* is the start"),
@@ -166,9 +159,7 @@ def test_bad_settings_are_refused_with_one_line(settings: GcsPlanner, message: s
 
 
 def test_a_goal_walled_in_is_refused() -> None:
-    around = tuple(
-        (10.0 + dx, -1.0 + dy, yaw) for dx, dy, yaw in ((2, 0, 1.57), (-2, 0, 1.57), (0, 2, 0), (0, -2, 0))
-    )
+    around = tuple((10.0 + dx, -1.0 + dy, yaw) for dx, dy, yaw in ((2, 0, 1.57), (-2, 0, 1.57), (0, 2, 0), (0, -2, 0)))
     room = Room.model_validate(ROOM.model_dump() | {"walls": ROOM.walls + around})
     with pytest.raises(InputError, match=r"planner\.goal: .* no free way leads there from \(0\.0, 0\.0\)"):
         plan(gcs(goal=(10.0, -1.0)), room, M100)

@@ -25,9 +25,7 @@ def norms(flight: PiecewisePolynomial, order: int) -> np.ndarray:
     return np.linalg.norm(flight.MakeDerivative(order).vector_values(times), axis=0)
 
 
-@pytest.mark.parametrize(
-    ("length", "speed", "acceleration"), [(20.0, 0.35, 0.2), (3.0, 1.0, 0.5), (5.0, 0.2, 2.0)]
-)
+@pytest.mark.parametrize(("length", "speed", "acceleration"), [(20.0, 0.35, 0.2), (3.0, 1.0, 0.5), (5.0, 0.2, 2.0)])
 def test_a_long_straight_line_takes_the_time_of_a_trapezoid_and_a_window(
     length: float, speed: float, acceleration: float
 ) -> None:

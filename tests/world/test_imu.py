@@ -42,9 +42,7 @@ def test_in_motion_it_measures_rates_by_drake_and_acceleration_less_gravity(
     message = exact(x, u, d)
     attitude = RollPitchYaw(x[3:6])
     np.testing.assert_array_equal(message[2:5], x[3:6])
-    np.testing.assert_allclose(
-        message[5:8], attitude.CalcAngularVelocityInChildFromRpyDt(x[9:12]), atol=1e-13
-    )
+    np.testing.assert_allclose(message[5:8], attitude.CalcAngularVelocityInChildFromRpyDt(x[9:12]), atol=1e-13)
     a_W = rigid_body_dynamics(x, u, d, M100.mass, np.array(M100.inertia))[6:9]
     f_B = attitude.ToRotationMatrix().matrix().T @ (a_W + [0.0, 0.0, GRAVITY])
     np.testing.assert_allclose(message[8:11], f_B, atol=1e-12)
@@ -74,8 +72,7 @@ def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
 
 def test_noise_belongs_to_the_seed() -> None:
     messages = [
-        imu_message(np.zeros(12), HOVER, np.zeros(6), M100.mass, np.ones(3), seed, STREAM, 2.0, H)
-        for seed in (1, 1, 2)
+        imu_message(np.zeros(12), HOVER, np.zeros(6), M100.mass, np.ones(3), seed, STREAM, 2.0, H) for seed in (1, 1, 2)
     ]
     np.testing.assert_array_equal(messages[0], messages[1])
     assert np.all(messages[0][2:] != messages[2][2:])

@@ -86,10 +86,7 @@ def test_random_lines_through_the_room_meet_as_many_walls_as_the_samples_do() ->
 def test_a_wall_that_holds_an_anchor_does_not_count() -> None:
     room = load_room()
     mounted = [
-        (anchor, box)
-        for anchor in room.anchor_positions
-        for box in room.wall_boxes
-        if in_box(anchor, box, -1e-6)
+        (anchor, box) for anchor in room.anchor_positions for box in room.wall_boxes if in_box(anchor, box, -1e-6)
     ]
     assert mounted  # some of the room's anchors are inside a wall
     for anchor, box in mounted:

@@ -65,9 +65,7 @@ class Recorder(LeafSystem):
         self.rows.append(self.get_input_port().Eval(context).copy())
 
 
-def fly(
-    link: Link, ticks: int, seed: int = 1, sensor: str = "uwb", source: Source | None = None
-) -> np.ndarray:
+def fly(link: Link, ticks: int, seed: int = 1, sensor: str = "uwb", source: Source | None = None) -> np.ndarray:
     """What arrives at each tick (ticks, SIZE)."""
     builder = DiagramBuilder()
     source = builder.AddSystem(source or Source())
@@ -129,9 +127,7 @@ def test_bernoulli_loses_its_share_independently(probability: float) -> None:
     sd = np.sqrt(probability * (1 - probability) / n)
     assert abs(lost.mean() - probability) <= 4 * sd
     if sd:
-        together = np.mean((lost[1:] - probability) * (lost[:-1] - probability)) / (
-            probability * (1 - probability)
-        )
+        together = np.mean((lost[1:] - probability) * (lost[:-1] - probability)) / (probability * (1 - probability))
         assert abs(together) < 4 / np.sqrt(n)
 
 
@@ -150,9 +146,7 @@ def share_and_sd(loss: GilbertElliottLoss, n: int, every: int) -> tuple[float, f
     "loss",
     [
         GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.05, bad_to_good=0.2),
-        GilbertElliottLoss(
-            kind="gilbert_elliott", good_to_bad=0.02, bad_to_good=0.1, loss_good=0.1, loss_bad=0.7
-        ),
+        GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.02, bad_to_good=0.1, loss_good=0.1, loss_bad=0.7),
         GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.9, bad_to_good=0.8),
     ],
     ids=["bursts", "partial", "alternating"],
@@ -178,9 +172,7 @@ def test_bursts_and_gaps_are_geometric(a: float, b: float) -> None:
         lengths = runs[first == value]
         sd = np.sqrt(1 - leave) / leave / np.sqrt(len(lengths))
         assert abs(lengths.mean() - 1 / leave) < 4 * sd
-        longest = int(
-            stats.geom.ppf(0.8, leave)
-        )  # and not only the mean: the distribution up to its 80 % point
+        longest = int(stats.geom.ppf(0.8, leave))  # and not only the mean: the distribution up to its 80 % point
         counts = np.array([np.sum(lengths == j) for j in range(1, longest + 1)] + [np.sum(lengths > longest)])
         expected = stats.geom.pmf(np.arange(1, longest + 1), leave)
         expected = np.append(expected, 1 - expected.sum()) * len(lengths)
@@ -253,9 +245,7 @@ def test_blackouts_add_up_and_leave_what_is_in_flight() -> None:
         TimeBlackout(kind="time", start=1.0, end=1.5),
     )
     sent = [k for k in range(95) if not 10 <= k < 20 and not 30 <= k < 45]
-    np.testing.assert_array_equal(
-        delivered(fly(Link(blackouts=dark, delay=5), 100))[:, 0], np.array(sent) + 5
-    )
+    np.testing.assert_array_equal(delivered(fly(Link(blackouts=dark, delay=5), 100))[:, 0], np.array(sent) + 5)
 
 
 # --- delay --------------------------------------------------------------------------------------------------
@@ -298,9 +288,7 @@ def test_of_several_that_arrive_together_the_newest_is_delivered(delay: int, eve
         if u[0] >= 0.2:
             sent += 1
             newest[k + delay + int(u[1] * (more + 1))] = k  # later ticks overwrite earlier ones
-    link = Link(
-        every=every, delay=delay, random_delay=more, loss=BernoulliLoss(kind="bernoulli", probability=0.2)
-    )
+    link = Link(every=every, delay=delay, random_delay=more, loss=BernoulliLoss(kind="bernoulli", probability=0.2))
     pairs = delivered(fly(link, ticks, seed=8, sensor="imu"))
     assert pairs.tolist() == sorted([at, k] for at, k in newest.items() if at < ticks)
     assert len(pairs) < sent  # some did collide
@@ -350,6 +338,4 @@ def test_all_that_evolves_is_in_the_context() -> None:
 
 
 def state_of(context) -> np.ndarray:
-    return np.concatenate(
-        [context.get_discrete_state(i).value() for i in range(context.num_discrete_state_groups())]
-    )
+    return np.concatenate([context.get_discrete_state(i).value() for i in range(context.num_discrete_state_groups())])

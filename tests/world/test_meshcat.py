@@ -266,9 +266,7 @@ def test_display_skips_ticks_and_its_trail_is_the_path(meshcat, ticks, last):
         for name, y in (("true_path", 0.0), ("estimated_path", 0.1)):
             prisms = vertices(meshcat, f"/flight/{name}/{chunk:04d}").reshape(-1, 8, 3)
             ends = np.stack([prisms[:, :4].mean(axis=1), prisms[:, 4:].mean(axis=1)], axis=1)
-            np.testing.assert_allclose(
-                ends[:, :, 1:], np.broadcast_to([y, 1.5], (len(ends), 2, 2)), atol=1e-6
-            )
+            np.testing.assert_allclose(ends[:, :, 1:], np.broadcast_to([y, 1.5], (len(ends), 2, 2)), atol=1e-6)
             found += [(name, a, b) for a, b in ends[:, :, 0]]
     starts = np.arange(frames) * ticks * h
     for name in ("true_path", "estimated_path"):
@@ -296,9 +294,7 @@ def test_plan_is_drawn_along_the_trajectory(meshcat):
     prisms = vertices(meshcat, PLANNED_PATH).reshape(-1, 8, 3)
     middle = prisms.mean(axis=1)
     np.testing.assert_allclose(middle[:, 1], middle[:, 0] / 4, atol=1e-5)
-    np.testing.assert_allclose(
-        [prisms[0, :4].mean(axis=0)[0], prisms[-1, 4:].mean(axis=0)[0]], [0, 4], atol=1e-5
-    )
+    np.testing.assert_allclose([prisms[0, :4].mean(axis=0)[0], prisms[-1, 4:].mean(axis=0)[0]], [0, 4], atol=1e-5)
 
 
 def flight_log(n: int = 121) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -359,11 +355,7 @@ def test_page_explains_its_colours(page):
 def test_page_plays_the_log(page):
     times, states, estimates, covariances = flight_log()
     (animation,) = [command for command in commands(page) if command["type"] == "set_animation"]
-    track = {
-        (part["path"], t["name"]): t["keys"]
-        for part in animation["animations"]
-        for t in part["clip"]["tracks"]
-    }
+    track = {(part["path"], t["name"]): t["keys"] for part in animation["animations"] for t in part["clip"]["tracks"]}
     assert [part["clip"]["fps"] for part in animation["animations"]] == pytest.approx([15.0] * 3)
     shown = slice(0, None, 2)
     for keys in track.values():
@@ -377,9 +369,7 @@ def test_page_plays_the_log(page):
     np.testing.assert_allclose(value["/flight/ellipsoid", ".position"], estimates[shown, :3])
     turns = value["/flight/ellipsoid", ".quaternion"]
     cosines = np.abs(np.sum(turns[1:] * turns[:-1], axis=1))
-    np.testing.assert_allclose(
-        2 * np.arccos(cosines), 2 * h, rtol=1e-6
-    )  # 1 rad/s, never a jump to another axis
+    np.testing.assert_allclose(2 * np.arccos(cosines), 2 * h, rtol=1e-6)  # 1 rad/s, never a jump to another axis
     sizes = 3 * np.sqrt([np.linalg.eigvalsh(P[:3, :3]) for P in covariances[shown]])
     np.testing.assert_allclose(np.sort(value["/flight/ellipsoid", ".scale"], axis=1), sizes)
 

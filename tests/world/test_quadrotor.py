@@ -98,9 +98,7 @@ def swinging_control() -> PiecewisePolynomial:
 def test_rigid_body_flies_as_drakes_cpp_quadrotor_through_large_angles() -> None:
     # The twin has its rotors in '+' configuration: front, left, rear, right; front and rear drag it to +z.
     arm, kF, kM = M100.arm_length, 1.3, 0.4
-    mixing = np.array(
-        [[kF] * 4, [0.0, arm * kF, 0.0, -arm * kF], [-arm * kF, 0.0, arm * kF, 0.0], [kM, -kM, kM, -kM]]
-    )
+    mixing = np.array([[kF] * 4, [0.0, arm * kF, 0.0, -arm * kF], [-arm * kF, 0.0, arm * kF, 0.0], [kM, -kM, kM, -kM]])
     builder = DiagramBuilder()
     control = builder.AddSystem(TrajectorySource(swinging_control()))
     plant = builder.AddSystem(QuadrotorPlant(vehicle=M100, kinematics="rigid_body"))

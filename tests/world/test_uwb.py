@@ -114,9 +114,7 @@ def test_a_seed_and_a_tick_make_one_message() -> None:
 
 def test_no_range_is_negative() -> None:
     at_anchor = ANCHORS[0] + 1e-3
-    ranges = [
-        ranging(Uwb(noise=ConstantNoise(kind="constant", sd=0.5)), at_anchor, k * H)[0][0] for k in range(50)
-    ]
+    ranges = [ranging(Uwb(noise=ConstantNoise(kind="constant", sd=0.5)), at_anchor, k * H)[0][0] for k in range(50)]
     assert min(ranges) == 0.0 < max(ranges)
 
 

@@ -1,0 +1,144 @@
+"""The handler: stacking, Delta, H and E in every pattern of arrivals, gates against SciPy, covariances."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector
+from scipy.spatial.distance import mahalanobis
+from scipy.stats import chi2
+
+from ortilo_drake.model.hover import output_C
+from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, MEASUREMENT_Y
+from ortilo_drake.onboard.intermittent_filter import STATE_OF_ROW
+from ortilo_drake.onboard.measurement_handler import (
+    MeasurementHandler,
+    arrival_matrix,
+    selection_matrix,
+    squared_distance,
+)
+from ortilo_drake.scenario import MeasurementHandler as Settings
+from ortilo_drake.scenario import Noise
+
+PATTERNS = [np.array(p) for p in product([0.0, 1.0], repeat=3)]
+P_UWB, P_CAMERA, RPY = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.9, 3.2]), np.array([0.1, -0.2, 0.3])
+V_UWB = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.16]])
+V_CAMERA = np.diag([0.01, 0.02, 0.03])
+FIXED = Noise(uwb=(0.5, 0.6, 0.7), camera=(0.8, 0.9, 1.0), imu=(1e-4, 2e-4, 3e-4))
+
+
+def fix(arrived: float, p: np.ndarray, V: np.ndarray) -> np.ndarray:
+    return np.concatenate([[arrived, 0.0], p, V.ravel()])
+
+
+def handle(
+    delta: np.ndarray,
+    settings: Settings,
+    noise: Noise,
+    xhat: np.ndarray | None = None,
+    P: np.ndarray | None = None,
+) -> np.ndarray:
+    """What the handler makes of the fixes above, each there or not."""
+    handler = MeasurementHandler(settings, noise)
+    context = handler.CreateDefaultContext()
+    imu = np.concatenate([[delta[2], 0.0], RPY, np.zeros(3), [0.0, 0.0, 9.81]])
+    inputs = {
+        "uwb": fix(delta[0], P_UWB, V_UWB),
+        "camera": fix(delta[1], P_CAMERA, V_CAMERA),
+        "imu": imu,
+        "estimate": np.zeros(15) if xhat is None else xhat,
+        "covariance": (np.eye(15) if P is None else P).ravel(),
+    }
+    for name, value in inputs.items():
+        handler.GetInputPort(name).FixValue(context, BasicVector(value))
+    return handler.get_output_port().Eval(context).copy()
+
+
+@pytest.mark.parametrize("delta", PATTERNS, ids=str)
+def test_what_arrived_is_stacked_and_the_rest_is_zero(delta: np.ndarray) -> None:
+    measurement = handle(delta, Settings(), FIXED)
+    everything = np.concatenate([P_UWB, P_CAMERA, RPY])
+    np.testing.assert_array_equal(measurement[MEASUREMENT_DELTA], delta)
+    np.testing.assert_array_equal(measurement[MEASUREMENT_Y], arrival_matrix(delta) @ everything)
+    for name in ("uwb", "camera", "imu"):
+        j = ("uwb", "camera", "imu").index(name)
+        V = measurement[MEASUREMENT_V2].reshape(3, 3, 3)[j]
+        np.testing.assert_array_equal(V, np.diag(getattr(FIXED, name)))
+
+
+@pytest.mark.parametrize("delta", PATTERNS, ids=str)
+def test_H_and_E_are_the_papers(delta: np.ndarray) -> None:
+    H = arrival_matrix(delta) @ output_C()
+    E = selection_matrix(delta)
+    seen = np.zeros((9, 12))
+    for row, state in enumerate([0, 1, 2, 0, 1, 2, 3, 4, 5]):
+        seen[row, state] = delta[row // 3]
+    np.testing.assert_array_equal(H, seen)
+    np.testing.assert_array_equal(STATE_OF_ROW, output_C() @ np.arange(12.0))
+    # E C is the position wherever there is a fix, else nothing; UWB goes before the camera, the IMU has no part.
+    there = float(delta[0] or delta[1])
+    np.testing.assert_array_equal(E @ output_C(), there * np.eye(3, 12))
+    np.testing.assert_array_equal(E[:, 0:3], delta[0] * np.eye(3))
+    np.testing.assert_array_equal(E[:, 6:9], np.zeros((3, 3)))
+    np.testing.assert_array_equal(E @ arrival_matrix(delta), E)
+
+
+def test_nothing_arrived_leaves_a_finite_message_of_zeros() -> None:
+    measurement = handle(np.zeros(3), Settings(uwb_gate=0.99, camera_gate=0.99), Noise())
+    assert not np.any(measurement[MEASUREMENT_Y])
+    assert not np.any(measurement[MEASUREMENT_DELTA])
+    V2 = measurement[MEASUREMENT_V2].reshape(3, 3, 3)
+    assert all(np.all(np.linalg.eigvalsh(V) > 0.0) for V in V2)  # the full-size formula can still use it
+
+
+@pytest.mark.parametrize("from_fix", list(product([True, False], repeat=2)))
+def test_covariances_come_with_the_fix_or_from_the_scenario(from_fix: tuple[bool, bool]) -> None:
+    noise = Noise(uwb=None if from_fix[0] else FIXED.uwb, camera=None if from_fix[1] else FIXED.camera, imu=FIXED.imu)
+    V2 = handle(np.ones(3), Settings(), noise)[MEASUREMENT_V2].reshape(3, 3, 3)
+    np.testing.assert_array_equal(V2[0], V_UWB if from_fix[0] else np.diag(FIXED.uwb))
+    np.testing.assert_array_equal(V2[1], V_CAMERA if from_fix[1] else np.diag(FIXED.camera))
+    np.testing.assert_array_equal(V2[2], np.diag(FIXED.imu))
+
+
+def random_P(rng: np.random.Generator) -> np.ndarray:
+    root = rng.normal(size=(15, 15))
+    return 0.01 * root @ root.T
+
+
+def test_distance_is_scipys_mahalanobis() -> None:
+    rng = np.random.default_rng(21)
+    for _ in range(20):
+        P, xhat = random_P(rng), rng.normal(size=15)
+        V = random_P(rng)[:3, :3]
+        p = xhat[:3] + rng.normal(size=3)
+        expected = mahalanobis(p, xhat[:3], np.linalg.inv(P[:3, :3] + V)) ** 2
+        measured = squared_distance(fix(1.0, p, V), xhat, P.ravel(), V.ravel(), 15)
+        assert measured == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("sensor", [0, 1])
+@pytest.mark.parametrize("gate", [0.5, 0.9, 0.999])
+def test_gate_stands_at_the_chi_square_quantile(sensor: int, gate: float) -> None:
+    rng = np.random.default_rng(22)
+    P = random_P(rng)
+    p, V = ((P_UWB, V_UWB), (P_CAMERA, V_CAMERA))[sensor]
+    direction = rng.normal(size=3)
+    direction /= np.sqrt(direction @ np.linalg.solve(P[:3, :3] + V, direction))  # of Mahalanobis length 1
+    limit = np.sqrt(chi2.ppf(gate, df=3))
+    settings = Settings(uwb_gate=gate) if sensor == 0 else Settings(camera_gate=gate)
+    for length, passes in ((limit * 0.999, 1.0), (limit * 1.001, 0.0)):
+        xhat = np.concatenate([p - length * direction, np.zeros(12)])
+        measurement = handle(np.ones(3), settings, Noise(), xhat, P)
+        expected = np.ones(3)
+        expected[sensor] = passes
+        np.testing.assert_array_equal(measurement[MEASUREMENT_DELTA], expected)
+        np.testing.assert_array_equal(measurement[MEASUREMENT_Y][3 * sensor : 3 * sensor + 3], passes * p)
+
+
+def test_without_gates_the_output_does_not_wait_for_the_filter() -> None:
+    def depends_on(settings: Settings) -> set[str]:
+        handler = MeasurementHandler(settings, Noise())
+        return {handler.get_input_port(i).get_name() for i, _ in handler.GetDirectFeedthroughs()}
+
+    assert depends_on(Settings()) == {"uwb", "camera", "imu"}
+    assert depends_on(Settings(camera_gate=0.99)) == {"uwb", "camera", "imu", "estimate", "covariance"}
