@@ -7,7 +7,8 @@ import xarray as xr
 from ortilo_drake.experiments.flight import fly, scenario_of
 from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.meshcat_flight import draw_plan, html_replay
+from ortilo_drake.world.meshcat_draw import draw_plan
+from ortilo_drake.world.meshcat_replay import html_replay
 from ortilo_drake.world.meshcat_room import draw_room, make_meshcat
 
 

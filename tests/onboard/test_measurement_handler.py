@@ -9,7 +9,7 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from ortilo_drake.model.hover import output_C
-from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, MEASUREMENT_Y
+from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, MEASUREMENT_Y, SENSORS
 from ortilo_drake.onboard.intermittent_filter import STATE_OF_ROW
 from ortilo_drake.onboard.measurement_handler import (
     MeasurementHandler,
@@ -37,9 +37,10 @@ def handle(
     noise: Noise,
     xhat: np.ndarray | None = None,
     P: np.ndarray | None = None,
+    sensors: tuple[str, ...] = SENSORS,
 ) -> np.ndarray:
     """What the handler makes of the fixes above, each there or not."""
-    handler = MeasurementHandler(settings, noise)
+    handler = MeasurementHandler(settings, noise, sensors)
     context = handler.CreateDefaultContext()
     imu = np.concatenate([[delta[2], 0.0], RPY, np.zeros(3), [0.0, 0.0, 9.81]])
     inputs = {
@@ -50,7 +51,8 @@ def handle(
         "covariance": (np.eye(15) if P is None else P).ravel(),
     }
     for name, value in inputs.items():
-        handler.GetInputPort(name).FixValue(context, BasicVector(value))
+        if handler.HasInputPort(name):
+            handler.GetInputPort(name).FixValue(context, BasicVector(value))
     return handler.get_output_port().Eval(context).copy()
 
 
@@ -135,10 +137,20 @@ def test_gate_stands_at_the_chi_square_quantile(sensor: int, gate: float) -> Non
         np.testing.assert_array_equal(measurement[MEASUREMENT_Y][3 * sensor : 3 * sensor + 3], passes * p)
 
 
-def test_without_gates_the_output_does_not_wait_for_the_filter() -> None:
-    def depends_on(settings: Settings) -> set[str]:
-        handler = MeasurementHandler(settings, Noise())
-        return {handler.get_input_port(i).get_name() for i, _ in handler.GetDirectFeedthroughs()}
+@pytest.mark.parametrize("delta", PATTERNS, ids=str)
+def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray) -> None:
+    flown = tuple(sensor for sensor, there in zip(SENSORS, delta, strict=True) if there)
+    grounded = handle(np.ones(3), Settings(), FIXED, sensors=flown)
+    np.testing.assert_array_equal(grounded, handle(delta, Settings(), FIXED))
 
-    assert depends_on(Settings()) == {"uwb", "camera", "imu"}
-    assert depends_on(Settings(camera_gate=0.99)) == {"uwb", "camera", "imu", "estimate", "covariance"}
+
+def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
+    def inputs(settings: Settings, sensors: tuple[str, ...]) -> list[str]:
+        handler = MeasurementHandler(settings, Noise(), sensors)
+        ports = range(handler.num_input_ports())
+        assert all(handler.HasDirectFeedthrough(i, 0) for i in ports)
+        return [handler.get_input_port(i).get_name() for i in ports]
+
+    assert inputs(Settings(), SENSORS) == ["uwb", "camera", "imu"]
+    assert inputs(Settings(), ("imu",)) == ["imu"]
+    assert inputs(Settings(camera_gate=0.99), SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]

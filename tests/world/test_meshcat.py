@@ -20,18 +20,17 @@ from pydrake.trajectories import PiecewisePolynomial
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.world.meshcat_flight import (
-    CHUNK,
+from ortilo_drake.world.meshcat_draw import (
     PLANNED_PATH,
     TRUE,
     VEHICLE_MESH,
-    MeshcatFlight,
     draw_path,
     draw_plan,
-    html_replay,
     sigma_ellipsoid,
     tube,
 )
+from ortilo_drake.world.meshcat_flight import CHUNK, MeshcatFlight
+from ortilo_drake.world.meshcat_replay import html_replay
 from ortilo_drake.world.meshcat_room import draw_room, make_meshcat
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "make_vehicle_mesh.py"

@@ -1,0 +1,78 @@
+"""The range equations that every method of multilateration shares.
+
+The range model is r_i = |p - a_i| + v_i, v_i of standard deviation s_0 + s_1 r_i. With the unit vectors
+u_i = (p - a_i) / |p - a_i| as the rows of J and R = diag(sd_i^2), the covariance of a position is
+
+    C = (J^T R^-1 J)^-1,
+
+which for three ranges is J^-1 R J^-T.
+"""
+
+import numpy as np
+from numba import njit
+
+MAX_SD = 10.0  # a fix less certain than this, sqrt(tr C) [m], says nothing in a room
+MIN_SD = 1e-3  # no range is believed better than this [m]: r -> 0 would else get infinite weight
+
+Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
+
+
+@njit(cache=True)
+def normal_equations(
+    p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
+) -> tuple[float, Symmetric, np.ndarray]:
+    """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|."""
+    cost = gx = gy = gz = xx = xy = xz = yy = yz = zz = 0.0
+    for i in range(anchors.shape[0]):
+        if there[i] == 0.0:
+            continue
+        x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
+        d = np.sqrt(x * x + y * y + z * z) + 1e-300  # at an anchor u = 0, not 0 / 0
+        w = 1.0 / max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
+        e = ranges[i] - d
+        x, y, z = x / d, y / d, z / d
+        cost += w * e * e
+        gx, gy, gz = gx + w * e * x, gy + w * e * y, gz + w * e * z
+        xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
+        yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
+    return cost, (xx, xy, xz, yy, yz, zz), np.array([gx, gy, gz])
+
+
+@njit(cache=True)
+def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
+    """Return whether a symmetric 3x3 matrix is positive definite to rounding, and its inverse (cofactors)."""
+    xx, xy, xz, yy, yz, zz = N
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    determinant = xx * a + xy * b + xz * c
+    if not (zz > 0.0 and a > 0.0 and determinant > 1e-15 * xx * yy * zz):
+        return False, N
+    s = 1.0 / determinant
+    return True, (
+        a * s,
+        b * s,
+        c * s,
+        (xx * zz - xz * xz) * s,
+        (xy * xz - xx * yz) * s,
+        (xx * yy - xy * xy) * s,
+    )
+
+
+@njit(cache=True)
+def product(C: Symmetric, g: np.ndarray) -> np.ndarray:
+    """Return C g (3)."""
+    return np.array(
+        [
+            C[0] * g[0] + C[1] * g[1] + C[2] * g[2],
+            C[1] * g[0] + C[3] * g[1] + C[4] * g[2],
+            C[2] * g[0] + C[4] * g[1] + C[5] * g[2],
+        ]
+    )
+
+
+@njit(cache=True)
+def fix_with_covariance(p: np.ndarray, N: Symmetric) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return whether N makes p a fix, p and C = N^-1 (3, 3)."""
+    definite, C = inverse(N)
+    if not (definite and C[0] + C[3] + C[5] <= MAX_SD**2):
+        return False, p, np.zeros((3, 3))
+    return True, p, np.array([[C[0], C[1], C[2]], [C[1], C[3], C[4]], [C[2], C[4], C[5]]])

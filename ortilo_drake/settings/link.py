@@ -1,0 +1,81 @@
+"""How sensor messages reach the vehicle."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
+
+from ortilo_drake.model.typed_yaml import Frozen
+
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class NoLoss(Frozen):
+    """Every message arrives."""
+
+    kind: Literal["none"] = "none"
+
+
+class BernoulliLoss(Frozen):
+    """Each message is lost with the same probability, independently."""
+
+    kind: Literal["bernoulli"]
+    probability: Probability
+
+
+class GilbertElliottLoss(Frozen):
+    """Bursts: a two-state Markov chain steps once a tick; messages are lost at the rate of its state.
+
+    The chain starts in the good state.
+    """
+
+    kind: Literal["gilbert_elliott"]
+    good_to_bad: Probability
+    bad_to_good: Probability
+    loss_good: Probability = 0.0
+    loss_bad: Probability = 1.0
+
+
+class PositionBlackout(Frozen):
+    """No message while the vehicle's true coordinate on one axis lies in [start, end)."""
+
+    kind: Literal["position"]
+    axis: Literal["x", "y", "z"] = "x"
+    start: float
+    end: float
+
+
+class TimeBlackout(Frozen):
+    """No message while the time lies in [start, end) [s]."""
+
+    kind: Literal["time"]
+    start: NonNegativeFloat
+    end: NonNegativeFloat
+
+
+Loss = Annotated[NoLoss | BernoulliLoss | GilbertElliottLoss, Field(discriminator="kind")]
+Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind")]
+
+
+class Link(Frozen):
+    """How one sensor's messages reach the vehicle.
+
+    Attributes:
+        every: send on every n-th tick; at 30 ticks a second, 3 is 10 Hz.
+        loss: what is lost at random.
+        blackouts: where or when nothing arrives.
+        delay: fixed delay [ticks].
+        random_delay: largest additional delay [ticks], drawn uniformly for each message.
+    """
+
+    every: PositiveInt = 1
+    loss: Loss = NoLoss()
+    blackouts: tuple[Blackout, ...] = ()
+    delay: NonNegativeInt = 0
+    random_delay: NonNegativeInt = 0
+
+    @model_validator(mode="after")
+    def _blackouts_have_a_length(self) -> "Link":
+        for blackout in self.blackouts:
+            if blackout.start >= blackout.end:
+                raise ValueError(f"blackout: start {blackout.start} must be below end {blackout.end}")
+        return self

@@ -1,0 +1,128 @@
+"""What flies onboard: fixes, handler, filter and servo."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+
+from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.settings.sensors import ProportionalNoise, RangeNoise
+
+PositiveVec3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+
+
+class Multilateration(Frozen):
+    """Position from ranges.
+
+    'nearest_three' intersects the spheres of the three nearest anchors, as the authors do; 'least_squares' is
+    weighted nonlinear least squares over all ranges. noise is what the solver believes of the ranges.
+    """
+
+    method: Literal["nearest_three", "least_squares"] = "least_squares"
+    noise: RangeNoise = ProportionalNoise()
+
+
+class LandmarkFix(Frozen):
+    """Position from landmark boxes.
+
+    Attributes:
+        method: 'known_attitude' (two landmarks or more, attitude from the filter), 'cosine_law' (three or more,
+            the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
+        center_sd: what the solver believes of a box centre's error [px]; more than the boxes' own, because the
+            filter's attitude error is common to successive fixes.
+        gate: an association is refused beyond this probability of the predicted projection's error.
+        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than this many sd.
+        prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
+            filter's covariance.
+    """
+
+    method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
+    center_sd: PositiveFloat = 2.0
+    gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
+    max_residual: PositiveFloat = 4.0
+    prior_sd: tuple[PositiveFloat, PositiveFloat] | None = None
+
+
+class Noise(Frozen):
+    """What the filter believes of the measurements, V (variances per axis [m^2], [rad^2]).
+
+    A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
+    """
+
+    uwb: PositiveVec3 | None = None
+    camera: PositiveVec3 | None = None
+    imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
+
+
+class MeasurementHandler(Frozen):
+    """What of the arrived fixes the filter gets.
+
+    A fix is ignored if its squared Mahalanobis distance from the filter's prediction exceeds the chi-square
+    quantile of the sensor's gate; null switches the gate off.
+    """
+
+    uwb_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    camera_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+
+
+class DisturbanceW(Frozen):
+    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick."""
+
+    kind: Literal["disturbance"] = "disturbance"
+    force_sd: PositiveFloat = 0.27
+    torque_sd: PositiveFloat = 0.005
+
+
+class DiagonalW(Frozen):
+    """W diagonal: one variance each for position, angles, velocity and Euler rates."""
+
+    kind: Literal["diagonal"]
+    position: NonNegativeFloat
+    angle: NonNegativeFloat
+    velocity: NonNegativeFloat
+    rate: NonNegativeFloat
+
+
+class KalmanFilter(Frozen):
+    """The intermittent Kalman filter.
+
+    Attributes:
+        W: process noise covariance.
+        V: measurement noise.
+        initial_sd: standard deviation of the initial error in position [m], angles, velocity, Euler rates.
+    """
+
+    W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
+    V: Noise = Noise()
+    initial_sd: tuple[PositiveFloat, PositiveFloat, PositiveFloat, PositiveFloat] = (0.05, 0.02, 0.05, 0.05)
+
+
+class ServoWeights(Frozen):
+    """Diagonals of the servo's Q (by group of states) and R."""
+
+    position: PositiveVec3 = (6.0, 6.0, 6.0)
+    angle: tuple[NonNegativeFloat, NonNegativeFloat, PositiveFloat] = (1.0, 1.0, 1.0)
+    velocity: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (1.0, 1.0, 1.0)
+    rate: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.1, 0.1, 0.1)
+    integral: PositiveVec3 = (3.0e-4, 3.0e-4, 3.0e-4)
+    control: tuple[PositiveFloat, PositiveFloat, PositiveFloat, PositiveFloat] = (0.02, 1.0, 1.0, 1.0)
+
+
+class LqServo(Frozen):
+    """The LQ servo.
+
+    Attributes:
+        form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
+            forward, as in the authors' code.
+        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
+            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
+            integrates r - xhat, as in the authors' code.
+        velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
+        yaw: psi_r [rad].
+        weights: Q and R.
+    """
+
+    form: Literal["paper", "error"] = "error"
+    integrator: Literal["literal", "hold", "estimate"] = "estimate"
+    velocities: Literal["estimate", "truth"] = "estimate"
+    yaw: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+    weights: ServoWeights = ServoWeights()

@@ -1,0 +1,85 @@
+"""What to fly."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
+
+from ortilo_drake.model.room import Vec3
+from ortilo_drake.model.typed_yaml import Frozen, InputError, read_text
+
+
+class GcsPlanner(Frozen):
+    """A smooth collision-free path at constant altitude through convex free cells.
+
+    Attributes:
+        kind: 'gcs'.
+        start: start of the path, x and y [m]; the flight starts hovering there.
+        goal: goal, x and y [m].
+        height: flying height [m].
+        speed: path speed [m/s].
+        acceleration: largest acceleration [m/s^2].
+        clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
+            for it [m]; less in a narrow place.
+        vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
+    """
+
+    kind: Literal["gcs"] = "gcs"
+    start: tuple[float, float] = (0.0, 0.0)
+    goal: tuple[float, float] = (21.0, -3.2)
+    height: PositiveFloat = 1.5
+    speed: PositiveFloat = 0.35
+    acceleration: PositiveFloat = 0.2
+    clearance: NonNegativeFloat = 1.6
+    vertical_clearance: NonNegativeFloat = 0.6
+
+
+class WaypointPlanner(Frozen):
+    """A smooth path through given points, from the scenario or from a file with one 'x y z' [m] a line."""
+
+    kind: Literal["waypoints"]
+    points: tuple[Vec3, ...] = ()
+    file: str | None = None
+    speed: PositiveFloat = 0.35
+    acceleration: PositiveFloat = 0.2
+
+    @model_validator(mode="after")
+    def _has_points(self) -> "WaypointPlanner":
+        if self.file is not None and self.points:
+            raise ValueError("give points or file, not both")
+        if self.file is None and not self.points:
+            raise ValueError("points: none given and no file either")
+        return self
+
+
+class HoverPlanner(Frozen):
+    """Stay at one point."""
+
+    kind: Literal["hover"]
+    point: Vec3 = (0.0, 0.0, 1.5)
+    duration: PositiveFloat = 10.0
+
+
+Planner = Annotated[GcsPlanner | WaypointPlanner | HoverPlanner, Field(discriminator="kind")]
+
+
+def read_waypoints(path: Path) -> np.ndarray:
+    """Return the waypoints p_W (n, 3) of a text file with one 'x y z' a line; '#' starts a comment.
+
+    Raises:
+        InputError: naming file and line.
+    """
+    points = []
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            point = [float(word) for word in words]
+        except ValueError:
+            raise InputError(f"{path}: line {number}: {line.strip()!r} is not three numbers") from None
+        if len(point) != 3 or not np.all(np.isfinite(point)):
+            raise InputError(f"{path}: line {number}: {line.strip()!r} is not three finite numbers")
+        points.append(point)
+    return np.array(points).reshape(-1, 3)

@@ -1,0 +1,41 @@
+"""The simulated physics apart from the sensors."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat
+
+from ortilo_drake.model.typed_yaml import Frozen
+
+
+class IdealRotors(Frozen):
+    """The control acts on the body at once and without limit, as in the paper's model."""
+
+    kind: Literal["ideal"] = "ideal"
+
+
+class FirstOrderRotors(Frozen):
+    """Mixing to four rotor speeds, limits of speed, and a first-order lag with the vehicle's time constants."""
+
+    kind: Literal["first_order"]
+
+
+class Disturbance(Frozen):
+    """Force in W and torque in B, Gaussian, drawn anew every tick and held over it (sd per axis)."""
+
+    force_sd: NonNegativeFloat = 0.27
+    torque_sd: NonNegativeFloat = 0.005
+
+
+class World(Frozen):
+    """The simulated physics apart from the sensors.
+
+    Attributes:
+        kinematics: 'small_angle' is the paper's nonlinear model, 'rigid_body' has proper Euler-rate kinematics,
+            'linear' is the paper's linearisation at hover.
+        rotors: between the control and the body.
+        disturbance: what pushes the vehicle about.
+    """
+
+    kinematics: Literal["linear", "small_angle", "rigid_body"] = "small_angle"
+    rotors: Annotated[IdealRotors | FirstOrderRotors, Field(discriminator="kind")] = IdealRotors()
+    disturbance: Disturbance = Disturbance()

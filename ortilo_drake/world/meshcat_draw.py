@@ -1,0 +1,146 @@
+"""Draw a vehicle, its estimate with the 3-sigma ellipsoid, and planned and flown paths in Meshcat."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Mesh, Meshcat, ReadObjToTriangleSurfaceMesh, Rgba, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.trajectories import Trajectory
+
+VEHICLE_MESH = Path(__file__).with_name("meshes") / "m100.obj"
+
+VEHICLE = "/flight/vehicle"
+ESTIMATE = "/flight/estimate"
+ELLIPSOID = "/flight/ellipsoid"
+PLANNED_PATH = "/flight/planned_path"
+TRUE_PATH = "/flight/true_path"
+ESTIMATED_PATH = "/flight/estimated_path"
+
+PLANNED = Rgba(0.10, 0.55, 1.00, 0.45)
+TRUE = Rgba(0.05, 0.05, 0.05, 1.0)
+ESTIMATED = Rgba(0.95, 0.05, 0.60, 1.0)
+GHOST = Rgba(0.95, 0.05, 0.60, 0.25)
+UNCERTAINTY = Rgba(0.60, 0.10, 0.95, 0.22)
+
+SIGMAS = 3.0
+SMALLEST_AXIS = 1e-3  # [m]; the viewer cannot show a body of no extent
+
+
+def pose(x: np.ndarray) -> RigidTransform:
+    """Return X_WB from a state [p_WB, rpy, ...]."""
+    return RigidTransform(RollPitchYaw(x[3:6]), x[0:3])
+
+
+def _axis_rotations() -> np.ndarray:
+    """Return the 24 rotations that carry the coordinate axes into one another (24, 3, 3)."""
+    signed = (
+        np.eye(3)[list(order)] * np.array(signs)
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((-1.0, 1.0), repeat=3)
+    )
+    return np.array([S for S in signed if np.linalg.det(S) > 0])
+
+
+_AXES = _axis_rotations()
+
+
+def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the 3-sigma ellipsoid of a covariance P = R diag(s / 3)^2 R^T as (R, s).
+
+    Principal axes come in any order and sign. Of the 24 rotations that describe the same ellipsoid this is
+    the one nearest to R_near, so that a viewer that turns from one to the next does not tumble.
+
+    Args:
+        P: covariance of p_W (3, 3) [m^2].
+        R_near: rotation (3, 3).
+
+    Returns:
+        R (3, 3), whose columns are the principal axes in W, and the semi-axes s (3) [m].
+    """
+    variances, R = np.linalg.eigh((P + P.T) / 2)
+    R[:, 2] *= np.sign(np.linalg.det(R))
+    candidates = R @ _AXES
+    best = int(np.argmax(np.einsum("ij,nij->n", R_near, candidates)))  # trace(R_near^T R)
+    s = SIGMAS * np.sqrt(np.maximum(variances, 0.0)) @ np.abs(_AXES[best])
+    return candidates[best], np.maximum(s, SMALLEST_AXIS)
+
+
+def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return m square prisms along the m segments of a path, as vertices (3, 8 m) and triangles (3, 8 m).
+
+    Browsers draw every line one pixel wide, whatever width is asked for; a tube is seen from afar. Segments
+    of no length are left out.
+
+    Args:
+        points: p_W (n, 3) [m].
+        radius: from the axis to the edges [m].
+    """
+    d = np.diff(points, axis=0)
+    length = np.linalg.norm(d, axis=1)
+    start, end, d = (a[length > 1e-9] for a in (points[:-1], points[1:], d))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    n_1 = np.cross(d, np.eye(3)[np.argmin(np.abs(d), axis=1)])
+    n_1 *= radius / np.linalg.norm(n_1, axis=1, keepdims=True)
+    n_2 = np.cross(d, n_1)
+    corners = [p + n for p in (start, end) for n in (n_1, n_2, -n_1, -n_2)]
+    vertices = np.stack(corners, axis=1).reshape(-1, 3)
+    sides = [face for i in range(4) for face in ((i, (i + 1) % 4, i + 4), ((i + 1) % 4, (i + 1) % 4 + 4, i + 4))]
+    faces = (8 * np.arange(len(start))[:, None, None] + np.array(sides)).reshape(-1, 3)
+    return vertices.T, faces.T.astype(np.int32)
+
+
+def draw_path(meshcat: Meshcat, path: str, points: np.ndarray, radius: float, rgba: Rgba) -> None:
+    """Draw the path through points p_W (n, 3); nothing where they are all the same."""
+    vertices, faces = tube(points, radius)
+    if faces.size:
+        meshcat.SetTriangleMesh(path, vertices, faces, rgba)
+    else:
+        meshcat.Delete(path)
+
+
+def draw_plan(meshcat: Meshcat, trajectory: Trajectory, samples: int = 400) -> None:
+    """Draw the planned path: a trajectory whose first three values are p_W."""
+    times = np.linspace(trajectory.start_time(), trajectory.end_time(), samples)
+    points = np.array([np.ravel(trajectory.value(t))[:3] for t in times])
+    draw_path(meshcat, PLANNED_PATH, points, 0.045, PLANNED)
+
+
+def draw_vehicle(meshcat: Meshcat) -> None:
+    """Put vehicle, estimate (a ghost of the vehicle) and ellipsoid under /flight, and delete flown paths."""
+    for path in (TRUE_PATH, ESTIMATED_PATH):
+        meshcat.Delete(path)
+    meshcat.SetObject(VEHICLE, Mesh(VEHICLE_MESH))
+    # Without its materials: Meshcat's property "color" leaves those of a mesh file as they are.
+    meshcat.SetObject(ESTIMATE, ReadObjToTriangleSurfaceMesh(VEHICLE_MESH), GHOST)
+    meshcat.SetObject(ELLIPSOID, Sphere(1.0), UNCERTAINTY)
+
+
+def show_pose(
+    meshcat: Meshcat, x: np.ndarray, xhat: np.ndarray, P: np.ndarray, R_near: np.ndarray, time: float
+) -> np.ndarray:
+    """Move vehicle, estimate and ellipsoid, and return the ellipsoid's R.
+
+    The ellipsoid is a unit ball under a pose and the property ``scale``: a RigidTransform has none, and of
+    SetTransform's two forms only that one is recorded.
+
+    Args:
+        meshcat: where draw_vehicle has been.
+        x: state (12).
+        xhat: estimate, at least [p_WB, rpy].
+        P: covariance of the estimated position (3, 3) [m^2].
+        R_near: see sigma_ellipsoid.
+        time: time in the recording [s], if one is being made.
+    """
+    R, s = sigma_ellipsoid(P, R_near)
+    meshcat.SetTransform(VEHICLE, pose(x), time)
+    meshcat.SetTransform(ESTIMATE, pose(xhat), time)
+    meshcat.SetTransform(ELLIPSOID, RigidTransform(RotationMatrix(R), xhat[0:3]), time)
+    meshcat.SetProperty(ELLIPSOID, "scale", s.tolist(), time)
+    return R
+
+
+def draw_flown(meshcat: Meshcat, points: np.ndarray, chunk: str = "") -> None:
+    """Draw flown paths from rows [p_WB, estimate of p_WB] (n, 6)."""
+    draw_path(meshcat, TRUE_PATH + chunk, points[:, 0:3], 0.02, TRUE)
+    draw_path(meshcat, ESTIMATED_PATH + chunk, points[:, 3:6], 0.02, ESTIMATED)

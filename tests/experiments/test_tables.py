@@ -1,0 +1,167 @@
+"""The paper's tables beside ours, against the printed numbers and plain statistics."""
+
+import itertools
+import json
+import statistics as stdlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ortilo_drake.experiments.report import table_text
+from ortilo_drake.experiments.tables import PAPER, STATISTICS, drop_in_x, interval, make_tables, statistics
+
+# Tables I and II as the paper prints them, row by row: mean, median, 75 %, 25 %.
+PRINTED_ESTIMATION = {
+    "mean": ((0.0920, 0.0071, 0.0226), (0.0120, 0.0412, 0.0173)),
+    "median": ((0.0993, 0.0049, 0.0179), (0.0066, 0.0032, 0.0120)),
+    "p75": ((0.1210, 0.0072, 0.0310), (0.0082, 0.0103, 0.0277)),
+    "p25": ((0.0673, 0.0041, 0.0028), (0.0037, 0.0020, 0.0005)),
+}
+PRINTED_PATH = {"mean": (0.0098, 0.0101), "median": (0.0080, 0.0052), "p75": (0.0096, 0.0066), "p25": (0.0071, 0.0046)}
+NAMES = ("imu_uwb", "imu_uwb_yolo")
+
+
+def made_up_summary(
+    mse: tuple[float, float, float], path: float | None = 0.01, lost: str | None = None, touched: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    return {
+        "scenario": "made up",
+        "seed": 0,
+        "lost": None if lost is None else {"time": 1.0, "cause": lost},
+        "contacts": list(touched),
+        "mse": dict(zip("xyz", mse, strict=True)),
+        "path_mse": path,
+        "path_distance_mse": 0.02,
+        "arrivals": {"uwb": 0.7, "camera": None},
+        "nees": 3.0,
+        "nis": {"uwb": 3.0},
+        "real_time_factor": 100.0,
+    }
+
+
+def random_summaries(seed: int, n: int = 20) -> list[dict[str, Any]]:
+    rng = np.random.default_rng(seed)
+    return [made_up_summary(tuple(rng.gamma(2.0, 0.01, 3)), float(rng.gamma(2.0, 0.01))) for _ in range(n)]
+
+
+@pytest.mark.parametrize("statistic", STATISTICS)
+def test_the_papers_numbers_are_those_it_prints(statistic: str) -> None:
+    for column, name in enumerate(NAMES):
+        ours = tuple(PAPER["estimation"][name][axis][statistic] for axis in "xyz")
+        assert ours == PRINTED_ESTIMATION[statistic][column]
+        assert PAPER["path"][name][statistic] == PRINTED_PATH[statistic][column]
+
+
+def test_the_papers_headline_follows_from_its_medians() -> None:
+    found = drop_in_x([0.0993] * 3, [0.0066] * 3)
+    assert found is not None
+    assert round(100.0 * found["median"], 2) == 93.35
+    assert found["interval"] == pytest.approx([found["median"]] * 2)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 20])
+def test_statistics_agree_with_pythons_own(n: int) -> None:
+    values = np.random.default_rng(n).gamma(2.0, 0.01, n).tolist()
+    found = statistics(values)
+    assert found["mean"] == pytest.approx(stdlib.fmean(values))
+    assert found["median"] == pytest.approx(stdlib.median(values))
+    if n > 1:
+        low, _, high = stdlib.quantiles(values, n=4, method="inclusive")
+        assert (found["p25"], found["p75"]) == (pytest.approx(low), pytest.approx(high))
+
+
+def test_no_values_have_no_statistics() -> None:
+    assert statistics([]) == dict.fromkeys(("mean", "median", "p75", "p25"))
+    assert interval([0.1], "mean") is None
+    assert drop_in_x([0.1], [0.1, 0.2]) is None
+    assert drop_in_x([0.1, 0.2], []) is None
+
+
+def plain_bootstrap(values: np.ndarray, function: Any, draws: int = 20_000) -> np.ndarray:
+    rng = np.random.default_rng(7)
+    return np.array([function(values[rng.integers(0, len(values), len(values))]) for _ in range(draws)])
+
+
+@pytest.mark.parametrize("statistic", ["mean", "median", "p75"])
+def test_an_interval_is_the_percentile_bootstraps(statistic: str) -> None:
+    values = np.random.default_rng(3).gamma(2.0, 0.01, 20)
+    function = {"mean": np.mean, "median": np.median, "p75": lambda v: np.quantile(v, 0.75)}[statistic]
+    drawn = plain_bootstrap(values, function, 4000)
+    found = interval(values.tolist(), statistic)
+    assert found is not None
+    # Four sd of a 2.5 % quantile's own error from 4,000 draws.
+    np.testing.assert_allclose(found, np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * drawn.std())
+    assert interval(values.tolist(), statistic) == found  # nothing drawn afresh
+
+
+def test_the_drops_interval_resamples_both_ensembles() -> None:
+    rng = np.random.default_rng(4)
+    without, with_camera = rng.gamma(4.0, 0.02, 20), rng.gamma(4.0, 0.004, 20)
+    found = drop_in_x(without.tolist(), with_camera.tolist())
+    assert found is not None
+    assert found["median"] == pytest.approx(1.0 - np.median(with_camera) / np.median(without))
+    drawn = [
+        1.0 - np.median(with_camera[rng.integers(0, 20, 20)]) / np.median(without[rng.integers(0, 20, 20)])
+        for _ in range(4000)
+    ]
+    np.testing.assert_allclose(found["interval"], np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * np.std(drawn))
+
+
+def test_tables_have_the_statistics_of_every_column() -> None:
+    summaries = {name: random_summaries(seed) for seed, name in enumerate(NAMES)}
+    found = make_tables("tuned", summaries)
+    assert found["preset"] == "tuned"
+    assert found["flights"] == 20
+    assert found["lost"] == {"imu_uwb": 0, "imu_uwb_yolo": 0}
+    for name, axis in itertools.product(NAMES, "xyz"):
+        values = [s["mse"][axis] for s in summaries[name]]
+        low, _, high = stdlib.quantiles(values, n=4, method="inclusive")
+        expected = {"mean": stdlib.fmean(values), "median": stdlib.median(values), "p75": high, "p25": low}
+        assert found["estimation"][name][axis] == pytest.approx(expected)
+    for name in NAMES:
+        assert found["path"][name]["median"] == pytest.approx(stdlib.median(s["path_mse"] for s in summaries[name]))
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_lost_flights_are_counted_and_left_out_of_every_average() -> None:
+    good = {name: random_summaries(seed, 8) for seed, name in enumerate(NAMES)}
+    bad = made_up_summary((1e9, 1e9, 1e9), 1e9, lost="hit a wall", touched=("chair",))
+    mixed = {"imu_uwb": [bad, *good["imu_uwb"], bad], "imu_uwb_yolo": [*good["imu_uwb_yolo"], bad, bad]}
+    found, expected = make_tables("tuned", mixed), make_tables("tuned", good)
+    assert found["lost"] == {"imu_uwb": 2, "imu_uwb_yolo": 2}
+    assert found["flights"] == 10
+    for key in expected.keys() - {"lost", "flights"}:
+        assert found[key] == expected[key], key
+
+
+def test_touched_furniture_is_counted_but_not_left_out() -> None:
+    summaries = {
+        name: [made_up_summary((k / 10,) * 3, touched=("chair",) * (k % 2)) for k in range(5)] for name in NAMES
+    }
+    found = make_tables("paper", summaries)
+    assert found["touched"] == {"imu_uwb": 2, "imu_uwb_yolo": 2}
+    assert found["estimation"]["imu_uwb"]["x"]["mean"] == pytest.approx(0.32)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_tables_of_flights_that_are_all_lost_have_no_numbers_but_a_text(n: int) -> None:
+    found = make_tables("paper", {name: [made_up_summary((1.0,) * 3, lost="tumbled")] * n for name in NAMES})
+    assert found["drop_in_x"] is None
+    assert found["estimation"]["imu_uwb"]["x"] == dict.fromkeys(STATISTICS)
+    assert f"{n} of {n} flights lost" in table_text(found)
+
+
+def test_tables_of_a_path_without_the_authors_error_have_none_there() -> None:
+    found = make_tables("tuned", {name: [made_up_summary((0.1,) * 3, path=None)] * 2 for name in NAMES})
+    assert found["path"]["imu_uwb"] == dict.fromkeys(STATISTICS)
+    assert "| mean | none | 0.0098 |" in table_text(found)
+
+
+def test_the_text_shows_ours_beside_the_papers() -> None:
+    found = make_tables("tuned", {name: random_summaries(seed) for seed, name in enumerate(NAMES)})
+    text = table_text(found)
+    for name, axis, statistic in itertools.product(NAMES, "xyz", STATISTICS):
+        assert f"{found['estimation'][name][axis][statistic]:.4f} [" in text
+        assert f"| {PAPER['estimation'][name][axis][statistic]:.4f} |" in text
+    assert "paper 93.35 %" in text
