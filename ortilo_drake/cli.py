@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ortilo_drake.experiments.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, read_text, scenario_names
 
@@ -41,19 +42,6 @@ class Preset(StrEnum):
 
     tuned = "tuned"
     paper = "paper"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file under a temporary name, then rename it; InputError if that fails."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _write_json(path: Path | None, data: Any) -> None:

@@ -117,7 +117,7 @@ class Scenario(Frozen):
         camera: how the camera is simulated.
     """
 
-    name: str = "default"
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")] = "default"
     seed: Seed = 0
     control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
     settle: NonNegativeFloat = 2.0

@@ -1,6 +1,5 @@
 """Figures: trajectories in the room, errors, arrivals."""
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from ortilo_drake.experiments.files import replacing
 from ortilo_drake.experiments.flight import AXES, scenario_of
 from ortilo_drake.experiments.tables import PAPER
 from ortilo_drake.model.room import Room
@@ -53,15 +53,11 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    partial = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    allowed = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in allowed:
+        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {', '.join(sorted(allowed))}")
+    with replacing(path) as partial:
         figure.savefig(partial)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
     return path
 
 

@@ -2,7 +2,6 @@
 
 import gc
 import json
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop, set_hovering
+from ortilo_drake.experiments.files import replacing
 from ortilo_drake.experiments.lost import Lost, find_loss
 from ortilo_drake.model.signals import (
     CONTROL_NAMES,
@@ -221,16 +221,9 @@ def save_flight(flight: xr.Dataset, path: Path) -> None:
     Raises:
         InputError: if the folder cannot be written.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     encoding = {name: {"zlib": True, "complevel": 1} for name in flight.data_vars}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
         flight.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def load_flight(path: Path) -> xr.Dataset:

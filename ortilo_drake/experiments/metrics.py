@@ -72,6 +72,8 @@ def _finite(value: float) -> float | None:
 def summary(flight: xr.Dataset) -> dict[str, Any]:
     """Return what `ortilo fly --json` prints; a lost flight's errors are those up to its loss."""
     scenario = scenario_of(flight)
+    whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
+    flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
     used = [str(s) for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
     return {
         "scenario": scenario.name,

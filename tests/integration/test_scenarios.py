@@ -1,0 +1,189 @@
+"""The ready-made scenarios: valid, flyable, and what the paper and its authors fix."""
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ortilo_drake import cli
+from ortilo_drake.experiments.flight import flight_ticks, fly
+from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import SCENARIO_FOLDER, GcsPlanner, Scenario, load_scenario, scenario_names
+
+PAPERS = ["imu_uwb", "imu_uwb_yolo", "paper_imu_uwb", "paper_imu_uwb_yolo"]
+SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    return int(caught.value.code or 0)
+
+
+def leaves(data: Any, name: str = "") -> dict[str, Any]:
+    """Return every setting of a scenario by its full name."""
+    if not isinstance(data, dict):
+        return {name: data}
+    return {k: v for key, value in data.items() for k, v in leaves(value, f"{name}.{key}".lstrip(".")).items()}
+
+
+def differences(one: Scenario, other: Scenario) -> set[str]:
+    a, b = leaves(one.model_dump(mode="json")), leaves(other.model_dump(mode="json"))
+    return {name for name in a.keys() | b.keys() if a.get(name) != b.get(name)}
+
+
+def test_the_papers_scenarios_are_among_the_ready_made_ones() -> None:
+    assert set(PAPERS) <= set(scenario_names())
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: str) -> None:
+    assert load_scenario(name).name == name
+    first = (SCENARIO_FOLDER / f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
+    assert first.startswith("# ")
+    assert first.endswith(".")
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_ready_made_scenario_has_a_path_and_flies(name: str) -> None:
+    assert 5 * 30 < flight_ticks(load_scenario(name)) < 120 * 30
+    found = summary(fly(load_scenario(name, (SHORT,))))
+    assert found["lost"] is None
+    assert all(math.isfinite(value) for value in found["mse"].values())
+
+
+@pytest.mark.parametrize("name", [*scenario_names(), "default"])
+def test_what_show_prints_loads_again_as_the_same_scenario(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "default.yaml").write_text("")
+    which = name if name != "default" else str(tmp_path / "default.yaml")
+    assert run(monkeypatch, "scenario", "show", which, "--set", "seed=5") == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    (tmp_path / "again.yaml").write_text(printed.out, encoding="utf-8")
+    again = load_scenario(tmp_path / "again.yaml")
+    assert again == load_scenario(which, ("seed=5",))
+    assert again.seed == 5
+    assert set(yaml.safe_load(printed.out)) == set(Scenario.model_fields)  # every default filled in
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_check_says_that_a_ready_made_scenario_is_valid(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "scenario", "check", name) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith(f"{name}: valid")
+    assert printed.err == ""
+
+
+def test_list_names_every_scenario_on_a_line_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "scenario", "list") == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == scenario_names()
+
+
+def test_the_defaults_together_are_a_valid_flight() -> None:
+    scenario = Scenario()
+    assert 60 * 30 < flight_ticks(scenario) < 120 * 30
+    short = scenario.model_copy(update={"planner": load_scenario("imu_uwb", (SHORT,)).planner})
+    assert summary(fly(short))["lost"] is None
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_the_papers_world_is_the_one_that_theory_fixes(name: str) -> None:
+    scenario = load_scenario(name)
+    uwb, planner = scenario.uwb, scenario.planner
+    assert scenario.room == "ortilo"
+    assert scenario.control_rate == 30.0
+    assert scenario.world.kinematics == "small_angle"
+    assert scenario.world.rotors.kind == "ideal"
+    assert (scenario.world.disturbance.force_sd, scenario.world.disturbance.torque_sd) == (0.27, 0.005)
+    assert (uwb.noise.kind, uwb.noise.fraction) == ("proportional", 0.0075)
+    assert uwb.walls.kind == "none"
+    assert 30.0 / uwb.link.every == 10.0
+    assert uwb.link.loss.kind == "none"
+    assert (uwb.link.delay, uwb.link.random_delay) == (0, 0)
+    blackouts = [(b.kind, b.axis, b.start, b.end) for b in uwb.link.blackouts]
+    assert blackouts == [("position", "x", 1.5, 5.5), ("position", "x", 12.9, 14.0), ("position", "x", 16.9, 18.8)]
+    assert 30.0 / scenario.imu.link.every == 30.0
+    assert scenario.imu.angle_sd == 0.01
+    assert 30.0 / scenario.projected_camera.link.every == 10.0
+    assert isinstance(planner, GcsPlanner)
+    assert (planner.start, planner.goal) == ((0.0, 0.0), (21.0, -3.2))
+    assert (planner.height, planner.speed) == (1.5, 0.35)
+    assert (scenario.vehicle.mass, scenario.vehicle.inertia) == (2.7, (0.1547563, 0.1658929, 0.2077))
+
+
+def test_the_papers_preset_has_the_printed_covariances_and_true_velocities() -> None:
+    for name in ("paper_imu_uwb", "paper_imu_uwb_yolo"):
+        scenario = load_scenario(name)
+        assert scenario.servo.velocities == "truth"
+        W, V = scenario.filter.W, scenario.filter.V
+        assert (W.kind, W.position, W.angle, W.velocity, W.rate) == ("diagonal", 1.0, 1.0, 1.0, 1.0)
+        assert (V.uwb, V.camera, V.imu) == ((0.05,) * 3, (0.08,) * 3, (0.01,) * 3)
+
+
+def test_the_tuned_preset_takes_w_from_the_disturbance_and_estimates_velocities() -> None:
+    for name in ("imu_uwb", "imu_uwb_yolo"):
+        scenario = load_scenario(name)
+        W, disturbance = scenario.filter.W, scenario.world.disturbance
+        assert scenario.servo.velocities == "estimate"
+        assert (W.kind, W.force_sd, W.torque_sd) == ("disturbance", disturbance.force_sd, disturbance.torque_sd)
+        assert (scenario.filter.V.uwb, scenario.filter.V.camera) == (None, None)  # from each fix
+        assert scenario.filter.V.imu == pytest.approx((scenario.imu.angle_sd**2,) * 3)
+
+
+def test_with_and_without_the_camera_only_the_sensors_differ() -> None:
+    assert differences(load_scenario("imu_uwb"), load_scenario("imu_uwb_yolo")) == {"name", "sensors"}
+    found = differences(load_scenario("paper_imu_uwb"), load_scenario("paper_imu_uwb_yolo"))
+    # How boxes would become fixes is settled only where the camera flies.
+    assert {name for name in found if not name.startswith("landmark_fix.")} == {"name", "sensors"}
+
+
+@pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
+def test_the_presets_fly_in_the_same_world(name: str) -> None:
+    found = differences(load_scenario(name), load_scenario(f"paper_{name}"))
+    allowed = ("filter", "servo", "multilateration", "landmark_fix")
+    assert {setting for setting in found if setting.split(".")[0] not in allowed} == {"name"}
+
+
+# --- settings over a scenario ---------------------------------------------------------------------------------
+
+
+def test_a_setting_changes_one_value_and_leaves_the_rest() -> None:
+    changed = load_scenario("imu_uwb", ("uwb.noise.fraction=0.02",))
+    assert differences(changed, load_scenario("imu_uwb")) == {"uwb.noise.fraction"}
+    assert changed.uwb.noise.fraction == 0.02
+
+
+def test_later_settings_win_and_a_seed_beats_the_scenarios() -> None:
+    assert load_scenario("imu_uwb", ("seed=1", "seed=2")).seed == 2
+    assert load_scenario("imu_uwb", ("seed=1",), 3).seed == 3
+
+
+def test_a_setting_reaches_a_group_that_the_file_leaves_to_its_defaults() -> None:
+    assert load_scenario("imu_uwb", ("planner.speed=0.5",)).planner == GcsPlanner(speed=0.5)
+    assert load_scenario("imu_uwb", ("uwb.link.loss={kind: bernoulli, probability: 0.3}",)).uwb.link.every == 3
+
+
+def test_a_changed_kind_drops_what_belonged_to_the_former_one() -> None:
+    changed = load_scenario("imu_uwb", ("uwb.noise.kind=constant", "uwb.noise.sd=0.1"))
+    assert changed.uwb.noise.model_dump() == {"kind": "constant", "sd": 0.1}
+
+
+def test_files_named_in_a_scenario_are_found_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "points.txt").write_text("# a way\n0 0 1.5\n1.2, 0.6, 1.5  # the end\n")
+    (tmp_path / "mine.yaml").write_text("planner: {kind: waypoints, file: points.txt}\n")
+    beside = load_scenario(tmp_path / "mine.yaml")
+    assert beside.name == "mine"
+    assert flight_ticks(beside) == flight_ticks(load_scenario("imu_uwb", (SHORT,)))
+    with pytest.raises(InputError, match=r"other\.txt"):
+        flight_ticks(load_scenario(tmp_path / "mine.yaml", ("planner.file=other.txt",)))
