@@ -6,7 +6,7 @@ import os
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -63,7 +63,7 @@ def _check_writable(*paths: Path | None) -> None:
 
 def _progress() -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=err, transient=True)
+    return Progress(*columns, console=err, transient=True, disable=not err.is_terminal)
 
 
 def _print_flight(result: dict[str, Any]) -> None:
@@ -122,7 +122,7 @@ def fly(
     _print_flight(result)
     for path in (html, png, out_file, json_file):
         if path:
-            out.print(f"  wrote {path}")
+            out.print(f"  wrote {path}", markup=False, soft_wrap=True)
 
 
 @app.command()
@@ -175,7 +175,7 @@ def tables(
     _write_json(json_file, result)
     out.print(text, markup=False, soft_wrap=True)
     for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):
-        out.print(f"wrote {path}")
+        out.print(f"wrote {path}", markup=False, soft_wrap=True)
 
 
 @app.command()
@@ -191,7 +191,7 @@ def diagram(
     from ortilo_drake.experiments.block_diagram import diagram_svg
 
     write_text(svg, diagram_svg(chosen, depth))
-    out.print(f"wrote {svg}")
+    out.print(f"wrote {svg}", markup=False, soft_wrap=True)
 
 
 @scenario_app.command("list")
@@ -201,7 +201,7 @@ def list_scenarios() -> None:
 
     for name in scenario_names():
         first = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()[0]
-        out.print(f"[bold]{name:26}[/bold]{first.removeprefix('#').strip()}")
+        out.print(f"[bold]{name:20}[/bold]{first.removeprefix('#').strip()}", soft_wrap=True)
 
 
 @scenario_app.command("show")
@@ -228,14 +228,27 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
 def main() -> None:
     """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+    usage_error = typer.BadParameter.__base__  # Typer's own copy of click's, by whichever name it has it
+    assert usage_error is not None
     try:
-        app()
+        code = app(standalone_mode=False)
+        if code == 130:  # some versions of Typer turn Ctrl-C into this
+            raise KeyboardInterrupt
+        sys.exit(code)
     except InputError as error:
-        err.print(f"ortilo: {error}", style="red", markup=False, soft_wrap=True)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        err.print("ortilo: interrupted; finished flights are kept")
-        sys.exit(130)
+        _fail(str(error), 2)
+    except usage_error as error:  # type: ignore[misc]  # an exception class, but mypy cannot know
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()
+            sys.exit(2)
+        _fail(" ".join(error.format_message().split()), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("interrupted; finished flights are kept", 130)
+
+
+def _fail(line: str, code: int) -> NoReturn:
+    err.print(f"ortilo: {line}", style="red", markup=False, soft_wrap=True)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

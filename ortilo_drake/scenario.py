@@ -10,7 +10,7 @@ The groups of settings are in ortilo_drake/settings and can be imported from her
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import Field, model_validator
 
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
@@ -117,10 +117,10 @@ class Scenario(Frozen):
         camera: how the camera is simulated.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")] = "default"
+    name: Annotated[str, Field(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$")] = "default"
     seed: Seed = 0
     control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
-    settle: NonNegativeFloat = 2.0
+    settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
     room: str = "ortilo"
     vehicle: Vehicle = Vehicle()
     world: World = World()
@@ -184,7 +184,10 @@ def _set_field(data: dict[str, Any], setting: str) -> None:
         if not isinstance(child, dict):
             raise InputError(f"--set {setting!r}: '{parent}' is not a group of settings")
         data = child
-    data[last] = parse_yaml(text, f"--set {setting!r}")
+    value = parse_yaml(text, f"--set {setting!r}")
+    if last == "kind" and data.get("kind") != value:
+        data.clear()  # another kind has other settings
+    data[last] = value
 
 
 def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
@@ -206,12 +209,14 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
     data.setdefault("name", path.stem)
-    # Where a file says nothing of a group, a setting inside it changes the default of the typed model.
-    for setting in settings:
-        _set_field(data, setting)
-    if seed is not None:
-        data["seed"] = seed
     scenario = validate(Scenario, data, source)
+    if settings or seed is not None:
+        data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
+        for setting in settings:
+            _set_field(data, setting)
+        if seed is not None:
+            data["seed"] = seed
+        scenario = validate(Scenario, data, source)
     scenario = _relative_to(path.parent, scenario)
     scenario.load_room()
     return scenario

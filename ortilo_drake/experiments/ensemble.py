@@ -102,7 +102,12 @@ def fly_many(
 def _cluster(workers: int) -> Client:
     """Return a client of its own worker processes on this machine, reachable from it alone."""
     cluster = LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        worker_dashboard_address="127.0.0.1:0",
     )
     return _OwningClient(cluster)
 

@@ -1,5 +1,6 @@
 """Safe, strict YAML into frozen pydantic models, with one clear line for whatever is wrong."""
 
+import copy
 import json
 import math
 from pathlib import Path
@@ -9,6 +10,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 M = TypeVar("M", bound=BaseModel)
+
+LARGEST = 1e12  # larger numbers are no quantity of a room in SI units, and their squares may overflow
 
 
 class InputError(ValueError):
@@ -52,6 +55,8 @@ def parse_yaml(text: str, source: str) -> Any:
         return yaml.load(text, Loader=_UniqueKeyLoader)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+    except RecursionError:
+        raise InputError(f"{source}: nested too deeply") from None
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
 
@@ -69,7 +74,21 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read: {reason}") from None
 
 
-def _first_problem(error: ValidationError) -> str:
+def _kinds(model: type[BaseModel], data: Any, place: tuple[int | str, ...]) -> str:
+    """Return the kinds allowed at a place of the data, by asking for one that no model has."""
+    data = group = copy.deepcopy(data)
+    for part in place:
+        group = group[part]
+    group["kind"] = ""
+    try:
+        model.model_validate_json(json.dumps(data))
+    except ValidationError as error:
+        problem = next((p for p in error.errors() if p["loc"] == place and "expected_tags" in p.get("ctx", {})), None)
+        return str(problem["ctx"]["expected_tags"]) if problem else "none"
+    return "none"
+
+
+def _first_problem(error: ValidationError, model: type[BaseModel], data: Any) -> str:
     problems = error.errors()
     # A misspelt key explains more than the errors that follow from it.
     problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
@@ -82,21 +101,26 @@ def _first_problem(error: ValidationError) -> str:
         case "missing":
             return f"{field}: is missing"
         case "value_error":
-            return f"{field}: {problem['ctx']['error']}"
+            text = str(problem["ctx"]["error"])
+            return f"{field}{text}" if text.startswith(".") else f"{field}: {text}"
         case "union_tag_invalid":
             allowed = problem["ctx"]["expected_tags"]
             return f"{field}.kind: {problem['ctx']['tag']!r} is not one of {allowed}"
         case "union_tag_not_found":
-            return f"{field}: needs a 'kind'"
+            return f"{field}: needs a 'kind', one of {_kinds(model, data, problem['loc'])}"
     message = problem["msg"][:1].lower() + problem["msg"][1:]
     return f"{field}: {shown}: {message}"
 
 
-def _find_not_finite(data: Any, field: str = "") -> str | None:
+def _find_not_plain(data: Any, field: str = "") -> str | None:
     if isinstance(data, float) and not math.isfinite(data):
         return f"{field}: {data}: must be a finite number"
+    if isinstance(data, float) and abs(data) > LARGEST:
+        return f"{field}: {data}: must not exceed {LARGEST:g} in size"
+    if not isinstance(data, None | bool | int | float | str | list | dict):
+        return f"{field}: {data}: must be a number (integer or not), text, list or group, not a {type(data).__name__}"
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    found = (_find_not_finite(value, f"{field}.{key}" if field else str(key)) for key, value in items)
+    found = (_find_not_plain(value, f"{field}.{key}" if field else str(key)) for key, value in items)
     return next((problem for problem in found if problem), None)
 
 
@@ -111,16 +135,14 @@ def validate(model: type[M], data: Any, source: str) -> M:
     Raises:
         InputError: naming source, field, value and what is allowed.
     """
-    problem = _find_not_finite(data)
+    problem = _find_not_plain(data)
     if problem:
         raise InputError(f"{source}: {problem}")
     try:
         # Through JSON, pydantic's strict mode takes YAML's lists for tuples and still refuses '1' for 1.
         return model.model_validate_json(json.dumps({} if data is None else data))
-    except TypeError as error:  # a YAML date, say
-        raise InputError(f"{source}: {error}") from None
     except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error)}") from None
+        raise InputError(f"{source}: {_first_problem(error, model, data)}") from None
 
 
 def load_yaml(model: type[M], path: Path) -> M:

@@ -52,7 +52,10 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
         raise InputError(
             "servo.weights: (Phi, Q^1/2) is not detectable: give positive weights to the integrals and to yaw"
         )
-    L, S = DiscreteTimeLinearQuadraticRegulator(Phi, Gamma, Q, R)
+    try:
+        L, S = DiscreteTimeLinearQuadraticRegulator(Phi, Gamma, Q, R)
+    except (RuntimeError, SystemExit) as error:  # weights too far apart for Drake's own check
+        raise InputError(f"servo.weights: Drake finds no stabilising gain with them: {error}") from None
     return L, S
 
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveInt, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -70,8 +70,8 @@ class Link(Frozen):
     every: PositiveInt = 1
     loss: Loss = NoLoss()
     blackouts: tuple[Blackout, ...] = ()
-    delay: NonNegativeInt = 0
-    random_delay: NonNegativeInt = 0
+    delay: Annotated[int, Field(ge=0, le=1000)] = 0
+    random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
 
     @model_validator(mode="after")
     def _blackouts_have_a_length(self) -> "Link":

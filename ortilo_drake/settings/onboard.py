@@ -2,12 +2,13 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.settings.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
 
 
 class Multilateration(Frozen):
@@ -19,6 +20,13 @@ class Multilateration(Frozen):
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
     noise: RangeNoise = ProportionalNoise()
+
+    @model_validator(mode="after")
+    def _believes_in_noise(self) -> "Multilateration":
+        size = self.noise.sd if self.noise.kind == "constant" else self.noise.fraction
+        if size <= 0.0:
+            raise ValueError(f".noise: {size}: must be greater than 0, ranges are weighted by it")
+        return self
 
 
 class LandmarkFix(Frozen):
@@ -93,7 +101,7 @@ class KalmanFilter(Frozen):
 
     W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
     V: Noise = Noise()
-    initial_sd: tuple[PositiveFloat, PositiveFloat, PositiveFloat, PositiveFloat] = (0.05, 0.02, 0.05, 0.05)
+    initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
 
 
 class ServoWeights(Frozen):

@@ -51,7 +51,12 @@ def QuadrotorPlant_(T: type) -> type:
                     raise
                 d = self._undisturbed
             x = context.get_continuous_state_vector().CopyToVector()
-            x_dot = self._dynamics(x, self._control.Eval(context), d, self._mass, self._inertia)
+            u = self._control.Eval(context)
+            if T is float:
+                x_dot = self._dynamics(x, u, d, self._mass, self._inertia)
+            else:
+                with np.errstate(invalid="ignore"):  # flags that Drake's symbols leave raised
+                    x_dot = self._dynamics(x, u, d, self._mass, self._inertia)
             derivatives.SetFromVector(x_dot)
 
     return Impl

@@ -1,5 +1,7 @@
 """The linear loop without noise, flown by Drake, against a plain matrix recursion: rule 4 of the design, sampling."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
@@ -78,9 +80,7 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
         D = np.zeros((size - 1, 12))
         D[1:4, first : first + 3] = np.eye(3)
         empty = np.zeros((0, 0))
-        payload = AffineSystem(
-            empty, np.zeros((0, 12)), np.zeros(0), np.zeros((size - 1, 0)), D, np.zeros(size - 1)
-        )
+        payload = AffineSystem(empty, np.zeros((0, 12)), np.zeros(0), np.zeros((size - 1, 0)), D, np.zeros(size - 1))
         sensor = builder.AddNamedSystem(name, payload)
         flag = builder.AddNamedSystem(f"{name}_flag", TrajectorySource(per_tick(delta[:, j : j + 1])))
         message = builder.AddNamedSystem(f"{name}_message", Multiplexer([1, size - 1]))
@@ -158,22 +158,19 @@ def recursion(form: str, integrator: str, delta: np.ndarray) -> dict[str, np.nda
         elif integrator == "literal" or fixed:
             step[12:] += r
         x, xbar = Phi @ x + Gamma @ u, step
-    return dict(
-        zip(LOGGED, np.split(np.array(rows), np.cumsum(list(LOGGED.values()))[:-1], axis=1), strict=True)
-    )
+    return dict(zip(LOGGED, np.split(np.array(rows), np.cumsum(list(LOGGED.values()))[:-1], axis=1), strict=True))
 
 
 @pytest.mark.parametrize("pattern", [all_on, intermittent])
 @pytest.mark.parametrize(("form", "integrator"), SETTINGS)
-def test_the_diagram_is_the_matrix_recursion(form: str, integrator: str, pattern) -> None:
+def test_the_diagram_is_the_matrix_recursion(form: str, integrator: str, pattern: Callable[[], np.ndarray]) -> None:
     flight = flown(form, integrator, pattern())
     expected = recursion(form, integrator, pattern())
     for name, values in expected.items():
         largest = np.max(np.abs(values))
         assert np.max(np.abs(flight[name] - values)) < 1e-12 * largest, name
-    # Something moved: the vehicle left its start, was tilted on its way, and the estimate's error decayed.
+    # Something moved: the vehicle tilted, went most of the way of the step, and the estimate's error decayed.
     assert np.max(np.abs(flight["state"][STEP:, 3:5])) > 0.02
-    if (form, integrator) != ("paper", "literal") or pattern is all_on:
-        assert np.linalg.norm(flight["state"][-1, :3] - R_1) < 0.6 * np.linalg.norm(R_1)
+    assert np.linalg.norm(flight["state"][-1, :3] - R_1) < 0.35 * np.linalg.norm(R_1)
     wrong = np.linalg.norm(flight["estimate"][:, :12] - flight["state"], axis=1)
     assert wrong[-1] < 0.05 * wrong[0]

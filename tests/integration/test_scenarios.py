@@ -20,9 +20,11 @@ SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    with pytest.raises(SystemExit) as caught:
+    try:
         cli.main()
-    return int(caught.value.code or 0)
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
 
 
 def leaves(data: Any, name: str = "") -> dict[str, Any]:
@@ -177,6 +179,12 @@ def test_a_setting_reaches_a_group_that_the_file_leaves_to_its_defaults() -> Non
 def test_a_changed_kind_drops_what_belonged_to_the_former_one() -> None:
     changed = load_scenario("imu_uwb", ("uwb.noise.kind=constant", "uwb.noise.sd=0.1"))
     assert changed.uwb.noise.model_dump() == {"kind": "constant", "sd": 0.1}
+
+
+@pytest.mark.parametrize("stem", ["my flight", "Flug (2)", "-x", "π"])
+def test_a_scenario_file_may_have_any_name(tmp_path: Path, stem: str) -> None:
+    (tmp_path / f"{stem}.yaml").write_text("seed: 4\n")
+    assert load_scenario(tmp_path / f"{stem}.yaml").seed == 4
 
 
 def test_files_named_in_a_scenario_are_found_beside_it(tmp_path: Path) -> None:

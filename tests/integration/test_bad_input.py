@@ -1,0 +1,327 @@
+"""Whatever is wrong with the input: exit code 2, one line on stderr that names it, and nothing written."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ortilo_drake import cli
+from ortilo_drake.model.room import ORTILO_ROOM
+
+HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
+NAN, INF = float("nan"), float("inf")
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> Any:
+    """Run `ortilo` in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
+    try:
+        cli.main()
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
+    """Return a function that runs `ortilo`, holds it to the rules for bad input and returns its one line."""
+
+    def refuse(*words: str) -> str:
+        monkeypatch.chdir(tmp_path)
+        before = sorted(tmp_path.rglob("*"))
+        assert run(monkeypatch, *words) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        lines = printed.err.splitlines()
+        assert len(lines) == 1, printed.err
+        assert lines[0].startswith("ortilo: ")
+        assert len(lines[0]) < 500
+        assert sorted(tmp_path.rglob("*")) == before
+        return lines[0]
+
+    return refuse
+
+
+def room_file(folder: Path, **changes: Any) -> str:
+    room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
+    path = folder / "room.yaml"
+    path.write_text(yaml.safe_dump(room | changes), encoding="utf-8")
+    return f"room={path}"
+
+
+# --- settings -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        # unknown
+        ("frobs=1", ["frobs", "unknown"]),
+        ("filter.v.imu=[1, 1, 1]", ["filter.v", "unknown"]),
+        ("uwb.noise={kind: pink}", ["uwb.noise.kind", "'pink'", "proportional", "constant"]),
+        ("world.kinematics=quaternion", ["world.kinematics", "quaternion", "rigid_body"]),
+        ("sensors=[gps]", ["sensors", "'gps'", "uwb"]),
+        ("sensors=[uwb, uwb]", ["sensors", "twice"]),
+        # of the wrong type
+        ("seed=1.5", ["seed", "1.5", "integer"]),
+        ("seed='1'", ["seed", "'1'", "integer"]),
+        ("seed=true", ["seed", "True", "integer"]),
+        ("control_rate=fast", ["control_rate", "'fast'", "number"]),
+        ("sensors=imu", ["sensors", "'imu'"]),
+        ("planner=null", ["planner", "None"]),
+        ("filter.V.imu=[1, 1]", ["filter.V.imu"]),
+        ("seed.deep=1", ["seed"]),
+        ("seed=2020-01-01", ["seed", "2020-01-01", "integer"]),
+        # out of range
+        ("seed=-1", ["seed", "-1", "0"]),
+        ("seed=9223372036854775808", ["seed", "9223372036854775808"]),
+        ("control_rate=0", ["control_rate", "5"]),
+        ("uwb.link.every=0", ["uwb.link.every", "0"]),
+        ("uwb.link.loss={kind: bernoulli, probability: 1.1}", ["probability", "1.1"]),
+        ("uwb.link.blackouts=[{kind: time, start: 3, end: 2}]", ["uwb.link", "3.0", "2.0"]),
+        ("uwb.link.delay=1000000000", ["uwb.link.delay", "1000000000"]),
+        ("settle=1.0e+9", ["settle"]),
+        ("planner={kind: hover, duration: 1.0e+300}", ["duration"]),
+        ("vehicle.mass=1000", ["mass", "1000"]),
+        ("name=a/b", ["name", "a/b"]),
+        ("name=''", ["name"]),
+        # variances that are negative, and V not positive definite
+        ("world.disturbance.force_sd=-0.1", ["world.disturbance.force_sd", "-0.1"]),
+        ("filter.V.imu=[-0.01, 0.01, 0.01]", ["filter.V.imu", "-0.01"]),
+        ("filter.V.imu=[0.01, 0.0, 0.01]", ["filter.V.imu", "0.0"]),
+        ("filter.V.uwb=[0.01, 0.01, 0.0]", ["filter.V.uwb", "0.0"]),
+        ("multilateration.noise={kind: proportional, fraction: 0.0}", ["multilateration.noise", "0.0"]),
+        ("multilateration.noise={kind: constant, sd: 0.0}", ["multilateration.noise", "0.0"]),
+        ("landmark_fix.center_sd=0.0", ["landmark_fix.center_sd", "0.0"]),
+        ("filter.W={kind: diagonal, position: -1, angle: 1, velocity: 1, rate: 1}", ["position", "-1"]),
+        ("servo.weights.integral=[0, 1, 1]", ["servo.weights.integral", "0"]),
+        ("servo.weights.control=[0, 1, 1, 1]", ["servo.weights.control", "0"]),
+        # not numbers
+        ("world.disturbance.force_sd=.nan", ["world.disturbance.force_sd", "nan", "finite"]),
+        ("uwb.max_distance=.inf", ["uwb.max_distance", "inf", "finite"]),
+        ("planner={kind: waypoints, points: [[0, 0, .nan], [1, 1, 1]]}", ["planner.points", "nan", "finite"]),
+        # not a setting
+        ("seed", ["seed", "key=value"]),
+        ("=1", ["=1", "key=value"]),
+        ("uwb..noise=1", ["uwb..noise", "key=value"]),
+        ("seed=[", ["seed=[", "YAML"]),
+        ("seed={a: 1, a: 2}", ["'a'", "twice"]),
+        ("name=!!python/object/apply:os.getcwd []", ["name", "YAML"]),
+    ],
+)
+def test_a_wrong_setting(refused: Any, setting: str, named: list[str]) -> None:
+    line = refused("scenario", "check", "imu_uwb", "--set", setting)
+    assert [word for word in named if word not in line] == [], line
+
+
+@pytest.mark.parametrize("command", [["fly"], ["scenario", "check"], ["scenario", "show"], ["diagram"]])
+def test_an_unknown_scenario(refused: Any, command: list[str]) -> None:
+    line = refused(*command, "imu_gps")
+    assert "'imu_gps'" in line
+    assert "imu_uwb_yolo" in line  # what there is instead
+
+
+def test_a_wrong_seed_on_the_command_line(refused: Any) -> None:
+    assert "seed: -1" in refused("fly", "imu_uwb", "--seed", "-1")
+
+
+def test_a_wrong_setting_stops_the_tables_before_they_fly(refused: Any) -> None:
+    assert "'seed'" in refused("tables", "--set", "seed", "--out", "out")
+
+
+def test_a_group_that_needs_a_kind_says_which_there_are(refused: Any) -> None:
+    line = refused("scenario", "check", "imu_uwb", "--set", "uwb.link.loss={probability: 0.5}")
+    assert "uwb.link.loss" in line
+    assert "bernoulli" in line
+
+
+# --- files ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "named"),
+    [
+        (None, ["cannot be read", "No such file"]),
+        (b"\x89PNG\r\n\x1a\n\xff\xfe", ["cannot be read", "UTF-8"]),
+        (b"name: \x00\x01", ["not valid YAML"]),
+        (b"name: a\nseed: 1\nseed: 2\n", ["line 3", "'seed'", "twice"]),
+        (b"uwb:\n  noise: {kind: constant, sd: 1.0, sd: 2.0}\n", ["'sd'", "twice"]),
+        (b"- 1\n- 2\n", ["list"]),
+        (b"3\n", ["int"]),
+        (b"name: [\n", ["not valid YAML"]),
+        (b"\tname: a\n", ["not valid YAML"]),
+        (b"1: 2\n", ["1", "not a name"]),
+        (b"seed: 1\n---\nseed: 2\n", ["not valid YAML"]),
+        (b"name: " + b"[" * 5000 + b"]" * 5000, ["bad.yaml"]),
+        (b"seed: .nan\n", ["seed", "nan", "finite"]),
+    ],
+)
+def test_a_wrong_scenario_file(refused: Any, tmp_path: Path, content: bytes | None, named: list[str]) -> None:
+    path = tmp_path / "bad.yaml"
+    if content is not None:
+        path.write_bytes(content)
+    line = refused("fly", str(path))
+    assert [word for word in ["bad.yaml", *named] if word not in line] == [], line
+
+
+def test_a_folder_for_a_scenario_file(refused: Any, tmp_path: Path) -> None:
+    (tmp_path / "folder.yaml").mkdir()
+    assert "folder.yaml: cannot be read" in refused("fly", str(tmp_path / "folder.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"anchors": [[0.0, 0.0, 2.0], [5.0, 0.0, 2.0]]}, ["anchors", "2", "at least 3"]),
+        ({"anchors": []}, ["anchors", "0", "at least 3"]),
+        ({"stand_radius": NAN}, ["stand_radius", "nan", "finite"]),
+        ({"wall_size": [3.0, INF, 3.0]}, ["wall_size", "inf", "finite"]),
+        ({"stand_radius": -0.25}, ["stand_radius", "-0.25"]),
+        ({"colour": "red"}, ["colour", "unknown"]),
+        ({"landmark_size": {}}, ["landmark_size", "no size"]),
+        ({"interior": {"min": [0.0, 0.0, 3.0], "max": [1.0, 1.0, 0.0]}}, ["interior", "below"]),
+    ],
+)
+def test_a_wrong_room_file(refused: Any, tmp_path: Path, changes: dict[str, Any], named: list[str]) -> None:
+    line = refused("scenario", "check", "imu_uwb", "--set", room_file(tmp_path, **changes))
+    assert [word for word in ["room.yaml", *named] if word not in line] == [], line
+
+
+def test_a_missing_room_file(refused: Any, tmp_path: Path) -> None:
+    assert "nowhere.yaml" in refused("scenario", "check", "imu_uwb", "--set", f"room={tmp_path}/nowhere.yaml")
+
+
+# --- paths ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", [["scenario", "check"], ["fly"]])
+@pytest.mark.parametrize(
+    ("planner", "named"),
+    [
+        ("{kind: gcs, goal: [5.7, -0.6]}", ["planner.goal", "5.7", "'wall'", "0.49"]),
+        ("{kind: gcs, start: [5.7, -0.6]}", ["planner.start", "5.7", "'wall'"]),
+        ("{kind: gcs, goal: [100, 0]}", ["planner.goal", "100", "outside the room"]),
+        ("{kind: gcs, height: 5.0}", ["planner.height", "5", "0 and 3"]),
+        ("{kind: gcs, goal: [0.0, 0.0]}", ["planner.goal", "start"]),
+        ("{kind: hover, point: [5.7, -0.8, 1.5]}", ["planner.point", "'wall'"]),
+        ("{kind: waypoints, points: [[0, 0, 1.5], [5.7, -0.8, 1.5]]}", ["planner.points", "'wall'"]),
+        ("{kind: waypoints, points: [[0, 0, 1.5]]}", ["planner.points", "at least 2"]),
+        ("{kind: waypoints, points: [[0, 0, 1.5], [0, 0, 1.5]]}", ["planner.points", "the same"]),
+        ("{kind: waypoints}", ["planner", "points", "file"]),
+        ("{kind: waypoints, file: /nowhere/points.txt}", ["/nowhere/points.txt", "cannot be read"]),
+    ],
+)
+def test_a_path_that_cannot_be_flown(refused: Any, command: list[str], planner: str, named: list[str]) -> None:
+    line = refused(*command, "imu_uwb", "--set", f"planner={planner}")
+    assert [word for word in named if word not in line] == [], line
+
+
+def test_no_free_path_through_a_wall_across_the_room(refused: Any, tmp_path: Path) -> None:
+    walls = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))["walls"]
+    across = [[10.0, -4.0 + k, 0.0] for k in range(9)]
+    line = refused("fly", "imu_uwb", "--set", room_file(tmp_path, walls=walls + across))
+    assert "planner.goal" in line
+    assert "no free way" in line
+
+
+def test_no_free_path_for_a_vehicle_as_wide_as_the_room(refused: Any) -> None:
+    assert "2.5" in refused("fly", "imu_uwb", "--set", "vehicle.radius=2.5")
+
+
+@pytest.mark.parametrize("content", ["0 0 1.5\n1 nan 1.5\n", "0 0 1.5\n1 2\n", "0 0 1.5\na b c\n"])
+def test_a_wrong_line_of_waypoints(refused: Any, tmp_path: Path, content: str) -> None:
+    (tmp_path / "points.txt").write_text(content)
+    planner = f"planner={{kind: waypoints, file: {tmp_path}/points.txt}}"
+    line = refused("scenario", "check", "imu_uwb", "--set", planner)
+    assert "points.txt" in line
+    assert "line 2" in line
+
+
+# --- what cannot be written -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("option", ["--out", "--json", "--png", "--html"])
+@pytest.mark.parametrize("where", ["file/x.png", "file/deeper/x.png", "folder.png"])
+def test_a_result_that_cannot_be_written(refused: Any, tmp_path: Path, option: str, where: str) -> None:
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "folder.png").mkdir()
+    line = refused("fly", "imu_uwb", "--set", HOVER, option, where)
+    assert where in line
+
+
+def test_tables_and_diagrams_that_cannot_be_written(refused: Any, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    for where in ("file", "file/deeper"):
+        assert where in refused("tables", "--flights", "1", "--set", HOVER, "--out", where)
+    assert "file/x.json" in refused("tables", "--flights", "1", "--set", HOVER, "--json", "file/x.json")
+    assert "file/x.svg" in refused("diagram", "--svg", "file/x.svg")
+
+
+@pytest.mark.parametrize("where", ["x.frog", "x"])
+def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
+    assert where in refused("fly", "imu_uwb", "--set", HOVER, "--png", where)
+
+
+# --- options --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["tables", "--flights", "0"], ["--flights", "1"]),
+        (["tables", "--workers", "0"], ["--workers", "1"]),
+        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "paper"]),
+        (["fly", "--seed", "one"], ["--seed", "integer"]),
+        (["fly", "imu_uwb", "imu_uwb"], ["imu_uwb"]),
+        (["fly", "--fast"], ["--fast"]),
+        (["fly", "--set"], ["--set"]),
+        (["hover"], ["hover"]),
+        (["diagram", "--depth", "9"], ["--depth", "3"]),
+    ],
+)
+def test_a_wrong_option(refused: Any, words: list[str], named: list[str]) -> None:
+    line = refused(*words)
+    assert [word for word in named if word not in line] == [], line
+
+
+# --- extremes that pass the checks of range -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "filter.initial_sd=[1.0e+200, 1, 1, 1]",
+        "filter.initial_sd=[1.0e-200, 1.0e-200, 1.0e-200, 1.0e-200]",
+        "filter.W={kind: diagonal, position: 1.0e+300, angle: 1, velocity: 1, rate: 1}",
+        "servo.weights.position=[1.0e+300, 1, 1]",
+        "uwb.noise={kind: constant, sd: 1.0e+200}",
+        "world.disturbance.force_sd=1.0e+200",
+        "filter.initial_sd=[1.0e+6, 1.0e+6, 1.0e+6, 1.0e+6]",
+        "filter.initial_sd=[1.0e-9, 1.0e-9, 1.0e-9, 1.0e-9]",
+        "filter.V.imu=[1.0e-12, 1.0e-12, 1.0e-12]",
+        "servo.weights.position=[1.0e+9, 1, 1]",
+        "servo.weights.control=[1.0e-9, 1, 1, 1]",
+        "servo.weights.integral=[1.0e-9, 1.0e-9, 1.0e-9]",
+        "world.disturbance.force_sd=1.0e+6",
+        "uwb.noise={kind: constant, sd: 1.0e+6}",
+        "vehicle.inertia=[1.0e-9, 1.0e-9, 1.0e-9]",
+        "control_rate=1000.0",
+        "uwb.max_distance=0.001",
+        "sensors=[]",
+    ],
+)
+def test_an_extreme_setting_is_refused_in_one_line_or_flown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, setting: str
+) -> None:
+    result = tmp_path / "flight.json"
+    code = run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--set", setting, "--json", str(result))
+    printed = capsys.readouterr()
+    assert code in (0, 2), printed.err
+    if code == 2:
+        assert len(printed.err.splitlines()) == 1
+        assert not result.exists()
+    else:
+        assert json.loads(result.read_text())["scenario"] == "imu_uwb"

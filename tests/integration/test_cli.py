@@ -1,0 +1,283 @@
+"""The command `ortilo`: what it prints, writes and returns."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+from pydrake.systems.framework import Diagram
+
+from ortilo_drake import cli
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.experiments.flight import fly, load_flight, scenario_of
+from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.scenario import load_scenario
+
+SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
+HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
+ASKED_FOR = {"scenario", "seed", "lost", "mse", "path_mse", "arrivals", "nees", "real_time_factor"}
+BESIDE = {"contacts", "path_distance_mse", "nis"}
+STATISTICS = {"mean", "median", "p75", "p25"}
+NAMES = {"imu_uwb", "imu_uwb_yolo"}
+
+
+def run_command(*words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run `ortilo` in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "ortilo_drake.cli", *words],
+        cwd=folder,
+        env=os.environ | {"COLUMNS": "80", "TERM": "dumb"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """Run `ortilo` in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
+    try:
+        cli.main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+# --- fly ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.CompletedProcess[str]"]:
+    folder = tmp_path_factory.mktemp("fly")
+    files = ["--out", "new/flight.nc", "--json", "new/flight.json", "--png", "flight.png", "--html", "flight.html"]
+    return folder, run_command("fly", "imu_uwb_yolo", "--seed", "3", "--set", SHORT, *files, folder=folder)
+
+
+def test_fly_succeeds_and_its_standard_error_is_silent(flown: Any) -> None:
+    _, done = flown
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_fly_writes_the_files_asked_for_and_no_other(flown: Any) -> None:
+    folder, done = flown
+    files = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+    assert files == ["flight.html", "flight.png", "new/flight.json", "new/flight.nc"]
+    for name in files:
+        assert f"wrote {name}" in done.stdout
+    assert cv2.imread(str(folder / "flight.png")) is not None
+    assert "<html" in (folder / "flight.html").read_text(encoding="utf-8")
+
+
+def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
+    found = json.loads((flown[0] / "new/flight.json").read_text(encoding="utf-8"))
+    assert set(found) == ASKED_FOR | BESIDE
+    assert (found["scenario"], found["seed"], found["lost"], found["contacts"]) == ("imu_uwb_yolo", 3, None, [])
+    assert set(found["mse"]) == {"x", "y", "z"}
+    assert set(found["arrivals"]) == {"uwb", "camera"}
+    assert set(found["nis"]) == {"uwb", "camera", "imu"}
+    assert all(0.0 < rate <= 1.0 for rate in found["arrivals"].values())
+    assert all(0.0 < found["mse"][axis] < 0.1 for axis in "xyz")
+    assert found["real_time_factor"] > 1.0
+
+
+def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -> None:
+    folder, done = flown
+    scenario = load_scenario("imu_uwb_yolo", (SHORT,), 3)
+    written = load_flight(folder / "new/flight.nc")
+    assert scenario_of(written) == scenario
+    here, there = summary(fly(scenario)), json.loads((folder / "new/flight.json").read_text(encoding="utf-8"))
+    assert summary(written) == there
+    del here["real_time_factor"], there["real_time_factor"]
+    assert here == there
+    assert done.stdout.startswith("imu_uwb_yolo, seed 3\n")
+    for axis, value in here["mse"].items():
+        assert f"{axis} {value:.5f}" in done.stdout
+    assert f"{here['path_mse']:.5f}" in done.stdout
+    assert f"uwb {here['arrivals']['uwb']:.1%}, camera {here['arrivals']['camera']:.1%}" in done.stdout
+
+
+def test_a_lost_flight_is_a_result_not_an_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    low = "planner={kind: hover, point: [8, 1, 0.02]}"
+    result = tmp_path / "lost.json"
+    assert run(monkeypatch, "fly", "imu_uwb", "--set", low, "--json", str(result)) == 0
+    lost = json.loads(result.read_text(encoding="utf-8"))["lost"]
+    assert set(lost) == {"time", "cause"}
+    assert 0.0 < lost["time"] < 12.0
+    assert lost["cause"] == "left the room"
+    assert f"lost at {lost['time']:.2f} s: left the room" in capsys.readouterr().out
+
+
+def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_null(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    result = tmp_path / "flight.json"
+    assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--json", str(result)) == 0
+    found = json.loads(result.read_text(encoding="utf-8"))
+    assert set(found) == ASKED_FOR | BESIDE
+    assert found["path_mse"] is None
+    assert found["arrivals"]["camera"] is None
+    assert "not defined" in capsys.readouterr().out
+
+
+def test_long_file_names_are_printed_whole(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "[bold]a folder with a very long name[x]" / "and another one below it, long too" / "flight.json"
+    assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--json", str(path)) == 0
+    assert f"wrote {path}\n" in capsys.readouterr().out
+
+
+# --- tables ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tabled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.CompletedProcess[str]"]:
+    folder = tmp_path_factory.mktemp("tables")
+    words = ["--flights", "2", "--workers", "2", "--set", SHORT, "--out", "out", "--json", "tables.json"]
+    return folder, run_command("tables", *words, folder=folder)
+
+
+def test_tables_succeed_and_their_standard_error_is_silent(tabled: Any) -> None:
+    _, done = tabled
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_tables_write_the_keys_asked_for(tabled: Any) -> None:
+    found = json.loads((tabled[0] / "tables.json").read_text(encoding="utf-8"))
+    assert {"preset", "flights", "lost", "estimation", "path", "paper"} <= set(found)
+    assert (found["preset"], found["flights"]) == ("tuned", 2)
+    assert found["lost"] == {"imu_uwb": 0, "imu_uwb_yolo": 0}
+    for tables in (found, found["paper"]):
+        assert set(tables["estimation"]) == set(tables["path"]) == NAMES
+        for name in NAMES:
+            assert set(tables["estimation"][name]) == {"x", "y", "z"}
+            assert all(set(tables["estimation"][name][axis]) == STATISTICS for axis in "xyz")
+            assert set(tables["path"][name]) == STATISTICS
+
+
+def test_tables_write_flights_figures_and_text_and_nothing_half_done(tabled: Any) -> None:
+    folder, done = tabled
+    files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    flights = {name for name in files if name.startswith("out/flights/")}
+    assert len(flights) == 4
+    assert all(re.fullmatch(r"out/flights/imu_uwb(_yolo)?-[0-9a-f]{8}/seed_00000[01]\.nc", name) for name in flights)
+    figures = {f"out/{figure}_tuned.png" for figure in ("trajectories", "errors", "arrivals")}
+    assert files - flights == figures | {"out/tables_tuned.md", "tables.json"}
+    assert all(cv2.imread(str(folder / figure)) is not None for figure in figures)
+    text = (folder / "out/tables_tuned.md").read_text(encoding="utf-8")
+    assert text in done.stdout
+    assert "IMU+UWB+YOLO" in text
+
+
+def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
+    tabled: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = tabled
+    monkeypatch.chdir(folder)
+    before = {p: p.stat().st_mtime_ns for p in (folder / "out/flights").rglob("*.nc")}
+    words = ["--flights", "2", "--workers", "1", "--set", SHORT, "--out", "out", "--json", "again.json"]
+    assert run(monkeypatch, "tables", *words) == 0
+    capsys.readouterr()
+    assert {p: p.stat().st_mtime_ns for p in (folder / "out/flights").rglob("*.nc")} == before
+    assert (folder / "again.json").read_bytes() == (folder / "tables.json").read_bytes()
+    (folder / "again.json").unlink()
+
+
+@pytest.mark.parametrize("preset", ["paper", "tuned"])
+def test_tables_of_lost_flights_count_them(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, preset: str
+) -> None:
+    storm = "world.disturbance.torque_sd=5.0"
+    words = ["--flights", "1", "--workers", "1", "--preset", preset, "--set", HOVER, "--set", storm]
+    result = tmp_path / "tables.json"
+    assert run(monkeypatch, "tables", *words, "--out", str(tmp_path), "--json", str(result)) == 0
+    found = json.loads(result.read_text(encoding="utf-8"))
+    assert found["preset"] == preset
+    assert found["lost"] == {"imu_uwb": 1, "imu_uwb_yolo": 1}
+    assert found["estimation"]["imu_uwb"]["x"] == dict.fromkeys(STATISTICS)
+    assert "1 of 1 flights lost" in capsys.readouterr().out
+
+
+# --- diagram --------------------------------------------------------------------------------------------------
+
+
+def subsystem_names(diagram: Diagram) -> set[str]:
+    names = set()
+    for system in diagram.GetSystems():
+        names |= {system.get_name()} | (subsystem_names(system) if isinstance(system, Diagram) else set())
+    return names
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
+def test_the_diagram_is_svg_that_names_every_subsystem(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "new" / "loop.svg"
+    assert run(monkeypatch, "diagram", "imu_uwb_yolo", "--set", SHORT, "--svg", str(path)) == 0
+    assert capsys.readouterr().err == ""
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    texts = {"".join(node.itertext()).strip() for node in root.iter("{http://www.w3.org/2000/svg}text")}
+    names = subsystem_names(make_closed_loop(load_scenario("imu_uwb_yolo", (SHORT,))))
+    assert {"world", "onboard", "quadrotor", "uwb", "imu", "kalman_filter", "lq_servo", "planner"} <= names
+    assert {name for name in names if not any(name in text for text in texts)} == set()
+
+
+def test_without_graphviz_the_diagram_is_refused_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    assert run(monkeypatch, "diagram", "--svg", str(tmp_path / "loop.svg")) == 2
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert "Graphviz" in printed.err
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- help and errors ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["fly"], ["tables"], ["diagram"], ["scenario"], ["scenario", "check"], ["scenario", "show"]]
+)
+def test_every_command_has_help(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    assert run(monkeypatch, *words, "--help") == 0
+    printed = capsys.readouterr()
+    assert "Usage:" in printed.out
+    assert printed.err == ""
+
+
+def test_bad_input_ends_the_process_with_code_two_and_one_line(tmp_path: Path) -> None:
+    done = run_command("fly", "imu_gps", "--json", "flight.json", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert re.fullmatch(r"ortilo: .*'imu_gps'.*\n", done.stderr)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_control_c_ends_with_code_130_and_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from ortilo_drake.experiments import flight
+
+    def press_control_c(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flight, "fly", press_control_c)
+    assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []

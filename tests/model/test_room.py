@@ -1,0 +1,128 @@
+"""The surveyed room: counts and facts from the file, views of it, footprints, and what is refused."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from ortilo_drake.model.room import ORTILO_ROOM, CameraModel, Footprint, Room, footprints, load_room
+from ortilo_drake.model.typed_yaml import InputError, validate
+
+ROOM = load_room()
+DATA: dict[str, Any] = yaml.safe_load(ORTILO_ROOM.read_text())
+
+
+def room_with(**changes: Any) -> Room:
+    return validate(Room, {**DATA, **changes}, "room.yaml")
+
+
+def test_arrays_are_the_files_rows() -> None:
+    np.testing.assert_array_equal(ROOM.anchor_positions, DATA["anchors"])
+    np.testing.assert_array_equal(ROOM.landmark_positions, [item["position"] for item in DATA["landmarks"]])
+    labels = [ROOM.classes[int(k)] for k in ROOM.landmark_labels]
+    assert labels == [item["label"] for item in DATA["landmarks"]]
+    assert len(set(ROOM.classes)) == len(ROOM.classes)
+    sizes = [DATA["landmark_size"][item["label"]] for item in DATA["landmarks"]]
+    np.testing.assert_array_equal(ROOM.landmark_sizes, sizes)
+    assert ROOM.anchor_positions.shape == (12, 3)
+    assert ROOM.wall_boxes.shape == (len(DATA["walls"]), 7)
+    assert ROOM.stand_cylinders.shape == (len(DATA["stands"]), 4)
+
+
+def test_everything_surveyed_is_inside_or_in_the_outer_walls() -> None:
+    low, high = np.array(ROOM.interior.min), np.array(ROOM.interior.max)
+    for points in (ROOM.anchor_positions, ROOM.landmark_positions):
+        assert np.all((low <= points) & (points <= high))
+    assert np.all((ROOM.wall_boxes[:, :3] > low - 1.0) & (ROOM.wall_boxes[:, :3] < high + 1.0))
+
+
+def corners(box: np.ndarray) -> np.ndarray:
+    """The corners seen from above of a wall (x, y, z, yaw, half sizes), each turned by hand."""
+    x, y, _, yaw, a, b, _ = box
+    turned = [(sx * a, sy * b) for sx in (-1, 1) for sy in (-1, 1)]
+    return np.array([(x + p * np.cos(yaw) - q * np.sin(yaw), y + p * np.sin(yaw) + q * np.cos(yaw)) for p, q in turned])
+
+
+def named(name: str, room: Room = ROOM) -> list[Footprint]:
+    return [f for f in footprints(room) if f.name == name]
+
+
+def test_a_walls_footprint_is_the_rectangle_about_its_turned_corners() -> None:
+    walls = named("wall")
+    assert len(walls) == len(ROOM.walls)
+    for footprint, box in zip(walls, ROOM.wall_boxes, strict=True):
+        np.testing.assert_allclose(footprint.low, corners(box).min(axis=0), atol=1e-12)
+        np.testing.assert_allclose(footprint.high, corners(box).max(axis=0), atol=1e-12)
+        assert footprint.radius == 0.0
+        assert footprint.top == pytest.approx(ROOM.wall_size[2])
+
+
+@given(st.floats(-np.pi, np.pi))
+def test_a_wall_at_any_angle_is_within_its_footprint(yaw: float) -> None:
+    room = room_with(walls=[[3.0, 1.0, yaw]])
+    (wall,) = named("wall", room)
+    found = corners(room.wall_boxes[0])
+    np.testing.assert_allclose(wall.low, found.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(wall.high, found.max(axis=0), atol=1e-12)
+
+
+def test_stands_are_discs_and_the_rest_reaches_its_size() -> None:
+    for stand, (x, y) in zip(named("stand"), ROOM.stands, strict=True):
+        assert stand == Footprint("stand", (x, y), (x, y), ROOM.stand_radius, ROOM.stand_height)
+    for person in named("person"):
+        np.testing.assert_allclose(np.subtract(person.high, person.low) + 2 * person.radius, [0.5, 0.5], atol=1e-12)
+    n = len(ROOM.walls) + len(ROOM.stands) + len(ROOM.furniture) + len(ROOM.landmarks)
+    assert len(footprints(ROOM)) == n
+
+
+def test_a_camera_at_half_the_size_sees_the_same_directions() -> None:
+    camera = CameraModel(width=640, height=480, focal_length=500.0, center=(319.5, 239.5), position=(0.1, 0.0, 0.0))
+    half = camera.scaled_to(320)
+    assert (half.width, half.height) == (320, 240)
+    # The image's left and right borders lie at -1/2 and width - 1/2.
+    for border in (0, 1):
+        angles = [(border * c.width - 0.5 - c.center[0]) / c.focal_length for c in (camera, half)]
+        assert angles[0] == pytest.approx(angles[1], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"anchors": DATA["anchors"][:2]}, ["anchors", "2 given", "at least 3"]),
+        ({"anchors": []}, ["anchors", "0 given", "at least 3"]),
+        ({"anchors": [[0.0, 1.0]] * 4}, ["anchors.0", "missing"]),
+        ({"anchors": [[0.0, float("nan"), 1.0], *DATA["anchors"]]}, ["anchors.0.1", "nan", "finite"]),
+        ({"interior": {"min": [0.0, 0.0, 0.0], "max": [5.0, -1.0, 3.0]}}, ["interior", "min y", "max y"]),
+        ({"stand_radius": -0.1}, ["stand_radius", "-0.1", "greater than 0"]),
+        ({"landmark_size": {}}, ["landmark_size", "no size for class"]),
+        ({"furniture_size": {}}, ["furniture_size", "no size for kind"]),
+        ({"ceiling": 3.0}, ["ceiling", "unknown key"]),
+        ({"name": 7}, ["name", "7", "string"]),
+    ],
+)
+def test_a_wrong_room_is_refused_in_one_line(changes: dict[str, Any], words: list[str]) -> None:
+    with pytest.raises(InputError) as refusal:
+        room_with(**changes)
+    line = str(refusal.value)
+    assert line.startswith("room.yaml: ")
+    assert "\n" not in line
+    for word in words:
+        assert word in line
+
+
+def test_a_missing_file_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^/nowhere/room\.yaml: no such room file$"):
+        load_room(Path("/nowhere/room.yaml"))
+
+
+def test_the_room_cannot_be_changed_and_equals_its_copy() -> None:
+    again = room_with()
+    assert again == ROOM
+    assert hash(again) == hash(ROOM)
+    with pytest.raises(ValidationError, match="frozen"):
+        ROOM.name = "other"

@@ -1,0 +1,163 @@
+"""The typed scenario: ready-made files, settings laid over them, and what is refused in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ortilo_drake.model.room import ORTILO_ROOM
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import (
+    SCENARIO_FOLDER,
+    HoverPlanner,
+    Link,
+    PositionBlackout,
+    Scenario,
+    load_scenario,
+    read_waypoints,
+    scenario_names,
+    with_seed,
+)
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_ready_made_scenario_loads_and_survives_its_own_json(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+
+
+def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
+    blackouts = tuple(
+        PositionBlackout(kind="position", axis="x", start=a, end=b) for a, b in ((1.5, 5.5), (12.9, 14.0), (16.9, 18.8))
+    )
+    for name, sensors in (
+        ("imu_uwb", {"uwb", "imu"}),
+        ("imu_uwb_yolo", {"uwb", "camera", "imu"}),
+        ("paper_imu_uwb", {"uwb", "imu"}),
+        ("paper_imu_uwb_yolo", {"uwb", "camera", "imu"}),
+    ):
+        scenario = load_scenario(name)
+        assert set(scenario.sensors) == sensors
+        assert scenario.uwb.link == Link(every=3, blackouts=blackouts)
+        assert scenario.h == 1 / 30
+        assert scenario.uwb.noise.kind == "proportional"
+        assert scenario.uwb.noise.fraction == 0.0075
+        assert scenario.uwb.walls.kind == "none"
+        assert (scenario.planner.start, scenario.planner.goal) == ((0.0, 0.0), (21.0, -3.2))
+        assert (scenario.planner.height, scenario.planner.speed) == (1.5, 0.35)
+        assert scenario.imu.angle_sd == 0.01
+        assert (scenario.world.disturbance.force_sd, scenario.world.disturbance.torque_sd) == (0.27, 0.005)
+    for name in ("paper_imu_uwb", "paper_imu_uwb_yolo"):
+        scenario = load_scenario(name)
+        identity = {"kind": "diagonal", "position": 1.0, "angle": 1.0, "velocity": 1.0, "rate": 1.0}
+        assert scenario.filter.W.model_dump() == identity
+        assert scenario.servo.velocities == "truth"
+
+
+def test_settings_are_laid_over_the_file() -> None:
+    scenario = load_scenario(
+        "imu_uwb", ("uwb.noise.fraction=0.02", "planner={kind: hover, point: [1.0, 2.0, 1.0]}", "sensors=[imu]"), seed=9
+    )
+    assert scenario.uwb.noise.fraction == 0.02
+    assert scenario.uwb.link.every == 3  # what the setting did not name stays
+    assert scenario.planner == HoverPlanner(kind="hover", point=(1.0, 2.0, 1.0))
+    assert scenario.sensors == ("imu",)
+    assert scenario.seed == 9
+    assert scenario.name == "imu_uwb"
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("uwb.nois.fraction=0.1", ["uwb.nois", "unknown key"]),
+        ("uwb.noise.fraction=-1", ["uwb.noise", "fraction", "-1", "greater than or equal to 0"]),
+        ("uwb.noise.fraction=.nan", ["uwb.noise.fraction", "nan", "finite"]),
+        ("uwb.noise.fraction='0.1'", ["fraction", "'0.1'", "number"]),
+        ("uwb.noise.kind=loud", ["uwb.noise.kind", "'loud'", "proportional", "constant"]),
+        ("servo.form=fuzzy", ["servo.form", "'fuzzy'", "'paper'", "'error'"]),
+        ("servo.integrator=none", ["servo.integrator", "'none'", "'literal'", "'hold'", "'estimate'"]),
+        ("servo.weights.integral=[0.0, 1.0, 1.0]", ["servo.weights.integral.0", "0.0", "greater than 0"]),
+        ("sensors=[imu, imu]", ["sensors", "names one twice"]),
+        ("sensors=[sonar]", ["sensors.0", "'sonar'"]),
+        ("seed=-1", ["seed", "-1"]),
+        ("seed=1.5", ["seed", "1.5", "integer"]),
+        ("control_rate=0", ["control_rate", "0"]),
+        ("world.kinematics=flat", ["world.kinematics", "'flat'", "'linear'"]),
+        ("uwb.link.every=0", ["uwb.link.every", "0", "greater than 0"]),
+        ("uwb.link.blackouts=[{kind: time, start: 5, end: 4}]", ["uwb.link", "start 5.0", "below end 4.0"]),
+        ("uwb.link.blackouts=[{start: 5, end: 6}]", ["uwb.link.blackouts.0", "needs a 'kind'"]),
+        ("planner={kind: waypoints}", ["planner", "none given"]),
+        ("vehicle.mass=60", ["vehicle", "60.0", "hover needs"]),
+        ("vehicle.inertia=[1.0, 2.0]", ["vehicle.inertia.2", "missing"]),
+        ("seed", ["must read key.key=value"]),
+        ("=3", ["must read key.key=value"]),
+        ("seed.deep=1", ["'seed' is not a group"]),
+        ("uwb=[1", ["not valid YAML"]),
+        ("uwb={link: {every: 1, every: 2}}", ["'every' stands twice"]),
+        ("room=/nowhere/room.yaml", ["/nowhere/room.yaml", "no such room file"]),
+    ],
+)
+def test_a_wrong_setting_is_refused_in_one_line(setting: str, words: list[str]) -> None:
+    with pytest.raises(InputError) as refusal:
+        load_scenario("imu_uwb", ("seed=0", setting))
+    line = str(refusal.value)
+    assert "\n" not in line
+    for word in words:
+        assert word in line
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(InputError) as refusal:
+        load_scenario("imu_ubw")
+    assert "'imu_ubw' is unknown" in str(refusal.value)
+    for name in scenario_names():
+        assert name in str(refusal.value)
+
+
+def test_files_are_found_beside_the_scenario_that_names_them(tmp_path: Path) -> None:
+    (tmp_path / "room.yaml").write_text(ORTILO_ROOM.read_text())
+    (tmp_path / "path.txt").write_text("# a path\n0 0 1.5\n\n2, 0.0, 1.5  # comma\n")
+    file = tmp_path / "mine.yaml"
+    file.write_text("room: room.yaml\nplanner: {kind: waypoints, file: path.txt}\n")
+    scenario = load_scenario(file)
+    assert scenario.name == "mine"
+    assert scenario.load_room().name == "ortilo"
+    np.testing.assert_array_equal(read_waypoints(Path(scenario.planner.file)), [[0, 0, 1.5], [2, 0, 1.5]])
+
+
+@pytest.mark.parametrize("text", ["0 0\n", "0 0 1 2\n", "0 zero 0\n", "0 nan 0\n", "0 inf 0\n"])
+def test_wrong_waypoints_name_file_and_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "path.txt"
+    path.write_text("1 1 1\n" + text)
+    with pytest.raises(InputError, match=r"line 2: .* is not three") as refusal:
+        read_waypoints(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("text", ["- a\n- b\n", "3\n"])
+def test_a_scenario_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="must hold settings by name"):
+        load_scenario(path)
+
+
+@given(st.integers(0, 2**63 - 1))
+def test_another_seed_changes_nothing_else(seed: int) -> None:
+    scenario = load_scenario("imu_uwb")
+    assert with_seed(scenario, seed).model_dump() == {**scenario.model_dump(), "seed": seed}
+
+
+def test_a_seed_below_zero_is_refused() -> None:
+    with pytest.raises(InputError, match="seed"):
+        with_seed(Scenario(), -1)
+
+
+def test_defaults_are_a_valid_scenario_and_so_is_an_empty_file(tmp_path: Path) -> None:
+    empty = tmp_path / "default.yaml"
+    empty.write_text("")
+    assert load_scenario(empty) == Scenario()
+    assert SCENARIO_FOLDER.is_dir()

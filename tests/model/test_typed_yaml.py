@@ -1,0 +1,106 @@
+"""Strict YAML: what is refused, and in how many words; what is taken is what PyYAML reads."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import PositiveFloat
+
+from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml, parse_yaml, validate
+
+
+class Part(Frozen):
+    size: tuple[float, float]
+    count: int = 1
+
+
+class Thing(Frozen):
+    name: str
+    weight: PositiveFloat
+    part: Part | None = None
+
+
+GOOD = "name: box\nweight: 2.5\npart: {size: [1.0, 2.0]}\n"
+
+
+def load(text: str) -> Thing:
+    return validate(Thing, parse_yaml(text, "thing.yaml"), "thing.yaml")
+
+
+def test_a_good_file_becomes_a_frozen_model(tmp_path: Path) -> None:
+    path = tmp_path / "thing.yaml"
+    path.write_text(GOOD)
+    thing = load_yaml(Thing, path)
+    assert thing == Thing(name="box", weight=2.5, part=Part(size=(1.0, 2.0)))
+    with pytest.raises(ValueError, match="frozen"):
+        thing.name = "other"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (GOOD + "weight: 3.0\n", ["line 4", "'weight' stands twice"]),
+        (GOOD.replace("{size", "{size: [3.0, 4.0], size"), ["line 3", "'size' stands twice"]),
+        (GOOD + "wieght: 3.0\n", ["wieght", "unknown key", "3.0"]),
+        (GOOD.replace("}", ", colour: red}"), ["part.colour", "unknown key", "red"]),
+        ("nmae: box\nweight: 1.0\n", ["nmae", "unknown key"]),  # rather than "name is missing"
+        ("name: box\n", ["weight", "is missing"]),
+        (GOOD.replace("2.5", ".nan"), ["weight", "nan", "finite"]),
+        (GOOD.replace("2.5", ".inf"), ["weight", "inf", "finite"]),
+        (GOOD.replace("2.0", "-.inf"), ["part.size.1", "-inf", "finite"]),
+        (GOOD.replace("2.5", "'2.5'"), ["weight", "'2.5'", "number"]),
+        (GOOD.replace("2.5", "heavy"), ["weight", "'heavy'", "number"]),
+        (GOOD.replace("2.5", "yes"), ["weight", "True", "number"]),
+        (GOOD.replace("2.5", "-2.5"), ["weight", "-2.5", "greater than 0"]),
+        (GOOD.replace("[1.0, 2.0]", "[1.0]"), ["part.size.1", "missing"]),
+        (GOOD.replace("[1.0, 2.0]", "7"), ["part.size", "7"]),
+        (GOOD.replace("}", ", count: 1.5}"), ["part.count", "1.5", "integer"]),
+        (GOOD.replace("2.5", "2024-01-01"), ["date"]),
+        ("1: box\n", ["line 1", "key 1 is not a name"]),
+        ("name: [box\n", ["not valid YAML"]),
+        ("name: !!python/object/apply:os.getcwd []\n", ["not valid YAML"]),
+        ("- name\n- weight\n", ["object"]),
+        ("just text\n", ["object"]),
+        ("", ["name", "is missing"]),
+    ],
+)
+def test_whatever_is_wrong_takes_one_line_with_file_field_and_value(text: str, words: list[str]) -> None:
+    with pytest.raises(InputError) as refusal:
+        load(text)
+    line = str(refusal.value)
+    assert line.startswith("thing.yaml: ")
+    assert "\n" not in line
+    for word in words:
+        assert word in line
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    latin = tmp_path / "latin.yaml"
+    latin.write_bytes("name: Schachtel für Äpfel\n".encode("latin-1"))
+    for path, word in ((tmp_path / "none.yaml", "No such file"), (tmp_path, "directory"), (latin, "UTF-8")):
+        with pytest.raises(InputError, match=word) as refusal:
+            load_yaml(Thing, path)
+        assert str(refusal.value).startswith(f"{path}: cannot be read: ")
+        assert "\n" not in str(refusal.value)
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(st.characters(codec="ascii")),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text("abcdef", min_size=1), inner, max_size=3),
+    max_leaves=10,
+)
+
+
+@given(PLAIN)
+def test_what_yaml_writes_is_read_back(data: object) -> None:
+    assert parse_yaml(yaml.safe_dump(data), "any") == data
+
+
+@given(st.text(max_size=60))
+def test_whatever_text_is_refused_takes_one_line(text: str) -> None:
+    # No text of 60 random characters is a Thing, which needs two names; and no other error may escape.
+    with pytest.raises(InputError) as refusal:
+        load(text)
+    assert len(str(refusal.value).splitlines()) == 1
