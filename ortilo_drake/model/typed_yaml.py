@@ -117,9 +117,9 @@ def _find_not_plain(data: Any, field: str = "") -> str | None:
         return f"{field}: {data}: must be a finite number"
     if isinstance(data, float) and abs(data) > LARGEST:
         return f"{field}: {data}: must not exceed {LARGEST:g} in size"
-    if not isinstance(data, None | bool | int | float | str | list | dict):
+    if not isinstance(data, None | bool | int | float | str | list | tuple | dict):
         return f"{field}: {data}: must be a number (integer or not), text, list or group, not a {type(data).__name__}"
-    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list | tuple) else ()
     found = (_find_not_plain(value, f"{field}.{key}" if field else str(key)) for key, value in items)
     return next((problem for problem in found if problem), None)
 
