@@ -76,6 +76,6 @@ def set_hovering(diagram: Diagram, context: Context, scenario: Scenario) -> None
     x_0[0:3] = reference[0:3]
     x_0[5] = scenario.servo.yaw
     quadrotor = world.GetSubsystemByName("quadrotor")
-    quadrotor.GetMyMutableContextFromRoot(context).SetContinuousState(x_0)
+    quadrotor.SetState(quadrotor.GetMyMutableContextFromRoot(context), x_0)
     hold = world.GetSubsystemByName("hold")
     hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), [scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])

@@ -30,17 +30,24 @@ def make_world(scenario: Scenario) -> Diagram:
     builder = DiagramBuilder()
 
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(h, N_U))
-    plant = builder.AddSystem(QuadrotorPlant(vehicle=scenario.vehicle, kinematics=scenario.world.kinematics))
+    sampled = scenario.world.plant == "sampled"
+    plant = builder.AddSystem(
+        QuadrotorPlant(scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
+    )
     disturbance = builder.AddSystem(DisturbanceSource(scenario.world.disturbance, seed, h))
     disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     actuator: LeafSystem = hold
     if scenario.world.rotors.kind == "first_order":
         actuator = builder.AddSystem(Rotors(scenario.vehicle))
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
-    builder.ExportInput(hold.get_input_port(), "control")
-    builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))
+    control = builder.ExportInput(hold.get_input_port(), "control")
     builder.Connect(disturbance.get_output_port(), disturbance_hold.get_input_port())
-    builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
+    if sampled:  # it samples and holds its inputs itself
+        builder.ConnectInput(control, plant.GetInputPort("control"))
+        builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
+    else:
+        builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))
+        builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
     state = plant.GetOutputPort("state")
     builder.ExportOutput(state, "state")
 

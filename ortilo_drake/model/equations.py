@@ -77,7 +77,7 @@ def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: n
     )
 
 
-@njit(cache=True)
+@register_jitable
 def small_angle_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the paper's nonlinear equations, which take the Euler rates for the body rates.
 
@@ -107,7 +107,7 @@ def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
     )
 
 
-@njit(cache=True)
+@register_jitable
 def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
 
@@ -130,7 +130,7 @@ def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float
     return np.array([x[6], x[7], x[8], phi_dot, theta_dot, psi_dot, a[0], a[1], a[2], phi_ddot, theta_ddot, psi_ddot])
 
 
-@njit(cache=True)
+@register_jitable
 def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the paper's equations linearised at hover. Arguments as in small_angle_dynamics."""
     return np.array(
@@ -151,8 +151,45 @@ def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, in
     )
 
 
+KINEMATICS = ("linear", "small_angle", "rigid_body")
+
+# The three, compiled; the plain form of each is its py_func.
 DYNAMICS = {
-    "linear": linear_dynamics,
-    "small_angle": small_angle_dynamics,
-    "rigid_body": rigid_body_dynamics,
+    "linear": njit(cache=True)(linear_dynamics),
+    "small_angle": njit(cache=True)(small_angle_dynamics),
+    "rigid_body": njit(cache=True)(rigid_body_dynamics),
 }
+
+
+@register_jitable
+def derivative(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int
+) -> np.ndarray:
+    """Return x_dot of the dynamics with that index in KINEMATICS."""
+    if kinematics == 0:
+        return linear_dynamics(x, u, d, mass, inertia)
+    if kinematics == 1:
+        return small_angle_dynamics(x, u, d, mass, inertia)
+    return rigid_body_dynamics(x, u, d, mass, inertia)
+
+
+@njit(cache=True)
+def step(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int, h: float
+) -> np.ndarray:
+    """Return x after h [s] under held u and d: one step of the classical fourth-order Runge-Kutta method.
+
+    Args:
+        x: state (12).
+        u: control (4).
+        d: disturbance (6).
+        mass: m [kg].
+        inertia: I_x, I_y, I_z [kg m^2].
+        kinematics: index in KINEMATICS.
+        h: step [s].
+    """
+    k_1 = derivative(x, u, d, mass, inertia, kinematics)
+    k_2 = derivative(x + h / 2.0 * k_1, u, d, mass, inertia, kinematics)
+    k_3 = derivative(x + h / 2.0 * k_2, u, d, mass, inertia, kinematics)
+    k_4 = derivative(x + h * k_3, u, d, mass, inertia, kinematics)
+    return x + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)

@@ -142,7 +142,7 @@ def cosine_law(
                 C[k, 2 * i : 2 * i + 2] = b[j] @ db[i]
                 C[k, 2 * j : 2 * j + 2] = b[i] @ db[j]
                 k += 1
-        M = T @ D @ C
+        M = T @ np.ascontiguousarray(D) @ C
         moved = np.sqrt(np.sum((p_WC - R_WB @ p_BC - p_WB) ** 2))
         p_WB = p_WC - R_WB @ p_BC
         if moved < 1e-8:

@@ -4,6 +4,8 @@ It stacks what arrived in this tick into y_k, says by Delta_k which of it is the
 noise covariance; the filter forms H_k = Delta_k Cbar from it, and filter and servo E_k.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -82,6 +84,11 @@ def selection_matrix(delta: np.ndarray) -> np.ndarray:
     return E
 
 
+def _always(value: np.ndarray) -> Callable[[Context], np.ndarray]:
+    """Return what stands in for a port that is not there."""
+    return lambda _: value
+
+
 class MeasurementHandler(LeafSystem):
     """Turns fixes and imu angles into y_k, the arrivals and V2.
 
@@ -110,23 +117,22 @@ class MeasurementHandler(LeafSystem):
         self._gates = np.array([np.inf if gate is None else chi2.ppf(gate, df=3) for gate in gates])
         is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
         sizes = {"uwb": FIX_SIZE, "camera": FIX_SIZE, "imu": IMU_SIZE}
-        self._ports = [self.DeclareVectorInputPort(s, sizes[s]) if s in sensors else None for s in SENSORS]
-        self._ports += [
+        ports = [self.DeclareVectorInputPort(s, sizes[s]) if s in sensors else None for s in SENSORS]
+        ports += [
             self.DeclareVectorInputPort(name, size) if is_gated else None
             for name, size in (("estimate", N_XBAR), ("covariance", N_XBAR * N_XBAR))
         ]
-        self._absent = [np.zeros(n) for n in (FIX_SIZE, FIX_SIZE, IMU_SIZE, N_XBAR, N_XBAR * N_XBAR)]
+        absent = [np.zeros(n) for n in (FIX_SIZE, FIX_SIZE, IMU_SIZE, N_XBAR, N_XBAR * N_XBAR)]
+        self._inputs = [
+            _always(zeros) if port is None else port.Eval for port, zeros in zip(ports, absent, strict=True)
+        ]
         self.DeclareVectorOutputPort(
             "measurement",
             MEASUREMENT_SIZE,
             self._calc_measurement,
-            prerequisites_of_calc={port.ticket() for port in self._ports if port is not None}
-            or {self.nothing_ticket()},
+            prerequisites_of_calc={port.ticket() for port in ports if port is not None} or {self.nothing_ticket()},
         )
 
     def _calc_measurement(self, context: Context, output: BasicVector) -> None:
-        inputs = [
-            absent if port is None else port.Eval(context)
-            for port, absent in zip(self._ports, self._absent, strict=True)
-        ]
+        inputs = [value(context) for value in self._inputs]
         output.SetFromVector(stack_measurements(*inputs, self._V, self._from_fix, self._gates))

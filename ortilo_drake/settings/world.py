@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -32,10 +32,19 @@ class World(Frozen):
     Attributes:
         kinematics: 'small_angle' is the paper's nonlinear model, 'rigid_body' has proper Euler-rate kinematics,
             'linear' is the paper's linearisation at hover.
+        plant: 'sampled' steps the vehicle once a tick by the classical Runge-Kutta method, which for held inputs leaves
+            the simulator nothing to integrate; 'continuous' has Drake integrate it. Rotors with a lag need the latter.
         rotors: between the control and the body.
         disturbance: what pushes the vehicle about.
     """
 
     kinematics: Literal["linear", "small_angle", "rigid_body"] = "small_angle"
+    plant: Literal["sampled", "continuous"] = "sampled"
     rotors: Annotated[IdealRotors | FirstOrderRotors, Field(discriminator="kind")] = IdealRotors()
     disturbance: Disturbance = Disturbance()
+
+    @model_validator(mode="after")
+    def _lag_is_integrated(self) -> "World":
+        if self.rotors.kind == "first_order" and self.plant == "sampled":
+            raise ValueError(".plant: 'sampled': rotors of kind 'first_order' need 'continuous'")
+        return self

@@ -1,14 +1,20 @@
 """The quadrotor plant."""
 
+import contextlib
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.model.equations import DYNAMICS
-from ortilo_drake.model.signals import N_U
+from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
+from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import M100, Vehicle
+
+
+def _symbols_may_raise_flags(T: type) -> Any:
+    """Return a context that hides the floating-point flags which Drake's symbols leave raised."""
+    return contextlib.nullcontext() if T is float else np.errstate(invalid="ignore")
 
 
 @TemplateSystem.define("QuadrotorPlant_")
@@ -25,39 +31,68 @@ def QuadrotorPlant_(T: type) -> type:
 
         The equations are those of model/equations.py: ``kinematics`` picks 'small_angle' (the paper's),
         'rigid_body' or 'linear'. Floats run through numba, other scalars through the same source in Python.
+
+        As with Drake's MultibodyPlant, ``time_step`` 0 makes x a continuous state that the simulator integrates.
+        A positive time_step [s] makes it a discrete state that is updated every time_step with the inputs of that
+        instant, held over the step, by one step of the classical Runge-Kutta method; of the linearised model, whose A
+        is nilpotent, that is the exact x_{k+1} = Phi x_k + Gamma u_k.
         """
 
-        def _construct(self, vehicle: Vehicle = M100, kinematics: str = "small_angle", converter: Any = None) -> None:
+        def _construct(
+            self,
+            vehicle: Vehicle = M100,
+            kinematics: str = "small_angle",
+            time_step: float = 0.0,
+            converter: Any = None,
+        ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("quadrotor")
-            self._vehicle, self._kinematics = vehicle, kinematics
-            dynamics = DYNAMICS[kinematics]
-            self._dynamics = dynamics if T is float else dynamics.py_func
+            self._vehicle, self._kinematics, self._time_step = vehicle, kinematics, time_step
+            dynamics, self._kind = DYNAMICS[kinematics], KINEMATICS.index(kinematics)
+            self._dynamics, self._step = (dynamics, step) if T is float else (dynamics.py_func, step.py_func)
             self._mass, self._inertia = vehicle.mass, np.array(vehicle.inertia)
             self._undisturbed = np.zeros(6)
             self._control = self.DeclareVectorInputPort("control", N_U)
             self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
-            state = self.DeclareContinuousState(6, 6, 0)
+            if time_step:
+                state = self.DeclareDiscreteState(N_X)
+                self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+            else:
+                state = self.DeclareContinuousState(6, 6, 0)
             self.DeclareStateOutputPort("state", state)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, other._vehicle, other._kinematics, converter=converter)
+            Impl._construct(self, other._vehicle, other._kinematics, other._time_step, converter=converter)
+
+        def SetState(self, context: Any, x: np.ndarray) -> None:
+            """Set x (12) in a context of this plant."""
+            if self._time_step:
+                context.SetDiscreteState(x)
+            else:
+                context.SetContinuousState(x)
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+            if self._time_step:
+                return
+            x = context.get_continuous_state_vector().CopyToVector()
+            u, d = self._inputs(context)
+            with _symbols_may_raise_flags(T):
+                derivatives.SetFromVector(self._dynamics(x, u, d, self._mass, self._inertia))
+
+        def _update(self, context: Any, values: Any) -> None:
+            x = context.get_discrete_state().value()
+            u, d = self._inputs(context)
+            with _symbols_may_raise_flags(T):
+                values.set_value(self._step(x, u, d, self._mass, self._inertia, self._kind, self._time_step))
+
+        def _inputs(self, context: Any) -> tuple[Any, Any]:
             try:
                 d = self._disturbance.Eval(context)
             except RuntimeError:  # not connected; asking first would cost every other call a tenth of its time
                 if self._disturbance.HasValue(context):
                     raise
                 d = self._undisturbed
-            x = context.get_continuous_state_vector().CopyToVector()
-            u = self._control.Eval(context)
-            if T is float:
-                x_dot = self._dynamics(x, u, d, self._mass, self._inertia)
-            else:
-                with np.errstate(invalid="ignore"):  # flags that Drake's symbols leave raised
-                    x_dot = self._dynamics(x, u, d, self._mass, self._inertia)
-            derivatives.SetFromVector(x_dot)
+            return self._control.Eval(context), d
 
     return Impl
 

@@ -101,6 +101,7 @@ def test_the_outline_passes_a_walls_corner_as_a_disc(gap: float, is_hit: bool) -
     [
         ((6.656, 0.60, 1.5), ["person", "person_standing_0"]),  # 0.675 m from a person of radius 0.25 m
         ((6.656, 0.80, 1.5), []),
+        ((6.656, 0.60, 2.05), ["person", "person_standing_0"]),
         ((6.656, 0.60, 2.2), []),  # over the head: 1.95 m and half a body of 0.15 m
     ],
 )

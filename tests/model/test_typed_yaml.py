@@ -104,3 +104,9 @@ def test_whatever_text_is_refused_takes_one_line(text: str) -> None:
     with pytest.raises(InputError) as refusal:
         load(text)
     assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_aliases_are_refused_before_they_multiply() -> None:
+    bomb = "a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 11))
+    with pytest.raises(InputError, match=r"line 2: aliases are not allowed"):
+        parse_yaml(bomb, "bomb")

@@ -10,9 +10,10 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Linearize, MatrixGain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.integrate import solve_ivp
 
 from ortilo_drake.model.equations import DYNAMICS, rigid_body_dynamics, small_angle_dynamics
-from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
+from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.world.quadrotor import QuadrotorPlant, QuadrotorPlant_
 
@@ -168,3 +169,41 @@ def test_free_rotation_conserves_energy_and_angular_momentum() -> None:
         assert abs(x[4]) < 1.4
         yaw = x[5]
     assert abs(yaw) > 2 * np.pi
+
+
+@pytest.mark.parametrize("kinematics", DYNAMICS)
+def test_the_sampled_plant_linearises_to_phi_and_gamma(kinematics: str) -> None:
+    h = 1.0 / 30.0
+    plant = QuadrotorPlant(M100, kinematics, time_step=h)
+    context = plant.CreateDefaultContext()
+    plant.SetState(context, np.array([3.0, 1.0, 1.5] + [0.0] * 9))
+    plant.GetInputPort("control").FixValue(context, [M100.hover_thrust, 0.0, 0.0, 0.0])
+    plant.GetInputPort("disturbance").FixValue(context, np.zeros(6))
+    system = Linearize(
+        plant,
+        context,
+        plant.GetInputPort("control").get_index(),
+        plant.GetOutputPort("state").get_index(),
+        equilibrium_check_tolerance=1e-9,
+    )
+    Phi, Gamma = discretize(hover_A(), hover_B(M100), h)
+    np.testing.assert_allclose(system.A(), Phi, atol=1e-12)
+    np.testing.assert_allclose(system.B(), Gamma, atol=1e-12)
+
+
+@pytest.mark.parametrize("kinematics", DYNAMICS)
+def test_a_step_of_the_sampled_plant_agrees_with_scipy(kinematics: str) -> None:
+    x = np.array([0.0, 0.0, 1.5, 0.05, -0.04, 0.1, 0.3, -0.2, 0.1, 0.4, -0.3, 0.2])
+    u, d, h = np.array([27.0, 0.02, -0.03, 0.01]), np.array([0.2, -0.1, 0.3, 0.004, 0.002, -0.003]), 1.0 / 30.0
+    inertia = np.array(M100.inertia)
+    exact = solve_ivp(
+        lambda _, y: DYNAMICS[kinematics](y, u, d, M100.mass, inertia), (0.0, h), x, rtol=1e-12, atol=1e-14
+    ).y[:, -1]
+    plant = QuadrotorPlant(M100, kinematics, time_step=h)
+    simulator = Simulator(plant)
+    context = simulator.get_mutable_context()
+    plant.SetState(context, x)
+    plant.GetInputPort("control").FixValue(context, u)
+    plant.GetInputPort("disturbance").FixValue(context, d)
+    simulator.AdvanceTo(0.5 * h)
+    np.testing.assert_allclose(context.get_discrete_state_vector().CopyToVector(), exact, atol=2e-8)
