@@ -73,6 +73,8 @@ def _print_flight(result: dict[str, Any]) -> None:
         out.print(f"  [red]lost[/red] at {lost['time']:.2f} s: {lost['cause']}")
     mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result["mse"].items())
     out.print(f"  estimation MSE      {mse} m²")
+    farthest = result["max_path_distance"], result["max_reference_distance"]
+    out.print(f"  farthest from path  {farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m")
     path = "not defined on this path" if result["path_mse"] is None else f"{result['path_mse']:.5f} m²"
     out.print(f"  path MSE            {path}, by distance {result['path_distance_mse']:.5f} m²")
     rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result["arrivals"].items()]
@@ -145,7 +147,7 @@ def tables(
 
     prefix = "paper_" if preset is Preset.paper else ""
     chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
-    _check_writable(json_file, out_folder / "tables.md")
+    _check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     from ortilo_drake.experiments.ensemble import flight_file, fly_many
     from ortilo_drake.experiments.figures import arrival_figure, error_figure, trajectory_figure
     from ortilo_drake.experiments.flight import load_flight

@@ -223,13 +223,14 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
 
 
 def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
-    """Return the scenario with the files it names made absolute."""
+    """Return the scenario with its room's path made absolute and its waypoints read, so that it stands alone."""
     changes: dict[str, Any] = {}
     if scenario.room != "ortilo":
         changes["room"] = str((folder / scenario.room).resolve())
     if isinstance(scenario.planner, WaypointPlanner) and scenario.planner.file is not None:
-        file = str((folder / scenario.planner.file).resolve())
-        changes["planner"] = scenario.planner.model_copy(update={"file": file})
+        points = read_waypoints((folder / scenario.planner.file).resolve())
+        rows = tuple(tuple(row) for row in points.tolist())
+        changes["planner"] = scenario.planner.model_copy(update={"file": None, "points": rows})
     return scenario.model_copy(update=changes) if changes else scenario
 
 

@@ -3,12 +3,14 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 from distributed import Client, LocalCluster, as_completed
 
+import ortilo_drake
 from ortilo_drake.experiments.flight import fly, load_flight, save_flight
 from ortilo_drake.experiments.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError
@@ -16,12 +18,22 @@ from ortilo_drake.scenario import Scenario, with_seed
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
-    """Return the folder of a scenario's flights: its name and a digest of all but the seed.
+    """Return the folder of a scenario's flights: its name and a digest of all that decides them but the seed.
 
-    A changed scenario gets a folder of its own, so that a resumed run never mixes two.
+    That is the scenario, the room and the program itself, so that a resumed run never mixes two.
     """
     text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
-    return out / f"{scenario.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    everything = "\n".join((text, scenario.load_room().model_dump_json(), _program()))
+    return out / f"{scenario.name}-{hashlib.sha256(everything.encode()).hexdigest()[:8]}"
+
+
+@cache
+def _program() -> str:
+    """Return a digest of the package's sources."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(ortilo_drake.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:

@@ -109,12 +109,14 @@ def fly(
     simulator = make_simulator(diagram, scenario)
     if meshcat is not None:
         simulator.set_target_realtime_rate(1.0)
+    collects = gc.isenabled()
     gc.collect()
     gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
     try:
         lost, wall = _advance(simulator, diagram, scenario, ticks, progress)
     finally:
-        gc.enable()
+        if collects:
+            gc.enable()
     log = diagram.GetSubsystemByName("log").FindLog(simulator.get_context())
     end = lost.tick + 1 if lost else ticks + 1
     dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)

@@ -32,10 +32,20 @@ def path_mse(flight: xr.Dataset) -> float:
     return float(np.mean((actual[:, 1] - y_planned) ** 2))
 
 
-def path_distance_mse(flight: xr.Dataset) -> float:
-    """Return the mean squared distance [m^2] of the true position from the planned path, in three dimensions."""
+def path_distance(flight: xr.Dataset) -> np.ndarray:
+    """Return the distance [m] of the true position from the planned path at every tick, in three dimensions."""
     distance, _ = cKDTree(flight["reference"].values).query(flight["truth"].values[:, :3])
-    return float(np.mean(distance**2))
+    return np.asarray(distance)
+
+
+def path_distance_mse(flight: xr.Dataset) -> float:
+    """Return the mean squared distance [m^2] of the true position from the planned path."""
+    return float(np.mean(path_distance(flight) ** 2))
+
+
+def reference_distance(flight: xr.Dataset) -> np.ndarray:
+    """Return the distance [m] of the true position from r_k at every tick."""
+    return np.linalg.norm(flight["truth"].values[:, :3] - flight["reference"].values, axis=1)
 
 
 def position_nees(flight: xr.Dataset) -> np.ndarray:
@@ -83,6 +93,8 @@ def summary(flight: xr.Dataset) -> dict[str, Any]:
         "mse": estimation_mse(flight),
         "path_mse": _finite(path_mse(flight)),
         "path_distance_mse": path_distance_mse(flight),
+        "max_path_distance": float(np.max(path_distance(flight))),
+        "max_reference_distance": float(np.max(reference_distance(flight))),
         "arrivals": arrival_rates(flight),
         "nees": float(np.mean(position_nees(flight))),
         "nis": {sensor: float(np.mean(nis(flight, sensor))) for sensor in used},

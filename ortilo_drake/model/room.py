@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import PositiveFloat, PositiveInt, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
+from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, read_text, validate
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
@@ -180,7 +180,6 @@ def footprints(room: Room) -> list[Footprint]:
     return found
 
 
-@lru_cache(maxsize=8)
 def load_room(path: Path = ORTILO_ROOM) -> Room:
     """Read a room file.
 
@@ -189,4 +188,9 @@ def load_room(path: Path = ORTILO_ROOM) -> Room:
     """
     if not path.exists():
         raise InputError(f"{path}: no such room file")
-    return load_yaml(Room, path)
+    return _room_of(read_text(path), str(path))
+
+
+@lru_cache(maxsize=8)
+def _room_of(text: str, source: str) -> Room:
+    return validate(Room, parse_yaml(text, source), source)

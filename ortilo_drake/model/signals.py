@@ -19,8 +19,6 @@ which its content was true. The payloads:
 
 from typing import Final
 
-from pydrake.common.containers import namedview
-
 STATE_NAMES: Final = (
     "x", "y", "z", "phi", "theta", "psi",
     "x_dot", "y_dot", "z_dot", "phi_dot", "theta_dot", "psi_dot",
@@ -30,9 +28,6 @@ OUTPUT_NAMES: Final = (
     "x_uwb", "y_uwb", "z_uwb", "x_cam", "y_cam", "z_cam", "phi_imu", "theta_imu", "psi_imu",
 )  # fmt: skip
 SENSORS: Final = ("uwb", "camera", "imu")
-
-State = namedview("State", STATE_NAMES)
-Control = namedview("Control", CONTROL_NAMES)
 
 N_X: Final = 12  # the paper's n
 N_U: Final = 4  # the paper's m

@@ -1,7 +1,11 @@
 """The intermittent measurements handler (paper, section IV-B).
 
 It stacks what arrived in this tick into y_k, says by Delta_k which of it is there, and gives each sensor's
-noise covariance; the filter forms H_k = Delta_k Cbar from it, and filter and servo E_k.
+noise covariance. The filter forms H_k = Delta_k Cbar and E_k from the arrivals, row by row, in intermittent_filter.py
+(STATE_OF_ROW, integrated_sensor); arrival_matrix and selection_matrix below are the same at full size, as the paper
+writes them.
+
+A measurement that comes late enters as if it were current; its stamp is not used.
 """
 
 from collections.abc import Callable

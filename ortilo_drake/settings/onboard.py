@@ -96,7 +96,8 @@ class KalmanFilter(Frozen):
     Attributes:
         W: process noise covariance.
         V: measurement noise.
-        initial_sd: standard deviation of the initial error in position [m], angles, velocity, Euler rates.
+        initial_sd: what the filter believes of its initial error in position [m], angles, velocity, Euler rates;
+            flights start without one, so NEES starts at 0.
     """
 
     W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
@@ -125,12 +126,12 @@ class LqServo(Frozen):
             filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
             integrates r - xhat, as in the authors' code.
         velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
-        yaw: psi_r [rad].
+        yaw: psi_r [rad], small: the hover model of filter and servo is that of yaw 0. Only in the error form.
         weights: Q and R.
     """
 
     form: Literal["paper", "error"] = "error"
-    integrator: Literal["literal", "hold", "estimate"] = "estimate"
+    integrator: Literal["literal", "hold", "estimate"] = "hold"
     velocities: Literal["estimate", "truth"] = "estimate"
-    yaw: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+    yaw: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
     weights: ServoWeights = ServoWeights()

@@ -103,7 +103,7 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
         ("imu_uwb", (SHORT, "servo.integrator=hold", "servo.form=paper")),
         ("paper_imu_uwb", (HOVER,)),
         ("bursty_link", (HOVER,)),
-        ("rotors", (HOVER, "servo.yaw=0.3", "handler.uwb_gate=0.9")),
+        ("rotors", (HOVER, "servo.yaw=0.1", "handler.uwb_gate=0.9")),
     ],
 )
 def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[str, ...]) -> None:

@@ -80,7 +80,7 @@ def messages(world: Diagram, port: str, h: float, ticks: int = 31) -> np.ndarray
     found = []
     for k in range(ticks):
         context.SetTime(k * h)
-        plant.GetMyMutableContextFromRoot(context).SetContinuousState([8.0, 1.0, 1.5, *[0.02] * 9])
+        plant.SetState(plant.GetMyMutableContextFromRoot(context), [8.0, 1.0, 1.5, *[0.02] * 9])
         found.append(world.GetOutputPort(port).Eval(context).copy())
     return np.array(found)
 
@@ -116,5 +116,5 @@ def test_a_message_is_a_function_of_seed_and_tick_not_of_the_order_of_asking() -
     plant = world.GetSubsystemByName("quadrotor")
     for k in reversed(range(0, 31, 3)):
         context.SetTime(k * h)
-        plant.GetMyMutableContextFromRoot(context).SetContinuousState([8.0, 1.0, 1.5, *[0.02] * 9])
+        plant.SetState(plant.GetMyMutableContextFromRoot(context), [8.0, 1.0, 1.5, *[0.02] * 9])
         assert world.GetOutputPort("detections").Eval(context).tobytes() == forward[k].tobytes()

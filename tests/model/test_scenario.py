@@ -125,7 +125,16 @@ def test_files_are_found_beside_the_scenario_that_names_them(tmp_path: Path) -> 
     scenario = load_scenario(file)
     assert scenario.name == "mine"
     assert scenario.load_room().name == "ortilo"
-    np.testing.assert_array_equal(read_waypoints(Path(scenario.planner.file)), [[0, 0, 1.5], [2, 0, 1.5]])
+    assert scenario.planner.file is None  # read at once: a flight carries its waypoints, not the name of a file
+    np.testing.assert_array_equal(scenario.planner.points, [[0, 0, 1.5], [2, 0, 1.5]])
+
+
+def test_a_waypoint_file_that_changes_is_read_again(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("planner: {kind: waypoints, file: path.txt}\n")
+    for x in (3.0, 6.0):
+        (tmp_path / "path.txt").write_text(f"0 0 1.5\n{x} 0 1.5\n")
+        assert load_scenario(file).planner.points[-1] == (x, 0.0, 1.5)
 
 
 @pytest.mark.parametrize("text", ["0 0\n", "0 0 1 2\n", "0 zero 0\n", "0 nan 0\n", "0 inf 0\n"])
