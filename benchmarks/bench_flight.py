@@ -4,8 +4,8 @@
     python benchmarks/bench_flight.py --smoke    # a quick look that everything still runs
 
 Flights are timed as simulated seconds per second of AdvanceTo, logging included, on one core. The filter's step is
-one masked, correlated step of 15 states with 6 of 9 rows there, called from Python, beside filterpy and beside plain NumPy on
-the same numbers; each figure is the least of several rounds, in turn, so that a slow moment hits all alike.
+one masked, correlated step of 15 states with 6 of 9 rows there, called from Python, beside filterpy and beside plain
+NumPy on the same numbers; each figure is the least of several rounds, in turn, so that a slow moment hits all alike.
 """
 
 import argparse
