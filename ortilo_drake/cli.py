@@ -106,6 +106,8 @@ def fly(
     from ortilo_drake.experiments.flight import fly as fly_once
     from ortilo_drake.experiments.metrics import summary
 
+    logging.getLogger("drake").setLevel(logging.WARNING)  # importing Drake has set it to INFO
+
     with _progress() as progress:
         task = progress.add_task("compiling" if not meshcat else "flying live", total=flight_ticks(chosen))
 
@@ -229,7 +231,6 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
 
 def main() -> None:
     """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
     usage_error = typer.BadParameter.__base__  # Typer's own copy of click's, by whichever name it has it
     assert usage_error is not None
     try:
