@@ -1,0 +1,149 @@
+"""From a YOLOv3 network's raw heads to boxes in the image (Redmon and Farhadi, "YOLOv3", 2018, section 2.1).
+
+For an anchor (p_w, p_h) [px of the network's input] in the cell (c_x, c_y) of a grid (n_x, n_y), as shares of the
+image:
+
+    b_x = (sigmoid(t_x) + c_x) / n_x,  b_w = p_w exp(t_w) / input width,  the same in y and h
+    score = sigmoid(t_obj) sigmoid(t_class) of the best class
+
+The image fills the input: one of another shape is stretched, each axis by itself, as OpenCV's blobFromImage does. A
+pixel's centre has integer coordinates, so the share b_x lies at u = b_x width - 1/2.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.typed_yaml import InputError
+
+
+@register_jitable
+def _sigmoid(t: float) -> float:
+    return 1.0 / (1.0 + np.exp(-np.float64(t)))
+
+
+@register_jitable
+def _best_class(head: np.ndarray, first: int, classes: int, row: int, column: int) -> int:
+    """Return the class with the largest logit, the first of equals."""
+    best = 0
+    for k in range(1, classes):
+        if head[first + k, row, column] > head[first + best, row, column]:
+            best = k
+    return best
+
+
+@njit(cache=True)
+def _decode(
+    heads: tuple[np.ndarray, ...],
+    anchors: tuple[np.ndarray, ...],
+    input_size: np.ndarray,
+    image_size: np.ndarray,
+    threshold: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return labels, scores and boxes; heads (a (5 + c), n_y, n_x) and anchors (a, 2) as arrays."""
+    n = 0
+    for i in range(len(heads)):
+        n += len(anchors[i]) * heads[i].shape[1] * heads[i].shape[2]
+    labels, scores, boxes = np.empty(n, dtype=np.int64), np.empty(n), np.empty((n, 4))
+    # A score is at most sigmoid(t_obj): most cells fall out here, without an exp.
+    logit = np.log(threshold / (1.0 - threshold))
+    k = 0
+    for i in range(len(heads)):
+        head, p = heads[i], anchors[i]
+        n_y, n_x = head.shape[1], head.shape[2]
+        step = head.shape[0] // len(p)
+        for a in range(len(p)):
+            t = a * step
+            for row in range(n_y):
+                for column in range(n_x):
+                    if not head[t + 4, row, column] >= logit:
+                        continue
+                    best = _best_class(head, t + 5, step - 5, row, column)
+                    score = _sigmoid(head[t + 4, row, column]) * _sigmoid(head[t + 5 + best, row, column])
+                    if not score >= threshold:
+                        continue
+                    b_x = (_sigmoid(head[t, row, column]) + column) / n_x
+                    b_y = (_sigmoid(head[t + 1, row, column]) + row) / n_y
+                    b_w = p[a, 0] * np.exp(np.float64(head[t + 2, row, column])) / input_size[0]
+                    b_h = p[a, 1] * np.exp(np.float64(head[t + 3, row, column])) / input_size[1]
+                    boxes[k, 0] = (b_x - 0.5 * b_w) * image_size[0] - 0.5
+                    boxes[k, 1] = (b_y - 0.5 * b_h) * image_size[1] - 0.5
+                    boxes[k, 2] = (b_x + 0.5 * b_w) * image_size[0] - 0.5
+                    boxes[k, 3] = (b_y + 0.5 * b_h) * image_size[1] - 0.5
+                    # An untrained network's exp may overflow.
+                    if np.isfinite(boxes[k]).all():
+                        labels[k], scores[k] = best, score
+                        k += 1
+    return labels[:k].copy(), scores[:k].copy(), boxes[:k].copy()
+
+
+def decode(
+    heads: Sequence[np.ndarray],
+    anchors: Sequence[np.ndarray],
+    input_size: np.ndarray,
+    image_size: np.ndarray,
+    threshold: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return labels (k), scores (k) and boxes (k, 4) [px] of one image, in the order head, anchor, row, column.
+
+    A box is (u_min, v_min, u_max, v_max) and may reach over the image's border. Each anchor of a cell gives its best
+    class only.
+
+    Args:
+        heads: raw heads, float32, each (a (5 + classes), n_y, n_x) or (1, a (5 + classes), n_y, n_x).
+        anchors: of each head (a, 2), widths and heights [px of the network's input].
+        input_size: width and height of the network's input [px] (2).
+        image_size: width and height of the image [px] (2).
+        threshold: smallest score of a box, above 0 and below 1.
+
+    Raises:
+        InputError: if the threshold is out of range or heads and anchors do not fit.
+    """
+    if not 0.0 < threshold < 1.0:
+        raise InputError(f"threshold: {threshold}: must be above 0 and below 1")
+    planes = tuple(np.ascontiguousarray(head.reshape(head.shape[-3:]), dtype=np.float32) for head in heads)
+    p = tuple(np.ascontiguousarray(pairs, dtype=np.float64) for pairs in anchors)
+    sizes = [(len(plane), len(pairs)) for plane, pairs in zip(planes, p, strict=False)]
+    if len(planes) != len(p) or any(n % a or n < 6 * a for n, a in sizes):
+        raise InputError(f"heads: {[h.shape for h in planes]}: must be (a (5 + classes), n_y, n_x) of their anchors")
+    return _decode(planes, p, np.asarray(input_size, float), np.asarray(image_size, float), threshold)
+
+
+@register_jitable
+def overlap(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """Return the areas of two boxes' intersection and union [px^2]."""
+    width = min(a[2], b[2]) - max(a[0], b[0])
+    height = min(a[3], b[3]) - max(a[1], b[1])
+    both = max(width, 0.0) * max(height, 0.0)
+    return both, (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both
+
+
+@njit(cache=True)
+def non_max_suppression(labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray, iou: float) -> np.ndarray:
+    """Return the numbers (k) of the boxes to keep, the best first, of equal scores the first first.
+
+    A box falls if it overlaps a better one of its class, itself kept, by more than iou.
+
+    Args:
+        labels: classes (n).
+        scores: scores (n).
+        boxes: u_min, v_min, u_max, v_max (n, 4).
+        iou: intersection over union above which two boxes are one object.
+    """
+    order = np.argsort(-scores, kind="mergesort")
+    kept = np.empty(len(order), dtype=np.int64)
+    k = 0
+    for i in order:
+        falls = False
+        for j in kept[:k]:
+            if labels[j] == labels[i]:
+                both, either = overlap(boxes[i], boxes[j])
+                if both > iou * either:
+                    falls = True
+                    break
+        if not falls:
+            kept[k] = i
+            k += 1
+    return kept[:k].copy()
