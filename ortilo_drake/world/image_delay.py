@@ -1,0 +1,53 @@
+"""Keeps pictures for a link that delivers them late."""
+
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import Context, LeafSystem, State
+from pydrake.systems.sensors import ImageRgba8U
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.signals import SHUTTER_SIZE, STAMP
+
+
+class ImageDelay(LeafSystem):
+    """Gives the picture that belongs to a late shutter message.
+
+    Ports:
+        color_image (ImageRgba8U): what the camera sees now.
+        shutter (2): [arrived, stamp] as the link delivers it.
+        image (ImageRgba8U, output): the picture taken at the stamp; an old one where nothing arrived.
+
+    State (abstract, updated each tick): the newest pictures by their tick.
+
+    Args:
+        every: a picture is taken on every so many ticks.
+        longest: longest delay [ticks].
+        h: tick [s].
+    """
+
+    def __init__(self, every: int, longest: int, h: float):
+        super().__init__()
+        self.set_name("image_delay")
+        self._every, self._longest, self._h = every, longest, h
+        self._color = self.DeclareAbstractInputPort("color_image", Value(ImageRgba8U()))
+        self._shutter = self.DeclareVectorInputPort("shutter", SHUTTER_SIZE)
+        self._taken = self.DeclareAbstractState(AbstractValue.Make(dict[int, ImageRgba8U]()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(h, 0.0, self._take)
+        needs = {self._color.ticket(), self._shutter.ticket(), self.abstract_state_ticket(self._taken)}
+        self.DeclareAbstractOutputPort(
+            "image", lambda: Value(ImageRgba8U()), self._calc_image, prerequisites_of_calc=needs
+        )
+
+    def _take(self, context: Context, state: State) -> None:
+        k = tick_of(context.get_time(), self._h)
+        if k % self._every:
+            return
+        taken = dict(context.get_abstract_state(int(self._taken)).get_value())
+        taken[k] = ImageRgba8U(self._color.Eval(context))
+        state.get_mutable_abstract_state(int(self._taken)).set_value(
+            {tick: image for tick, image in taken.items() if tick >= k - self._longest}
+        )
+
+    def _calc_image(self, context: Context, output: Value) -> None:
+        taken = context.get_abstract_state(int(self._taken)).get_value()
+        image = taken.get(tick_of(self._shutter.Eval(context)[STAMP], self._h))
+        output.set_value(self._color.Eval(context) if image is None else image)
