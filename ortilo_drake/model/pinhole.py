@@ -8,8 +8,14 @@ and a small turn of the body e (in B, R_WB -> R_WB exp([e]x)) moves it by d p_BL
 e = E(rpy) d(rpy) with the E of the Euler-angle rates (model/equations.py). A pixel's centre has integer
 coordinates, so the image reaches from -1/2 to its size - 1/2.
 
-Points and pixels are plain numbers and tuples inside: an array each would cost more than the arithmetic.
+A landmark's box in an image is that of its outline, points that span its convex hull. They are given as offsets
+from the landmark's surveyed position p_WL in W's axes (m, 3), see Room.landmark_outlines.
+
+Points and pixels are plain numbers and tuples inside: an array each would cost more than the arithmetic, and so
+would counting references of arrays handed on to a helper that is called for every derivative.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,6 +26,22 @@ Point = tuple[float, float, float]
 R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 NEAR = 0.1  # points nearer than this in front of the camera have no projection [m]
+
+
+class Camera(NamedTuple):
+    """The camera as compiled functions take it.
+
+    Attributes:
+        p_BC: its origin in B [m] (3).
+        f: focal length [px].
+        c: principal point [px] (2).
+        image: width and height [px] (2).
+    """
+
+    p_BC: np.ndarray
+    f: float
+    c: np.ndarray
+    image: np.ndarray
 
 
 @register_jitable
@@ -34,127 +56,89 @@ def in_body_frame(x: float, y: float, z: float, p_WB: np.ndarray, R_WB: np.ndarr
 
 
 @register_jitable
-def _pixel(p_BL: Point, p_BC: np.ndarray, f: float, c: np.ndarray) -> Point:
+def _pixel(p_BL: Point, camera: Camera) -> Point:
     """Return u, v and the depth q_x; u and v NaN without a projection."""
-    depth = p_BL[0] - p_BC[0]
-    if depth < NEAR:
+    depth = p_BL[0] - camera.p_BC[0]
+    if not depth >= NEAR:  # so that NaN has none either
         return np.nan, np.nan, depth
-    return c[0] - f * (p_BL[1] - p_BC[1]) / depth, c[1] - f * (p_BL[2] - p_BC[2]) / depth, depth
+    u = camera.c[0] - camera.f * (p_BL[1] - camera.p_BC[1]) / depth
+    v = camera.c[1] - camera.f * (p_BL[2] - camera.p_BC[2]) / depth
+    return u, v, depth
 
 
 @njit(cache=True)
-def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, p_BC: np.ndarray, f: float, c: np.ndarray) -> Point:
+def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera) -> Point:
     """Return u, v [px] and the depth q_x [m] of a point; u and v are NaN if it is nearer than NEAR.
 
     Args:
         p_WL: the point in W (3).
         p_WB: the body's origin in W (3).
         R_WB: the body's attitude (3 x 3).
-        p_BC: the camera's origin in B (3).
-        f: focal length [px].
-        c: principal point [px] (2).
+        camera: the camera.
     """
-    return _pixel(in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB), p_BC, f, c)
+    return _pixel(in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB), camera)
 
 
 @register_jitable
-def _add_row(row: np.ndarray, share: float, p_BL: Point, g: Point, rpy: np.ndarray, R_WB: np.ndarray) -> None:
-    """Add share * g^T d p_BL_B / d(p_WB, rpy) to a row (6); d p_BL_B = -R_WB^T d p_WB + p_BL_B x E d rpy."""
-    # g . (p x e) = (g x p) . e = h . e, and E(rpy) column by column.
-    h_x = g[1] * p_BL[2] - g[2] * p_BL[1]
-    h_y = g[2] * p_BL[0] - g[0] * p_BL[2]
-    h_z = g[0] * p_BL[1] - g[1] * p_BL[0]
-    s_phi, c_phi, s_theta, c_theta = np.sin(rpy[0]), np.cos(rpy[0]), np.sin(rpy[1]), np.cos(rpy[1])
-    for j in range(3):
-        row[j] -= share * (R_WB[j, 0] * g[0] + R_WB[j, 1] * g[1] + R_WB[j, 2] * g[2])
-    row[3] += share * h_x
-    row[4] += share * (c_phi * h_y - s_phi * h_z)
-    row[5] += share * (-s_theta * h_x + s_phi * c_theta * h_y + c_phi * c_theta * h_z)
-
-
-@register_jitable
-def _gradient(p_BL: Point, p_BC: np.ndarray, f: float, axis: int) -> Point:
-    """Return d u / d p_BL_B (axis 0) or d v / d p_BL_B (axis 1)."""
-    depth = p_BL[0] - p_BC[0]
-    if axis == 0:
-        return f * (p_BL[1] - p_BC[1]) / depth**2, -f / depth, 0.0
-    return f * (p_BL[2] - p_BC[2]) / depth**2, 0.0, -f / depth
-
-
-@njit(cache=True)
-def projection_jacobian(
-    p_WL: np.ndarray, p_WB: np.ndarray, rpy: np.ndarray, R_WB: np.ndarray, p_BC: np.ndarray, f: float
-) -> np.ndarray:
-    """Return d(u, v) / d(p_WB, rpy) (2 x 6) of a point in front; arguments as in project, and rpy (3)."""
-    J = np.zeros((2, 6))
-    p_BL = in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB)
-    for axis in range(2):
-        _add_row(J[axis], 1.0, p_BL, _gradient(p_BL, p_BC, f, axis), rpy, R_WB)
-    return J
-
-
-@register_jitable
-def extent_corner(k: int, p_WL: np.ndarray, size: np.ndarray) -> Point:
-    """Return corner k (0 to 7) in W of a box of that size along W's axes about p_WL."""
-    return (
-        p_WL[0] + (0.5 if k & 1 else -0.5) * size[0],
-        p_WL[1] + (0.5 if k & 2 else -0.5) * size[1],
-        p_WL[2] + (0.5 if k & 4 else -0.5) * size[2],
-    )
+def _outline_point(k: int, p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray) -> Point:
+    """Return point k of an outline in B."""
+    x, y, z = p_WL[0] + outline[k, 0], p_WL[1] + outline[k, 1], p_WL[2] + outline[k, 2]
+    return in_body_frame(x, y, z, p_WB, R_WB)
 
 
 @njit(cache=True)
 def extent_box(
-    p_WL: np.ndarray,
-    size: np.ndarray,
-    p_WB: np.ndarray,
-    R_WB: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
-    box: np.ndarray,
+    p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera, box: np.ndarray
 ) -> bool:
-    """Write (u_min, v_min, u_max, v_max) [px] of an extent, not cut at the image border, to box (4).
+    """Write (u_min, v_min, u_max, v_max) [px] of an outline, not cut at the image border, to box (4).
 
-    False if a corner has no projection. Arguments as in project, and size (3) [m] along W's axes.
+    False if a point has no projection. Arguments as in project, and outline (m, 3) [m].
     """
     box[0] = box[1] = np.inf
     box[2] = box[3] = -np.inf
-    for k in range(8):
-        x, y, z = extent_corner(k, p_WL, size)
-        u, v, depth = _pixel(in_body_frame(x, y, z, p_WB, R_WB), p_BC, f, c)
-        if depth < NEAR:
+    for k in range(outline.shape[0]):
+        u, v, depth = _pixel(_outline_point(k, p_WL, outline, p_WB, R_WB), camera)
+        if not depth >= NEAR:
             return False
         box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
     return True
 
 
+@register_jitable
+def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float, float, float, float, float]:
+    """Return g = d u / d p_BL_B (axis 0) or d v / d p_BL_B (axis 1) at p, and g x p."""
+    depth = p[0] - p_BC[0]
+    scale = -f / depth
+    if axis == 0:
+        g_x = -scale * (p[1] - p_BC[1]) / depth
+        return g_x, scale, 0.0, scale * p[2], -g_x * p[2], g_x * p[1] - scale * p[0]
+    g_x = -scale * (p[2] - p_BC[2]) / depth
+    return g_x, 0.0, scale, -scale * p[1], scale * p[0] - g_x * p[2], g_x * p[1]
+
+
 @njit(cache=True)
 def box_center(
     p_WL: np.ndarray,
-    size: np.ndarray,
+    outline: np.ndarray,
     p_WB: np.ndarray,
     rpy: np.ndarray,
     R_WB: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
+    camera: Camera,
     z: np.ndarray,
     J: np.ndarray,
 ) -> bool:
-    """Write the centre of an extent's box to z (2) and d z / d(p_WB, rpy) to J (2 x 6).
+    """Write the centre of an outline's box to z (2) and d z / d(p_WB, rpy) to J (2 x 6).
 
-    Each coordinate of the centre is the mean of two corners' projections, and so is its derivative. A near
-    extent's centre in the image is not where its centre in space is seen.
-    False if a corner has no projection. Arguments as in extent_box, and rpy (3).
+    Each coordinate of the centre is the mean of two points' projections, and so is its derivative. A near
+    outline's centre in the image is not where its centre in space is seen.
+    False if a point has no projection. Arguments as in extent_box, and rpy (3).
     """
     u_low = v_low = np.inf
     u_high = v_high = -np.inf
     left = right = top = bottom = 0
-    for k in range(8):
-        x, y, height = extent_corner(k, p_WL, size)
-        u, v, depth = _pixel(in_body_frame(x, y, height, p_WB, R_WB), p_BC, f, c)
-        if depth < NEAR:
+    for k in range(outline.shape[0]):
+        u, v, depth = _pixel(_outline_point(k, p_WL, outline, p_WB, R_WB), camera)
+        if not depth >= NEAR:
             return False
         if u < u_low:
             u_low, left = u, k
@@ -165,11 +149,19 @@ def box_center(
         if v > v_high:
             v_high, bottom = v, k
     z[0], z[1] = 0.5 * (u_low + u_high), 0.5 * (v_low + v_high)
-    J[:, :] = 0.0
-    for axis, k in ((0, left), (0, right), (1, top), (1, bottom)):
-        x, y, height = extent_corner(k, p_WL, size)
-        p_BL = in_body_frame(x, y, height, p_WB, R_WB)
-        _add_row(J[axis], 0.5, p_BL, _gradient(p_BL, p_BC, f, axis), rpy, R_WB)
+    # d p_BL_B = -R_WB^T d p_WB + p_BL_B x E d rpy, and g . (p x e) = (g x p) . e; E(rpy) column by column.
+    s_phi, c_phi, s_theta, c_theta = np.sin(rpy[0]), np.cos(rpy[0]), np.sin(rpy[1]), np.cos(rpy[1])
+    p_BC, f = (camera.p_BC[0], camera.p_BC[1], camera.p_BC[2]), camera.f
+    for axis, low, high in ((0, left, right), (1, top, bottom)):
+        a = _gradient(_outline_point(low, p_WL, outline, p_WB, R_WB), p_BC, f, axis)
+        b = _gradient(_outline_point(high, p_WL, outline, p_WB, R_WB), p_BC, f, axis)
+        g_x, g_y, g_z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+        h_x, h_y, h_z = 0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]), 0.5 * (a[5] + b[5])
+        for j in range(3):
+            J[axis, j] = -(R_WB[j, 0] * g_x + R_WB[j, 1] * g_y + R_WB[j, 2] * g_z)
+        J[axis, 3] = h_x
+        J[axis, 4] = c_phi * h_y - s_phi * h_z
+        J[axis, 5] = -s_theta * h_x + s_phi * c_theta * h_y + c_phi * c_theta * h_z
     return True
 
 
@@ -177,23 +169,20 @@ def box_center(
 def point_pixels(
     centers: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     p_WB: np.ndarray,
-    rpy: np.ndarray,
     R_WB: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
+    camera: Camera,
 ) -> np.ndarray:
-    """Return where landmarks' centres in space are seen (n, 2), given their boxes' centres (n, 2).
+    """Return where landmarks' positions in space are seen (n, 2), given their boxes' centres (n, 2).
 
-    The difference of the two is taken at the pose p_WB, rpy; NaN where a landmark has no projection there.
+    The difference of the two is taken at the pose p_WB, R_WB; NaN where a landmark has no projection there.
     """
-    pixels = np.empty_like(centers)
-    z, J = np.empty(2), np.empty((2, 6))
+    pixels, box = np.empty_like(centers), np.empty(4)
     for i in range(centers.shape[0]):
-        u, v, _ = project(positions[i], p_WB, R_WB, p_BC, f, c)
-        if not box_center(positions[i], sizes[i], p_WB, rpy, R_WB, p_BC, f, c, z, J):
+        u, v, _ = project(positions[i], p_WB, R_WB, camera)
+        if not extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box):
             u = v = np.nan
-        pixels[i, 0], pixels[i, 1] = centers[i, 0] - z[0] + u, centers[i, 1] - z[1] + v
+        pixels[i, 0] = centers[i, 0] - 0.5 * (box[0] + box[2]) + u
+        pixels[i, 1] = centers[i, 1] - 0.5 * (box[1] + box[3]) + v
     return pixels

@@ -7,16 +7,23 @@ world also blocks rays with the walls and stands.
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from pydantic import PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
+from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, read_text, validate
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
 Size3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+Share = Annotated[float, Field(ge=-1.0, le=1.0)]
+Outline = Annotated[tuple[tuple[Share, Share, Share], ...], Field(min_length=4)]
+
+_BOX = np.array(list(product((-1.0, 1.0), repeat=3)))  # the outline of a class that has none
 
 ORTILO_ROOM = Path(__file__).with_name("ortilo_room.yaml")
 
@@ -29,10 +36,15 @@ class Interior(Frozen):
 
 
 class Landmark(Frozen):
-    """A detectable object: COCO label and centre p_W [m]."""
+    """A detectable object: COCO label, centre p_W [m], yaw about W's z [rad], size along its own axes [m].
+
+    Without a size it has its class's.
+    """
 
     label: str
     position: Vec3
+    yaw: float = 0.0
+    size: Size3 | None = None
 
 
 class CameraModel(Frozen):
@@ -59,6 +71,12 @@ class CameraModel(Frozen):
             position=self.position,
         )
 
+    @property
+    def constants(self) -> Camera:
+        """The camera as compiled functions take it."""
+        image = np.array([self.width, self.height], dtype=float)
+        return Camera(np.array(self.position), self.focal_length, np.array(self.center), image)
+
 
 Furniture = tuple[str, float, float, float, float, float, float]
 
@@ -71,6 +89,7 @@ class Room(Frozen):
     anchors: tuple[Vec3, ...]
     landmarks: tuple[Landmark, ...]
     landmark_size: dict[str, Size3]
+    landmark_outline: dict[str, Outline] = Field(default_factory=dict)
     wall_size: Size3
     walls: tuple[Vec3, ...]
     stand_radius: PositiveFloat
@@ -89,6 +108,8 @@ class Room(Frozen):
                 raise ValueError(f"interior: min {axis} = {low} must be below max {axis} = {high}")
         for label in {landmark.label for landmark in self.landmarks} - set(self.landmark_size):
             raise ValueError(f"landmark_size: no size for class '{label}'")
+        for label in set(self.landmark_outline) - set(self.landmark_size):
+            raise ValueError(f"landmark_outline: class '{label}' is none of landmark_size")
         for kind in {item[0] for item in self.furniture} - set(self.furniture_size):
             raise ValueError(f"furniture_size: no size for kind '{kind}'")
         return self
@@ -121,9 +142,27 @@ class Room(Frozen):
         return np.array([float(self.classes.index(landmark.label)) for landmark in self.landmarks])
 
     @cached_property
+    def landmark_outlines(self) -> np.ndarray:
+        """Points that span each landmark's convex hull, in W's axes from its surveyed centre [m] (n, m, 3).
+
+        They are the class's outline (or else the corners of its box), scaled by half the size and turned by yaw.
+        The last point of a shorter list is repeated.
+        """
+        outlines = []
+        for landmark in self.landmarks:
+            points = np.array(self.landmark_outline.get(landmark.label, _BOX))
+            half = 0.5 * np.array(landmark.size or self.landmark_size[landmark.label])
+            c, s = math.cos(landmark.yaw), math.sin(landmark.yaw)
+            R_WL = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            outlines.append((points * half) @ R_WL.T)
+        m = max((len(points) for points in outlines), default=1)
+        padded = [np.pad(points, ((0, m - len(points)), (0, 0)), mode="edge") for points in outlines]
+        return np.array(padded).reshape(-1, m, 3)
+
+    @cached_property
     def landmark_sizes(self) -> np.ndarray:
-        """Extent of each landmark along W's axes (n, 3)."""
-        return np.array([self.landmark_size[landmark.label] for landmark in self.landmarks]).reshape(-1, 3)
+        """Extent along W's axes of the smallest box about each landmark's centre that holds its outline (n, 3)."""
+        return 2.0 * np.abs(self.landmark_outlines).max(axis=1)
 
     @cached_property
     def wall_boxes(self) -> np.ndarray:

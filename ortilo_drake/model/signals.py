@@ -12,6 +12,7 @@ which its content was true. The payloads:
 
     imu         roll, pitch, yaw [rad]; w_WB_B [rad/s]; specific force f_B [m/s^2]          (9)
     uwb         one range per anchor [m]; then one flag per anchor, 1 where its range is there  (2 n)
+    shutter     nothing; it goes with a picture on a port of its own                            (0)
     detections  MAX_DETECTIONS rows of (label, score, u_min, v_min, u_max, v_max), label -1 = unused
     fix         p_WB [m] (3), its covariance row by row [m^2] (9)
     velocity    v_WB [m/s], Euler-angle rates [rad/s]; only where a scenario lends the servo the truth  (6)
@@ -39,6 +40,7 @@ ARRIVED: Final = 0
 STAMP: Final = 1
 PAYLOAD: Final = 2  # index at which a message's payload starts
 
+SHUTTER_SIZE: Final = PAYLOAD
 IMU_SIZE: Final = PAYLOAD + 9
 FIX_SIZE: Final = PAYLOAD + 12
 VELOCITY_SIZE: Final = PAYLOAD + 6

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import point_pixels
+from ortilo_drake.model.pinhole import Camera, point_pixels
 from ortilo_drake.onboard.known_attitude import inverse_3x3
 
 _ITERATIONS = 30
@@ -101,12 +101,10 @@ def trilaterate(d: np.ndarray, positions: np.ndarray, p: np.ndarray) -> tuple[bo
 def cosine_law(
     centers: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     xhat: np.ndarray,
     P: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
+    camera: Camera,
     sd: float,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
@@ -117,17 +115,17 @@ def cosine_law(
     known_attitude; P and max_residual are not used.
     """
     n = centers.shape[0]
-    R_WB = rotation_matrix(xhat[3:6])
+    R_WB, p_BC = rotation_matrix(xhat[3:6]), camera.p_BC
     p_WB, nothing = xhat[0:3].copy(), (False, xhat[0:3].copy(), np.zeros((3, 3)))
     if n < 3:
         return nothing
     M = np.zeros((3, 2 * n))
     for _ in range(_ITERATIONS):
         # From box centres to points needs the position itself: again until it stays.
-        pixels = point_pixels(centers, positions, sizes, p_WB, xhat[3:6], R_WB, p_BC, f, c)
+        pixels = point_pixels(centers, positions, outlines, p_WB, R_WB, camera)
         if not np.all(np.isfinite(pixels)):
             return nothing
-        b, db = rays(pixels, f, c)
+        b, db = rays(pixels, camera.f, camera.c)
         p_WC = p_WB + R_WB @ p_BC
         d = np.sqrt(np.sum((positions - p_WC) ** 2, axis=1))
         solved, d, D = distances_from_cosines(b, positions, d)

@@ -14,7 +14,7 @@ A box's residual r_i has the covariance
     S_i = sd^2 (I - J_i N^-1 J_i^T) + (A_i - J_i G) P_a (A_i - J_i G)^T = sd^2 I + [J_i A_i] Q [J_i A_i]^T,
     Q = [G P_a G^T - sd^2 N^-1, -G P_a; -P_a G^T, P_a].
 
-A box centre has kinks where another corner of the extent becomes the outermost, and Gauss-Newton may step to
+A box centre has kinks where another point of the outline becomes the outermost, and Gauss-Newton may step to
 and fro across one (by a millimetre, say); so steps shrink after the first few.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import box_center
+from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.landmark_association import innovation_covariance, pose_covariance, squared_distance
 
 _ITERATIONS = 30
@@ -47,12 +47,10 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
 def known_attitude(
     centers: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     xhat: np.ndarray,
     P: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
+    camera: Camera,
     sd: float,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
@@ -64,12 +62,10 @@ def known_attitude(
     Args:
         centers: centres of the boxes [px] (n, 2).
         positions: p_W of the landmarks they are of (n, 3).
-        sizes: the landmarks' extents along W's axes (n, 3).
+        outlines: the landmarks' outlines, see pinhole.py (n, m, 3).
         xhat: estimate; position and attitude come first.
         P: its covariance (225).
-        p_BC: camera in B (3).
-        f: focal length [px].
-        c: principal point [px] (2).
+        camera: the camera.
         sd: error of a box centre [px].
         max_residual: in standard deviations.
     """
@@ -87,7 +83,7 @@ def known_attitude(
             for i in range(n):
                 if not kept[i]:
                     continue
-                if not box_center(positions[i], sizes[i], p, rpy, R_WB, p_BC, f, c, z, J):
+                if not box_center(positions[i], outlines[i], p, rpy, R_WB, camera, z, J):
                     return nothing
                 J_of[i] = J
                 for axis in range(2):

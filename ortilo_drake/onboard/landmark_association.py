@@ -15,7 +15,7 @@ from numba import njit
 from scipy.optimize import linear_sum_assignment
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import NEAR, box_center, extent_box, in_body_frame
+from ortilo_drake.model.pinhole import NEAR, Camera, box_center, extent_box, in_body_frame
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
 
 BORDER = 1.5  # a box that comes nearer to the image's border is taken for cut [px]
@@ -74,12 +74,9 @@ def association_costs(
     xhat: np.ndarray,
     P: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     labels: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
-    image: np.ndarray,
+    camera: Camera,
     sd: float,
     gate: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,7 +84,8 @@ def association_costs(
 
     Column m + i, at the cost of the gate, leaves landmark i without a box. Arguments as in associate.
     """
-    box_labels, centers, spans = whole_boxes(detections, image)
+    f, width, height = camera.f, camera.image[0], camera.image[1]
+    box_labels, centers, spans = whole_boxes(detections, camera.image)
     m, n = box_labels.size, positions.shape[0]
     p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
     R_WB = rotation_matrix(rpy)
@@ -99,12 +97,12 @@ def association_costs(
         if not np.any(box_labels == labels[i]):
             continue
         q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
-        depth = q[0] - p_BC[0]
-        if depth < NEAR or f * abs(q[1]) > image[0] * depth or f * abs(q[2]) > image[1] * depth:
+        depth = q[0] - camera.p_BC[0]
+        if depth < NEAR or f * abs(q[1]) > width * depth or f * abs(q[2]) > height * depth:
             continue
-        if not box_center(positions[i], sizes[i], p_WB, rpy, R_WB, p_BC, f, c, z, J):
+        if not box_center(positions[i], outlines[i], p_WB, rpy, R_WB, camera, z, J):
             continue
-        extent_box(positions[i], sizes[i], p_WB, R_WB, p_BC, f, c, box)
+        extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box)
         span = box[2] - box[0] + box[3] - box[1]
         S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, sd)
         for j in range(m):
@@ -126,12 +124,9 @@ def associate(
     xhat: np.ndarray,
     P: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     labels: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
-    image: np.ndarray,
+    camera: Camera,
     sd: float,
     gate: float,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -144,18 +139,13 @@ def associate(
         xhat: estimate; position and attitude come first.
         P: its covariance (225).
         positions: p_W of the landmarks (n, 3).
-        sizes: their extents along W's axes (n, 3).
+        outlines: their outlines, see pinhole.py (n, m, 3).
         labels: their classes (n).
-        p_BC: camera in B (3).
-        f: focal length [px].
-        c: principal point [px] (2).
-        image: width and height [px] (2).
+        camera: the camera.
         sd: error of a box centre [px].
         gate: largest admissible d^2.
     """
-    candidates, centers, costs = association_costs(
-        detections, xhat, P, positions, sizes, labels, p_BC, f, c, image, sd, gate
-    )
+    candidates, centers, costs = association_costs(detections, xhat, P, positions, outlines, labels, camera, sd, gate)
     _, column = linear_sum_assignment(costs)
     paired = column < len(centers)
     return candidates[paired], centers[column[paired]]

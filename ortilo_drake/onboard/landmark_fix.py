@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.stats import chi2
 
+from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, FIX_SIZE, N_XBAR, STAMP
 from ortilo_drake.onboard.cosine_law import cosine_law
@@ -32,7 +33,7 @@ def landmark_fix_message(
     P: np.ndarray,
     method: Callable[..., Solution],
     landmarks: tuple[np.ndarray, np.ndarray, np.ndarray],
-    camera: tuple[np.ndarray, float, np.ndarray, np.ndarray],
+    camera: Camera,
     sd: float,
     gate: float,
     max_residual: float,
@@ -44,8 +45,8 @@ def landmark_fix_message(
         xhat: estimate (15).
         P: its covariance row by row (225).
         method: one of METHODS.
-        landmarks: positions p_W (n, 3), extents (n, 3), classes (n).
-        camera: p_BC (3), f [px], c [px] (2), image size [px] (2).
+        landmarks: positions p_W (n, 3), outlines (n, m, 3), classes (n).
+        camera: the camera.
         sd: error of a box centre [px].
         gate: largest squared Mahalanobis distance of an association.
         max_residual: largest disagreement of a box with the others [sd].
@@ -53,10 +54,9 @@ def landmark_fix_message(
     message = np.zeros(FIX_SIZE)
     if detections[ARRIVED] != 1.0:
         return message
-    positions, sizes, labels = landmarks
-    p_BC, f, c, image = camera
-    chosen, centers = associate(detections, xhat, P, positions, sizes, labels, p_BC, f, c, image, sd, gate)
-    found, p_WB, covariance = method(centers, positions[chosen], sizes[chosen], xhat, P, p_BC, f, c, sd, max_residual)
+    positions, outlines, labels = landmarks
+    chosen, centers = associate(detections, xhat, P, positions, outlines, labels, camera, sd, gate)
+    found, p_WB, covariance = method(centers, positions[chosen], outlines[chosen], xhat, P, camera, sd, max_residual)
     if not found or not np.trace(covariance) <= MAX_SD**2:
         return message
     if np.linalg.norm(p_WB - xhat[0:3]) > MAX_CORRECTION:
@@ -87,16 +87,10 @@ class LandmarkFix(LeafSystem):
     def __init__(self, settings: LandmarkFixSettings, room: Room, width: int):
         super().__init__()
         self.set_name("landmark_fix")
-        camera = room.camera.scaled_to(width)
         self._constants = (
             METHODS[settings.method],
-            (room.landmark_positions, room.landmark_sizes, room.landmark_labels),
-            (
-                np.array(camera.position),
-                camera.focal_length,
-                np.array(camera.center),
-                np.array([camera.width, camera.height], dtype=float),
-            ),
+            (room.landmark_positions, room.landmark_outlines, room.landmark_labels),
+            room.camera.scaled_to(width).constants,
             settings.center_sd,
             float(chi2.ppf(settings.gate, 2)),
             settings.max_residual,

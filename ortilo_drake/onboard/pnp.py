@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import R_BC, box_center, point_pixels
+from ortilo_drake.model.pinhole import R_BC, Camera, box_center, point_pixels
 
 _ITERATIONS = 30
 _CONVERGED = 1e-7  # [m], [rad]
@@ -19,24 +19,20 @@ _CONVERGED = 1e-7  # [m], [rad]
 def refine_pose(
     centers: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     p_WB: np.ndarray,
     rpy: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
+    camera: Camera,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether Gauss-Newton converged, the pose [p_WB, rpy] (6) and (sum_i J_i^T J_i)^-1 (6 x 6).
 
     Args:
         centers: centres of the boxes [px] (n, 2).
         positions: p_W of the landmarks (n, 3).
-        sizes: their extents along W's axes (n, 3).
+        outlines: their outlines, see pinhole.py (n, m, 3).
         p_WB: position to start from (3).
         rpy: attitude to start from (3).
-        p_BC: camera in B (3).
-        f: focal length [px].
-        c: principal point [px] (2).
+        camera: the camera.
     """
     n = centers.shape[0]
     pose = np.concatenate((p_WB, rpy))
@@ -45,7 +41,7 @@ def refine_pose(
         R_WB = rotation_matrix(pose[3:6])
         for i in range(n):
             rows = slice(2 * i, 2 * i + 2)
-            if not box_center(positions[i], sizes[i], pose[0:3], pose[3:6], R_WB, p_BC, f, c, z, J[2 * i : 2 * i + 2]):
+            if not box_center(positions[i], outlines[i], pose[0:3], pose[3:6], R_WB, camera, z, J[rows]):
                 return False, pose, np.zeros((6, 6))
             r[rows] = centers[i] - z
         step, _, rank, _ = np.linalg.lstsq(J, r, 1e-9)
@@ -62,12 +58,10 @@ def refine_pose(
 def pnp(
     centers: np.ndarray,
     positions: np.ndarray,
-    sizes: np.ndarray,
+    outlines: np.ndarray,
     xhat: np.ndarray,
     P: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
+    camera: Camera,
     sd: float,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
@@ -79,11 +73,10 @@ def pnp(
     nothing = (False, xhat[0:3].copy(), np.zeros((3, 3)))
     if len(centers) < 4:
         return nothing
-    p_WB, rpy = xhat[0:3], xhat[3:6]
-    pixels = point_pixels(centers, positions, sizes, p_WB, rpy, rotation_matrix(rpy), p_BC, f, c)
+    pixels = point_pixels(centers, positions, outlines, xhat[0:3], rotation_matrix(xhat[3:6]), camera)
     if not np.all(np.isfinite(pixels)):
         return nothing
-    K = np.array([[f, 0.0, c[0]], [0.0, f, c[1]], [0.0, 0.0, 1.0]])
+    K = np.array([[camera.f, 0.0, camera.c[0]], [0.0, camera.f, camera.c[1]], [0.0, 0.0, 1.0]])
     cv2.setRNGSeed(0)  # OpenCV's generator is global: the same boxes shall give the same fix
     try:
         found, rvec, t, inliers = cv2.solvePnPRansac(
@@ -95,9 +88,9 @@ def pnp(
         return nothing
     R_WC = cv2.Rodrigues(rvec)[0].T
     R_WB = R_WC @ R_BC.T
-    p_WB = -R_WC @ t[:, 0] - R_WB @ p_BC
+    p_WB = -R_WC @ t[:, 0] - R_WB @ camera.p_BC
     roll, pitch = np.arctan2(R_WB[2, 1], R_WB[2, 2]), np.arcsin(np.clip(-R_WB[2, 0], -1.0, 1.0))
     rpy = np.array([roll, pitch, np.arctan2(R_WB[1, 0], R_WB[0, 0])])
     kept = np.sort(inliers[:, 0])
-    refined, pose, covariance = refine_pose(centers[kept], positions[kept], sizes[kept], p_WB, rpy, p_BC, f, c)
+    refined, pose, covariance = refine_pose(centers[kept], positions[kept], outlines[kept], p_WB, rpy, camera)
     return bool(refined), pose[0:3], sd**2 * covariance[0:3, 0:3]

@@ -1,4 +1,4 @@
-"""A landmark camera without an image: what a trained detector would return, drawn from projected extents."""
+"""A landmark camera without an image: what a trained detector would return, drawn from projected outlines."""
 
 import numpy as np
 from numba import njit
@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import NEAR, extent_box, in_body_frame
+from ortilo_drake.model.pinhole import NEAR, Camera, extent_box, in_body_frame
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
 from ortilo_drake.scenario import ProjectedCamera as ProjectedCameraSettings
@@ -77,7 +77,7 @@ def _write_row(message: np.ndarray, row: int, label: float, score: float, box: n
 
 
 @register_jitable
-def _cut(value: float, size: int) -> float:
+def _cut(value: float, size: float) -> float:
     return min(max(value, -0.5), size - 0.5)
 
 
@@ -97,16 +97,14 @@ def poisson(u: float, mean: float, largest: int) -> int:
 def detections_message(
     x: np.ndarray,
     positions: np.ndarray,
+    outlines: np.ndarray,
     sizes: np.ndarray,
     labels: np.ndarray,
     n_classes: int,
     walls: np.ndarray,
     stands: np.ndarray,
     samples: np.ndarray,
-    p_BC: np.ndarray,
-    f: float,
-    c: np.ndarray,
-    image: np.ndarray,
+    camera: Camera,
     limits: np.ndarray,
     noise: np.ndarray,
     seed: int,
@@ -123,16 +121,14 @@ def detections_message(
     Args:
         x: state (12).
         positions: p_W of the landmarks (n, 3).
+        outlines: their outlines, see pinhole.py (n, m, 3).
         sizes: their extents along W's axes (n, 3).
         labels: their classes (n).
         n_classes: number of classes, for false boxes.
         walls: the room's walls (m, 7).
         stands: the room's stands (k, 4).
         samples: see visible_share.
-        p_BC: camera in B (3).
-        f: focal length [px].
-        c: principal point [px] (2).
-        image: width and height [px] (2), integers.
+        camera: the camera.
         limits: max_distance [m], min_size [px], min_visible.
         noise: edge_sd [px], miss_base, miss_per_metre [1/m], false_boxes.
         seed: seed of all noise.
@@ -146,7 +142,7 @@ def detections_message(
     tick, n = tick_of(time, h), positions.shape[0]
     # Each landmark owns fixed places of the streams, so its noise is the same whatever else is seen.
     edge_noise, chance = normals(seed, streams[0], tick, 4 * n), uniforms(seed, streams[1], tick, 2 * n)
-    p_WB, R_WB = x[0:3], rotation_matrix(x[3:6])
+    p_WB, R_WB, p_BC, image = x[0:3], rotation_matrix(x[3:6]), camera.p_BC, camera.image
     p_WC = p_WB + R_WB @ p_BC
     box, noisy, row = np.empty(4), np.empty(4), 0
     for i in range(n):
@@ -157,7 +153,7 @@ def detections_message(
             continue
         if chance[2 * i] < noise[1] + noise[2] * distance:
             continue
-        if not extent_box(positions[i], sizes[i], p_WB, R_WB, p_BC, f, c, box):
+        if not extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box):
             continue
         for k in range(4):
             edge = _cut(box[k], image[k % 2])
@@ -205,20 +201,17 @@ class ProjectedCamera(LeafSystem):
     def __init__(self, settings: ProjectedCameraSettings, room: Room, seed: int, h: float):
         super().__init__()
         self.set_name("projected_camera")
-        camera = room.camera.scaled_to(settings.width)
         streams = [stream_id(name) for name in ("camera", "camera misses", "camera false boxes")]
         self._constants = (
             room.landmark_positions,
+            room.landmark_outlines,
             room.landmark_sizes,
             room.landmark_labels,
             len(room.classes),
             room.wall_boxes,
             room.stand_cylinders,
             _SAMPLES,
-            np.array(camera.position),
-            camera.focal_length,
-            np.array(camera.center),
-            np.array([camera.width, camera.height]),
+            room.camera.scaled_to(settings.width).constants,
             np.array([settings.max_distance, settings.min_size, settings.min_visible]),
             np.array([settings.edge_sd, settings.miss_base, settings.miss_per_metre, settings.false_boxes]),
             seed,

@@ -9,6 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.model.room import ORTILO_ROOM, CameraModel, Footprint, Room, footprints, load_room
 from ortilo_drake.model.typed_yaml import InputError, validate
@@ -27,8 +28,6 @@ def test_arrays_are_the_files_rows() -> None:
     labels = [ROOM.classes[int(k)] for k in ROOM.landmark_labels]
     assert labels == [item["label"] for item in DATA["landmarks"]]
     assert len(set(ROOM.classes)) == len(ROOM.classes)
-    sizes = [DATA["landmark_size"][item["label"]] for item in DATA["landmarks"]]
-    np.testing.assert_array_equal(ROOM.landmark_sizes, sizes)
     assert ROOM.anchor_positions.shape == (12, 3)
     assert ROOM.wall_boxes.shape == (len(DATA["walls"]), 7)
     assert ROOM.stand_cylinders.shape == (len(DATA["stands"]), 4)
@@ -74,10 +73,68 @@ def test_a_wall_at_any_angle_is_within_its_footprint(yaw: float) -> None:
 def test_stands_are_discs_and_the_rest_reaches_its_size() -> None:
     for stand, (x, y) in zip(named("stand"), ROOM.stands, strict=True):
         assert stand == Footprint("stand", (x, y), (x, y), ROOM.stand_radius, ROOM.stand_height)
-    for person in named("person"):
-        np.testing.assert_allclose(np.subtract(person.high, person.low) + 2 * person.radius, [0.5, 0.5], atol=1e-12)
+    for label in ROOM.classes:
+        sizes = ROOM.landmark_sizes[ROOM.landmark_labels == ROOM.classes.index(label)]
+        found = [np.subtract(f.high, f.low) + 2 * f.radius for f in named(label)[-len(sizes) :]]  # after the furniture
+        np.testing.assert_allclose(found, sizes[:, :2], atol=1e-12)
     n = len(ROOM.walls) + len(ROOM.stands) + len(ROOM.furniture) + len(ROOM.landmarks)
     assert len(footprints(ROOM)) == n
+
+
+def test_a_class_without_an_outline_has_the_corners_of_its_box() -> None:
+    landmarks = [{k: item[k] for k in ("label", "position")} for item in DATA["landmarks"]]
+    room = room_with(landmarks=landmarks, landmark_outline={})
+    sizes = np.array([DATA["landmark_size"][item["label"]] for item in landmarks])
+    grid = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    np.testing.assert_array_equal(room.landmark_outlines, grid * sizes[:, None])
+    np.testing.assert_array_equal(room.landmark_sizes, sizes)
+
+
+shares = st.floats(-1.0, 1.0)
+outlines = st.lists(st.tuples(shares, shares, shares), min_size=4, max_size=9)
+sizes3 = st.tuples(*[st.floats(0.05, 2.0)] * 3)
+
+
+@given(outlines, st.none() | sizes3, st.floats(-10.0, 10.0))
+def test_an_outline_is_scaled_and_turned_and_filled_up(
+    points: list[tuple[float, float, float]], size: tuple[float, float, float] | None, yaw: float
+) -> None:
+    dog: dict[str, Any] = {"label": "dog", "position": [1.0, 2.0, 0.3], "yaw": yaw, "size": size}
+    room = room_with(landmarks=[dog, {**dog, "label": "cat"}], landmark_outline={"dog": points})
+    box, found = room.landmark_outlines[1], room.landmark_outlines[0]
+    assert len(box) == len(found) == max(len(points), 8)
+    half = 0.5 * np.array(size or DATA["landmark_size"]["dog"])
+    expected = Rotation.from_euler("z", yaw).apply(np.array(points) * half)
+    np.testing.assert_allclose(found[: len(points)], expected, atol=1e-12)
+    assert np.all(found[len(points) :] == found[len(points) - 1])
+    # The extent along W's axes is the least that holds all points, about the surveyed centre.
+    np.testing.assert_allclose(room.landmark_sizes[0], 2.0 * np.abs(expected).max(axis=0), atol=1e-12)
+
+
+def test_a_landmark_is_turned_like_the_same_piece_of_furniture() -> None:
+    kinds = {
+        "person": "person_standing_0",
+        "fire hydrant": "fire_hydrant",
+        "dog": "dog_beagle",
+        "potted plant": "plant",
+    }
+    kinds |= {"chair": "office_chair", "bicycle": "bicycle", "bird": "bird1", "cat": "cat1", "clock": "clock"}
+    for landmark in ROOM.landmarks:
+        x, y, _ = landmark.position
+        (yaw,) = [
+            item[6]
+            for item in ROOM.furniture
+            if item[0] == kinds[landmark.label] and np.hypot(item[1] - x, item[2] - y) < 0.5
+        ]
+        assert landmark.yaw == yaw
+
+
+def test_fire_hydrants_stand_on_the_floor() -> None:
+    hydrants = [landmark for landmark in ROOM.landmarks if landmark.label == "fire hydrant"]
+    assert len(hydrants) == 4
+    for hydrant in hydrants:
+        assert hydrant.size is not None
+        assert hydrant.position[2] == pytest.approx(hydrant.size[2] / 2, abs=1e-3)
 
 
 def test_a_camera_at_half_the_size_sees_the_same_directions() -> None:
@@ -100,6 +157,13 @@ def test_a_camera_at_half_the_size_sees_the_same_directions() -> None:
         ({"interior": {"min": [0.0, 0.0, 0.0], "max": [5.0, -1.0, 3.0]}}, ["interior", "min y", "max y"]),
         ({"stand_radius": -0.1}, ["stand_radius", "-0.1", "greater than 0"]),
         ({"landmark_size": {}}, ["landmark_size", "no size for class"]),
+        (
+            {"landmark_outline": {"dog": [[0.0, 0.0, 1.5]] * 4}},
+            ["landmark_outline.dog.0.2", "1.5", "less than or equal"],
+        ),
+        ({"landmark_outline": {"dog": [[0.0, 0.0, 1.0]] * 3}}, ["landmark_outline.dog", "at least 4", "not 3"]),
+        ({"landmark_outline": {"cow": [[0.0, 0.0, 1.0]] * 4}}, ["landmark_outline", "'cow'", "none of landmark_size"]),
+        ({"landmarks": [{**DATA["landmarks"][0], "size": [1.0, 0.0, 1.0]}]}, ["landmarks.0.size.1", "greater than 0"]),
         ({"furniture_size": {}}, ["furniture_size", "no size for kind"]),
         ({"ceiling": 3.0}, ["ceiling", "unknown key"]),
         ({"name": 7}, ["name", "7", "string"]),

@@ -119,7 +119,7 @@ def test_own_file_there_and_back(tmp_path: Path) -> None:
     assert_same(made, read, rtol=2.0**-11)  # float16 keeps 11 bits
     again = tmp_path / "again.safetensors"
     write_network(again, read, classes)
-    assert again.read_bytes() == path.read_bytes()
+    assert_same(read, read_network(again)[0], rtol=0.0)  # the second rounding to float16 changes nothing
 
 
 @pytest.mark.parametrize("classes", [["cat"], ["cat", ""], ["cat", "clock", "dog"]])

@@ -1,6 +1,6 @@
 """Association against brute force over all pairings, and what it must refuse."""
 
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -15,10 +15,8 @@ from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmark_association import associate
 
 ROOM = load_room()
-CAMERA = ROOM.camera.scaled_to(320)
-P_BC, F, C = np.array(CAMERA.position), CAMERA.focal_length, np.array(CAMERA.center)
-IMAGE = np.array([CAMERA.width, CAMERA.height], dtype=float)
-SIZE = np.array([0.5, 0.5, 1.9])
+CAMERA = ROOM.camera.scaled_to(320).constants
+OUTLINE = 0.5 * np.array([0.5, 0.5, 1.9]) * list(product((-1.0, 1.0), repeat=3))  # a person's box
 PERSON, DOG = 0.0, 1.0
 GATE = float(chi2.ppf(0.999, 2))
 ROW = np.array([[5.0, 1.0, 1.0], [5.2, 0.4, 1.0], [5.0, -0.3, 1.0], [5.5, -1.2, 1.0]])  # persons side by side
@@ -32,9 +30,9 @@ def covariance(position_sd: float, angle_sd: float = 0.005) -> np.ndarray:
     return np.diag([position_sd**2] * 3 + [angle_sd**2] * 3 + [1.0] * 9).ravel()
 
 
-def box_of(p_WL, x, size=SIZE) -> np.ndarray:
+def box_of(p_WL, x, outline=OUTLINE) -> np.ndarray:
     box = np.empty(4)
-    assert extent_box(np.asarray(p_WL), size, x[:3], rotation_matrix(x[3:6]), P_BC, F, C, box)
+    assert extent_box(np.asarray(p_WL), outline, x[:3], rotation_matrix(x[3:6]), CAMERA, box)
     return box
 
 
@@ -51,13 +49,13 @@ def message(rows) -> np.ndarray:
 def run(rows, xhat, P, positions=ROW, labels=None, sd: float = 1.0):
     positions = np.asarray(positions, dtype=float)
     labels = np.full(len(positions), PERSON) if labels is None else labels
-    sizes = np.tile(SIZE, (len(positions), 1))
-    return associate(message(rows), xhat, P, positions, sizes, labels, P_BC, F, C, IMAGE, sd, GATE)
+    outlines = np.tile(OUTLINE, (len(positions), 1, 1))
+    return associate(message(rows), xhat, P, positions, outlines, labels, CAMERA, sd, GATE)
 
 
 def squared_distance(box, i: int, xhat, P) -> float:
     z, J = np.empty(2), np.empty((2, 6))
-    assert box_center(ROW[i], SIZE, xhat[:3], xhat[3:6], rotation_matrix(xhat[3:6]), P_BC, F, C, z, J)
+    assert box_center(ROW[i], OUTLINE, xhat[:3], xhat[3:6], rotation_matrix(xhat[3:6]), CAMERA, z, J)
     e = 0.5 * (box[:2] + box[2:]) - z
     return float(e @ np.linalg.solve(J @ P.reshape(15, 15)[:6, :6] @ J.T + np.eye(2), e))
 
@@ -120,9 +118,9 @@ def shifted(box, du: float = 0.0, dv: float = 0.0) -> np.ndarray:
         ((DOG, box_of(ROW[2], estimate())), 0),  # another class
         ((PERSON, shifted(box_of(ROW[2], estimate()), 40.0)), 0),  # outside the gate
         ((PERSON, shifted(box_of(ROW[2], estimate()), 0.0, 40.0)), 0),
-        ((PERSON, box_of(ROW[2], estimate(), SIZE * 1.7)), 0),  # larger than a person there
-        ((PERSON, box_of(ROW[2], estimate(), SIZE / 1.7)), 0),
-        ((PERSON, box_of(ROW[2], estimate(), SIZE * 1.4)), 1),
+        ((PERSON, box_of(ROW[2], estimate(), OUTLINE * 1.7)), 0),  # larger than a person there
+        ((PERSON, box_of(ROW[2], estimate(), OUTLINE / 1.7)), 0),
+        ((PERSON, box_of(ROW[2], estimate(), OUTLINE * 1.4)), 1),
     ],
 )
 def test_what_is_refused(row, found):

@@ -1,5 +1,7 @@
 """The three methods against OpenCV's projection, the Cramer-Rao bound and their own covariances; the system."""
 
+from itertools import product
+
 import cv2
 import numpy as np
 import pytest
@@ -12,13 +14,14 @@ from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, FIX_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmark_fix import METHODS, LandmarkFix
+from ortilo_drake.onboard.pnp import refine_pose
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import ProjectedCamera as CameraSettings
 from ortilo_drake.world.projected_camera import ProjectedCamera
 
 ROOM = load_room()
-CAMERA = ROOM.camera.scaled_to(320)
-P_BC, F, C = np.array(CAMERA.position), CAMERA.focal_length, np.array(CAMERA.center)
+CAMERA = ROOM.camera.scaled_to(320).constants
+P_BC, F, C, _ = CAMERA
 # Spread over the image and in depth, as seen from (0, 0, 1.5), and of the sizes that the room has.
 POINTS = np.array(
     [
@@ -42,6 +45,7 @@ SIZES = np.array(
         [0.3, 0.3, 0.4],
     ]
 )
+OUTLINES = 0.5 * SIZES[:, None] * list(product((-1.0, 1.0), repeat=3))
 ATTITUDE_SD = 0.004
 EXACT = (0.0, 0.0, 1.5, 0.013, -0.021, 0.034)
 
@@ -54,27 +58,26 @@ def covariance(position_sd: float = 0.1, angle_sd: float = ATTITUDE_SD) -> np.nd
     return np.diag([position_sd**2] * 3 + [angle_sd**2] * 3 + [1.0] * 9).ravel()
 
 
-def boxes(pose, points=POINTS, sizes=SIZES) -> np.ndarray:
-    """(u_min, v_min, u_max, v_max) of the extents, by OpenCV."""
+def boxes(pose, points=POINTS, outlines=OUTLINES) -> np.ndarray:
+    """(u_min, v_min, u_max, v_max) of the outlines, by OpenCV."""
     R_WB = Rotation.from_euler("ZYX", [pose[5], pose[4], pose[3]]).as_matrix()
     R_CW = (R_WB @ R_BC).T
     K = np.array([[F, 0.0, C[0]], [0.0, F, C[1]], [0.0, 0.0, 1.0]])
-    grid = 0.5 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    corners = (points[:, None] + grid * sizes[:, None]).reshape(-1, 3)
+    seen = (points[:, None] + outlines).reshape(-1, 3)
     t = -R_CW @ (np.asarray(pose[:3]) + R_WB @ P_BC)
-    uv = cv2.projectPoints(corners, cv2.Rodrigues(R_CW)[0], t, K, None)[0].reshape(-1, 8, 2)
+    uv = cv2.projectPoints(seen, cv2.Rodrigues(R_CW)[0], t, K, None)[0].reshape(len(points), -1, 2)
     return np.concatenate([uv.min(axis=1), uv.max(axis=1)], axis=1)
 
 
-def centers(pose, points=POINTS, sizes=SIZES) -> np.ndarray:
-    box = boxes(pose, points, sizes)
+def centers(pose, points=POINTS, outlines=OUTLINES) -> np.ndarray:
+    box = boxes(pose, points, outlines)
     return 0.5 * (box[:, :2] + box[:, 2:])
 
 
 def jacobian(pose, n: int = len(POINTS), step: float = 1e-6) -> np.ndarray:
     """d centres / d [p_WB, rpy] (2 n, 6) by central differences of OpenCV's projection."""
     columns = [
-        (centers(pose + d, POINTS[:n], SIZES[:n]) - centers(pose - d, POINTS[:n], SIZES[:n])).ravel() / (2 * step)
+        (centers(pose + d, POINTS[:n], OUTLINES[:n]) - centers(pose - d, POINTS[:n], OUTLINES[:n])).ravel() / (2 * step)
         for d in step * np.eye(6)
     ]
     return np.array(columns).T
@@ -82,7 +85,7 @@ def jacobian(pose, n: int = len(POINTS), step: float = 1e-6) -> np.ndarray:
 
 def solve(method: str, z, xhat, n=slice(None), P=None, sd: float = 1.0, max_residual: float = 4.0):
     P = covariance() if P is None else P
-    found, p_WB, cov = METHODS[method](z, POINTS[n], SIZES[n], xhat, P, P_BC, F, C, sd, max_residual)
+    found, p_WB, cov = METHODS[method](z, POINTS[n], OUTLINES[n], xhat, P, CAMERA, sd, max_residual)
     return found, p_WB, cov
 
 
@@ -208,6 +211,12 @@ def test_pnp_repeats_itself_and_drops_an_outlier():
     np.testing.assert_allclose(first[1], clean[1], atol=1e-6)
 
 
+def test_a_start_without_numbers_is_no_fix():
+    """OpenCV's RANSAC may return NaN as found, as it does for some sets of four boxes that fit no pose."""
+    found, _, _ = refine_pose(centers(EXACT), POINTS, OUTLINES, np.full(3, np.nan), np.zeros(3), CAMERA)
+    assert not found
+
+
 def test_one_landmark_seen_twice_gives_no_position():
     """Two boxes of one point in space tell the direction, not the distance."""
     twice = np.array([4, 4])
@@ -218,7 +227,7 @@ def detections(pose, shown, arrived: float = 1.0) -> np.ndarray:
     message = np.zeros(DETECTIONS_SIZE)
     message[0], message[1] = arrived, 7.5
     message[PAYLOAD::DETECTION_SIZE] = -1.0
-    box = boxes(pose, ROOM.landmark_positions[shown], ROOM.landmark_sizes[shown]) if shown else []
+    box = boxes(pose, ROOM.landmark_positions[shown], ROOM.landmark_outlines[shown]) if shown else []
     for row, (i, edges) in enumerate(zip(shown, box, strict=True)):
         message[PAYLOAD + 6 * row : PAYLOAD + 6 * row + 6] = [ROOM.landmark_labels[i], 0.9, *edges]
     return message

@@ -127,7 +127,7 @@ def test_room_has_every_element_where_it_was_surveyed(meshcat):
         np.testing.assert_array_equal(transform(meshcat, path)[:3, 3], landmark.position)
         box = scene_object(meshcat, path)["geometries"][0]
         # Three.js names the extents along x, y, z so.
-        assert (box["width"], box["height"], box["depth"]) == ROOM.landmark_size[landmark.label]
+        np.testing.assert_array_equal([box["width"], box["height"], box["depth"]], ROOM.landmark_sizes[i])
     for i, (x, y, yaw) in enumerate(ROOM.walls):
         path = next(p for k in ("inner", "outer") if meshcat.HasPath(p := f"/room/walls/{k}/{i:02d}"))
         X_W = RigidTransform(RollPitchYaw(0, 0, yaw), [x, y, 1.5])
