@@ -5,6 +5,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.detector import Detector
+from ortilo_drake.onboard.detector_network import load_detector
 from ortilo_drake.onboard.kalman_filter import KalmanFilter
 from ortilo_drake.onboard.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.lq_gain import servo_gain
@@ -30,6 +32,7 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
 
     Ports:
         uwb, detections, imu: messages of the sensors that the scenario flies.
+        image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
         velocity: the true velocities, only where the scenario lends them to the servo.
         control (4, output): u_k, f_T absolute.
         estimate (15, output): xhat_{k|k-1}.
@@ -42,7 +45,7 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
 
     Raises:
-        InputError: if there is no path or no servo gain.
+        InputError: if there is no path or no servo gain, or if the detector's files are wrong.
     """
     room, h = scenario.load_room(), scenario.h
     trajectory = trajectory or plan(scenario.planner, room, scenario.vehicle)
@@ -62,8 +65,17 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
         builder.Connect(estimate, multilateration.GetInputPort("estimate"))
         builder.Connect(multilateration.get_output_port(), handler.GetInputPort("uwb"))
     if "camera" in scenario.sensors:
-        fix = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.projected_camera.width))
-        builder.ExportInput(fix.GetInputPort("detections"), "detections")
+        fix = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.image_width))
+        if scenario.is_rendered:
+            camera = room.camera.scaled_to(scenario.rendered_camera.width)
+            size = camera.width, camera.height
+            detect = load_detector(scenario.detector, room, size)
+            detector = builder.AddSystem(Detector(detect, size, scenario.rendered_camera.latency, h))
+            builder.ExportInput(detector.GetInputPort("image"), "image")
+            builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
+            builder.Connect(detector.get_output_port(), fix.GetInputPort("detections"))
+        else:
+            builder.ExportInput(fix.GetInputPort("detections"), "detections")
         builder.Connect(estimate, fix.GetInputPort("estimate"))
         builder.Connect(covariance, fix.GetInputPort("covariance"))
         builder.Connect(fix.get_output_port(), handler.GetInputPort("camera"))

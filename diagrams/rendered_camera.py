@@ -19,8 +19,8 @@ def make_rendered_camera(room: Room, width: int) -> Diagram:
         state (12): x of the vehicle.
         color_image (ImageRgba8U, output): what the camera sees.
         depth_image (ImageDepth32F, output): depth along C's z axis [m].
-        label_image (ImageLabel16I, output): the number of the landmark at each pixel; 32765 elsewhere in the room, 32766
-            where there is nothing.
+        label_image (ImageLabel16I, output): the number of the landmark at each pixel; 32764 elsewhere in the room,
+            32766 where there is nothing.
 
     Args:
         room: the room; its camera is scaled to the width.

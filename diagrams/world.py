@@ -1,16 +1,19 @@
 """The world: the vehicle, its sensors and the link."""
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
-from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, uwb_size
+from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
+from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, SHUTTER_SIZE, uwb_size
 from ortilo_drake.scenario import Link, Scenario
 from ortilo_drake.world.disturbance import DisturbanceSource
+from ortilo_drake.world.image_delay import ImageDelay
 from ortilo_drake.world.imu import Imu
 from ortilo_drake.world.link import SensorLink
 from ortilo_drake.world.projected_camera import ProjectedCamera
 from ortilo_drake.world.quadrotor import QuadrotorPlant
 from ortilo_drake.world.rotors import Rotors
+from ortilo_drake.world.shutter import Shutter
 from ortilo_drake.world.true_velocity import TrueVelocity
 from ortilo_drake.world.uwb import UwbRanging
 
@@ -22,6 +25,8 @@ def make_world(scenario: Scenario) -> Diagram:
         control (4): u = [f_T, tau_x, tau_y, tau_z], sampled and held every tick.
         state (12, output): the true x.
         uwb, detections, imu (outputs): the messages of the sensors that the scenario flies.
+        image (ImageRgba8U), shutter (outputs): a rendered camera's picture and its message, in place of detections.
+        depth_image, label_image (outputs): see diagrams/rendered_camera.py; drawn only if asked for.
         velocity (output): the true velocities, only where the scenario lends them to the servo.
 
     Layouts of the messages: model/signals.py.
@@ -51,9 +56,11 @@ def make_world(scenario: Scenario) -> Diagram:
     state = plant.GetOutputPort("state")
     builder.ExportOutput(state, "state")
 
-    def add_link(sensor: str, source: LeafSystem, size: int, message: str) -> None:
-        builder.Connect(state, source.GetInputPort("state"))
+    def add_link(sensor: str, source: LeafSystem, size: int, message: str, latency: int = 0) -> OutputPort:
+        if source.HasInputPort("state"):
+            builder.Connect(state, source.GetInputPort("state"))
         settings = scenario.link_of(sensor)
+        settings = settings.model_copy(update={"delay": settings.delay + latency})
         if settings == Link():  # a perfect link
             link = builder.AddNamedSystem(f"{sensor}_link", PassThrough(size))
             builder.Connect(source.get_output_port(), link.get_input_port())
@@ -62,13 +69,28 @@ def make_world(scenario: Scenario) -> Diagram:
             builder.Connect(source.get_output_port(), link.GetInputPort("message"))
             builder.Connect(state, link.GetInputPort("state"))
         builder.ExportOutput(link.get_output_port(), message)
+        return link.get_output_port()
 
     if "uwb" in scenario.sensors:
         ranging = builder.AddSystem(UwbRanging(scenario.uwb, room, seed, h))
         add_link("uwb", ranging, uwb_size(len(room.anchors)), "uwb")
-    if "camera" in scenario.sensors:
+    if scenario.is_rendered:
+        rendered = builder.AddSystem(make_rendered_camera(room, scenario.rendered_camera.width))
+        builder.Connect(state, rendered.GetInputPort("state"))
+        shutter = add_link("camera", builder.AddSystem(Shutter()), SHUTTER_SIZE, "shutter")
+        image = rendered.GetOutputPort("color_image")
+        link = scenario.camera_link
+        if link.delay or link.random_delay:
+            kept = builder.AddSystem(ImageDelay(link.every, link.delay + link.random_delay, h))
+            builder.Connect(image, kept.GetInputPort("color_image"))
+            builder.Connect(shutter, kept.GetInputPort("shutter"))
+            image = kept.get_output_port()
+        builder.ExportOutput(image, "image")
+        for name in ("depth_image", "label_image"):
+            builder.ExportOutput(rendered.GetOutputPort(name), name)
+    elif "camera" in scenario.sensors:
         camera = builder.AddSystem(ProjectedCamera(scenario.projected_camera, room, seed, h))
-        add_link("camera", camera, DETECTIONS_SIZE, "detections")
+        add_link("camera", camera, DETECTIONS_SIZE, "detections", scenario.projected_camera.latency)
     if "imu" in scenario.sensors:
         imu = builder.AddSystem(Imu(scenario.imu, scenario.vehicle.mass, seed, h))
         builder.Connect(actuator.get_output_port(), imu.GetInputPort("control"))

@@ -27,6 +27,7 @@ from ortilo_drake.settings.link import (
     TimeBlackout,
 )
 from ortilo_drake.settings.onboard import (
+    Detector,
     DiagonalW,
     DisturbanceW,
     KalmanFilter,
@@ -44,6 +45,7 @@ from ortilo_drake.settings.sensors import (
     ProjectedCamera,
     ProportionalNoise,
     RangeNoise,
+    RenderedCamera,
     Uwb,
     WallEffect,
     WallsBias,
@@ -57,6 +59,7 @@ __all__ = [
     "BernoulliLoss",
     "Blackout",
     "ConstantNoise",
+    "Detector",
     "DiagonalW",
     "Disturbance",
     "DisturbanceW",
@@ -81,6 +84,7 @@ __all__ = [
     "ProjectedCamera",
     "ProportionalNoise",
     "RangeNoise",
+    "RenderedCamera",
     "Scenario",
     "ServoWeights",
     "TimeBlackout",
@@ -114,7 +118,9 @@ class Scenario(Frozen):
         settle: time flown after the path's end [s].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
         sensors: which of uwb, camera and imu fly; the others never arrive.
-        camera: how the camera is simulated.
+        camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
+            boxes that a detector would have found from what was measured of it, a hundred times as fast.
+        camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
     """
 
     name: Annotated[str, Field(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$")] = "default"
@@ -127,8 +133,11 @@ class Scenario(Frozen):
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
     imu: Imu = Imu()
     uwb: Uwb = Uwb()
-    camera: Literal["projected"] = "projected"
+    camera: Literal["projected", "rendered"] = "projected"
+    camera_link: Link = Link(every=3)
     projected_camera: ProjectedCamera = ProjectedCamera()
+    rendered_camera: RenderedCamera = RenderedCamera()
+    detector: Detector = Detector()
     multilateration: Multilateration = Multilateration()
     landmark_fix: LandmarkFix = LandmarkFix()
     handler: MeasurementHandler = MeasurementHandler()
@@ -141,9 +150,19 @@ class Scenario(Frozen):
         """The control period, the tick of every discrete system [s]."""
         return 1.0 / self.control_rate
 
+    @property
+    def is_rendered(self) -> bool:
+        """Whether there is a camera and it renders."""
+        return self.camera == "rendered" and "camera" in self.sensors
+
+    @property
+    def image_width(self) -> int:
+        """Width of the image that the camera's boxes are in [px]."""
+        return (self.rendered_camera if self.camera == "rendered" else self.projected_camera).width
+
     def link_of(self, sensor: str) -> Link:
         """Return the link of 'uwb', 'camera' or 'imu'."""
-        return {"uwb": self.uwb.link, "camera": self.projected_camera.link, "imu": self.imu.link}[sensor]
+        return {"uwb": self.uwb.link, "camera": self.camera_link, "imu": self.imu.link}[sensor]
 
     @model_validator(mode="after")
     def _sensors_differ(self) -> "Scenario":
@@ -217,13 +236,14 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
         if seed is not None:
             data["seed"] = seed
         scenario = validate(Scenario, data, source)
-    scenario = _relative_to(path.parent, scenario)
+    # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
+    scenario = _relative_to(Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent, scenario)
     scenario.load_room()
     return scenario
 
 
 def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
-    """Return the scenario with its room's path made absolute and its waypoints read, so that it stands alone."""
+    """Return the scenario with the paths in it made absolute and its waypoints read, so that it stands alone."""
     changes: dict[str, Any] = {}
     if scenario.room != "ortilo":
         changes["room"] = str((folder / scenario.room).resolve())
@@ -231,6 +251,14 @@ def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
         points = read_waypoints((folder / scenario.planner.file).resolve())
         rows = tuple(tuple(row) for row in points.tolist())
         changes["planner"] = scenario.planner.model_copy(update={"file": None, "points": rows})
+    files = {key: path for key in ("cfg", "weights", "names") if (path := getattr(scenario.detector, key)) is not None}
+    if files:
+        files = {key: str((folder / path).resolve()) for key, path in files.items()}
+        changes["detector"] = scenario.detector.model_copy(update=files)
+    errors = scenario.projected_camera.errors
+    if errors.kind == "measured" and errors.file != "rendered":
+        errors = errors.model_copy(update={"file": str((folder / errors.file).resolve())})
+        changes["projected_camera"] = scenario.projected_camera.model_copy(update={"errors": errors})
     return scenario.model_copy(update=changes) if changes else scenario
 
 

@@ -29,6 +29,35 @@ class Multilateration(Frozen):
         return self
 
 
+class Detector(Frozen):
+    """The network that finds landmarks in the rendered camera's pictures.
+
+    Attributes:
+        cfg: a Darknet .cfg to use in place of our own network, with its weights; needs torch.
+        weights: its .weights.
+        names: its class names, one a line; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
+        backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
+            the one it was trained with; 'auto' takes the first of them that is installed.
+        threshold: smallest score of a box.
+        overlap: two boxes of a class that overlap by a larger IoU are one object.
+    """
+
+    cfg: str | None = None
+    weights: str | None = None
+    names: str | None = None
+    backend: Literal["auto", "onnxruntime", "opencv", "torch"] = "auto"
+    threshold: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
+    overlap: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.45
+
+    @model_validator(mode="after")
+    def _files_come_together(self) -> "Detector":
+        if (self.cfg is None) != (self.weights is None):
+            raise ValueError(f".cfg {self.cfg!r}, .weights {self.weights!r}: give both or neither")
+        if self.cfg is not None and self.backend not in ("auto", "torch"):
+            raise ValueError(f".backend {self.backend!r}: is for our own network, a .cfg takes 'auto' or 'torch'")
+        return self
+
+
 class LandmarkFix(Frozen):
     """Position from landmark boxes.
 
@@ -44,7 +73,7 @@ class LandmarkFix(Frozen):
     """
 
     method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
-    center_sd: PositiveFloat = 2.0
+    center_sd: PositiveFloat = 3.0
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
     max_residual: PositiveFloat = 4.0
     prior_sd: tuple[PositiveFloat, PositiveFloat] | None = None

@@ -1,4 +1,4 @@
-"""The sensors: IMU, UWB and projected camera."""
+"""The sensors: IMU, UWB and the two cameras."""
 
 from typing import Annotated, Literal
 
@@ -63,22 +63,32 @@ class Uwb(Frozen):
     link: Link = Link(every=3)
 
 
-class ProjectedCamera(Frozen):
-    """A landmark camera that returns boxes without rendering an image.
+class MeasuredErrors(Frozen):
+    """Errors of a detector as they were measured of it.
 
     Attributes:
-        width: image width [px]; the room's camera is scaled to it.
-        edge_sd: noise of each edge of a box [px].
+        file: 'rendered', the rendered camera and our own detector, or the path of a calibration file
+            (ortilo detector calibrate).
+    """
+
+    kind: Literal["measured"] = "measured"
+    file: str = "rendered"
+
+
+class ParametricErrors(Frozen):
+    """Errors of a detector by a few numbers; new in every tick.
+
+    Attributes:
+        edge_sd: noise of each edge of a box that the image's border does not cut [px].
         miss_base: miss rate at distance 0.
         miss_per_metre: growth of the miss rate with distance [1/m].
         max_distance: farther landmarks are never found [m].
         min_size: smaller boxes, in either direction, are never found [px].
         min_visible: a landmark is found if at least this share of it is not hidden by walls and stands.
         false_boxes: mean number of false boxes an image (Poisson).
-        link: rate and delivery; 10 Hz by default.
     """
 
-    width: Annotated[int, Field(ge=16, le=8192)] = 320
+    kind: Literal["parametric"]
     edge_sd: NonNegativeFloat = 1.3
     miss_base: Probability = 0.02
     miss_per_metre: NonNegativeFloat = 0.02
@@ -86,4 +96,32 @@ class ProjectedCamera(Frozen):
     min_size: NonNegativeFloat = 6.0
     min_visible: Probability = 0.6
     false_boxes: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1
-    link: Link = Link(every=3)
+
+
+CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
+
+
+class ProjectedCamera(Frozen):
+    """A landmark camera that returns boxes without rendering an image.
+
+    Attributes:
+        width: image width [px]; the room's camera is scaled to it.
+        errors: which landmarks are missed, how boxes err, and false boxes.
+        latency: from seeing to boxes [ticks], as the rendered camera's detector takes.
+    """
+
+    width: Annotated[int, Field(ge=16, le=8192)] = 320
+    errors: CameraErrors = MeasuredErrors()
+    latency: Annotated[int, Field(ge=0, le=1000)] = 1
+
+
+class RenderedCamera(Frozen):
+    """A camera whose pictures Drake renders and a detector looks at.
+
+    Attributes:
+        width: image width [px]; the room's camera is scaled to it.
+        latency: from picture to boxes [ticks]; measured, the detector needs about a third of a tick of 1/30 s.
+    """
+
+    width: Annotated[int, Field(ge=64, le=2048)] = 320
+    latency: Annotated[int, Field(ge=1, le=1000)] = 1

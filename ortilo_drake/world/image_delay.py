@@ -1,5 +1,6 @@
 """Keeps pictures for a link that delivers them late."""
 
+import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
@@ -14,9 +15,9 @@ class ImageDelay(LeafSystem):
     Ports:
         color_image (ImageRgba8U): what the camera sees now.
         shutter (2): [arrived, stamp] as the link delivers it.
-        image (ImageRgba8U, output): the picture taken at the stamp; an old one where nothing arrived.
+        image (ImageRgba8U, output): the picture taken at the stamp; where nothing arrived, any.
 
-    State (abstract, updated each tick): the newest pictures by their tick.
+    State (abstract, updated each tick): the newest pictures by their tick, as arrays (height, width, 4), uint8.
 
     Args:
         every: a picture is taken on every so many ticks.
@@ -30,7 +31,7 @@ class ImageDelay(LeafSystem):
         self._every, self._longest, self._h = every, longest, h
         self._color = self.DeclareAbstractInputPort("color_image", Value(ImageRgba8U()))
         self._shutter = self.DeclareVectorInputPort("shutter", SHUTTER_SIZE)
-        self._taken = self.DeclareAbstractState(AbstractValue.Make(dict[int, ImageRgba8U]()))
+        self._taken = self.DeclareAbstractState(AbstractValue.Make(dict[int, np.ndarray]()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(h, 0.0, self._take)
         needs = {self._color.ticket(), self._shutter.ticket(), self.abstract_state_ticket(self._taken)}
         self.DeclareAbstractOutputPort(
@@ -42,12 +43,17 @@ class ImageDelay(LeafSystem):
         if k % self._every:
             return
         taken = dict(context.get_abstract_state(int(self._taken)).get_value())
-        taken[k] = ImageRgba8U(self._color.Eval(context))
+        taken[k] = self._color.Eval(context).data.copy()
         state.get_mutable_abstract_state(int(self._taken)).set_value(
-            {tick: image for tick, image in taken.items() if tick >= k - self._longest}
+            {tick: pixels for tick, pixels in taken.items() if tick >= k - self._longest}
         )
 
     def _calc_image(self, context: Context, output: Value) -> None:
         taken = context.get_abstract_state(int(self._taken)).get_value()
-        image = taken.get(tick_of(self._shutter.Eval(context)[STAMP], self._h))
-        output.set_value(self._color.Eval(context) if image is None else image)
+        pixels = taken.get(tick_of(self._shutter.Eval(context)[STAMP], self._h))
+        if pixels is None:
+            output.set_value(self._color.Eval(context))
+        else:
+            image = ImageRgba8U(pixels.shape[1], pixels.shape[0])
+            image.mutable_data[:] = pixels
+            output.set_value(image)

@@ -1,7 +1,9 @@
 """Drake's VTK renderer on a room, without a screen."""
 
 import ctypes
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import (
@@ -28,6 +30,7 @@ from ortilo_drake.model.room import CameraModel
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.scene import SceneItem
 
+_EGL_PLATFORM_DEVICE = 0x313F  # EGL_PLATFORM_DEVICE_EXT
 RENDERER = "vtk"
 NEAREST, FARTHEST = 0.05, 40.0  # what the camera draws [m]
 BACKGROUND = (0.78, 0.80, 0.82)  # where there is nothing: above the walls
@@ -53,18 +56,42 @@ def room_lamps() -> list[LightParameter]:
 
 
 def check_egl() -> None:
-    """Check that a picture can be drawn without a screen.
+    """Check that a picture can be drawn without a screen; the renderer itself would crash.
 
     Raises:
         InputError: saying what to install.
     """
-    try:
-        ctypes.CDLL("libEGL.so.1")
-    except OSError:
+    if not _egl_works():
         raise InputError(
-            "camera: 'rendered' draws with EGL, which is missing here: install it (Debian, Ubuntu: "
-            "apt-get install libegl1 libgl1-mesa-dri) or fly with --set camera=projected"
-        ) from None
+            "camera: 'rendered' draws with EGL, which is missing here or has no driver: install it (Debian, Ubuntu: "
+            "apt-get install libegl1 libgl1-mesa-dri) or fly with --camera projected"
+        )
+
+
+@cache
+def _egl_works() -> bool:
+    """Return whether EGL starts on the first device that it lists, as the renderer does."""
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return False
+    pointer = ctypes.c_void_p
+    egl.eglGetProcAddress.restype = pointer
+
+    def function(name: bytes, *types: type) -> Callable[..., Any] | None:
+        address = egl.eglGetProcAddress(name)
+        return ctypes.CFUNCTYPE(*types)(address) if address else None
+
+    query = function(b"eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, pointer, pointer)
+    display_of = function(b"eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)
+    device, count = pointer(), ctypes.c_int(0)
+    if query is None or display_of is None:
+        return False
+    if not query(1, ctypes.byref(device), ctypes.byref(count)) or count.value == 0:
+        return False
+    display = display_of(_EGL_PLATFORM_DEVICE, device, None)
+    egl.eglInitialize.argtypes = (pointer, pointer, pointer)
+    return bool(display) and bool(egl.eglInitialize(display, None, None))
 
 
 def make_scene_graph(
@@ -103,7 +130,9 @@ def make_scene_graph(
 
 def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderCamera]:
     """Return Drake's colour (and label) and depth cameras of a camera model; pixels count alike in both."""
-    info = CameraInfo(camera.width, camera.height, camera.focal_length, camera.focal_length, *camera.center)
+    # VTK counts from the pixel's edge, we from its centre: half a pixel, as a test against OpenCV shows.
+    center = [c + 0.5 for c in camera.center]
+    info = CameraInfo(camera.width, camera.height, camera.focal_length, camera.focal_length, *center)
     core = RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, FARTHEST), RigidTransform())
     return ColorRenderCamera(core), DepthRenderCamera(core, DepthRange(NEAREST, FARTHEST))
 
