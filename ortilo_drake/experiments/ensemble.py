@@ -8,31 +8,46 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from distributed import Client, LocalCluster, as_completed
 
 import ortilo_drake
 from ortilo_drake.experiments.flight import fly, load_flight, save_flight
 from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.experiments.workers import run_all
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector_network import own_backend
 from ortilo_drake.scenario import Scenario, with_seed
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
     """Return the folder of a scenario's flights: its name and a digest of all that decides them but the seed.
 
-    That is the scenario, the room and the program itself, so that a resumed run never mixes two.
+    That is the scenario, the room, the camera's files and the program itself, so that a resumed run never mixes two.
     """
     text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
-    everything = "\n".join((text, scenario.load_room().model_dump_json(), _program()))
+    everything = "\n".join((text, scenario.load_room().model_dump_json(), _camera(scenario), _program()))
     return out / f"{scenario.name}-{hashlib.sha256(everything.encode()).hexdigest()[:8]}"
 
 
 @cache
 def _program() -> str:
-    """Return a digest of the package's sources."""
+    """Return a digest of the package's sources, meshes and weights."""
     digest = hashlib.sha256()
-    for path in sorted(Path(ortilo_drake.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
+    package = Path(ortilo_drake.__file__).parent
+    for folder in (package, (package / "diagrams").resolve()):  # a link, which rglob does not follow
+        for path in sorted(folder.rglob("*.*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _camera(scenario: Scenario) -> str:
+    """Return a digest of the user's own files of detector and calibration, and which backend computes our network."""
+    chosen, errors = scenario.detector, scenario.projected_camera.errors
+    digest = hashlib.sha256(own_backend(chosen.backend).encode() if scenario.is_rendered else b"")
+    names = chosen.names or (chosen.cfg and str(Path(chosen.cfg).with_suffix(".names")))
+    for file in (chosen.cfg, chosen.weights, names, errors.file if errors.kind == "measured" else None):
+        if file is not None and Path(file).is_file():
+            digest.update(Path(file).read_bytes())
     return digest.hexdigest()
 
 
@@ -41,12 +56,12 @@ def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
     return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
 
 
-def fly_and_save(scenario_json: str, seed: int, out: str) -> dict[str, Any]:
+def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
     """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
     scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
     flight = fly(scenario)
     flight.attrs["summary"] = json.dumps(summary(flight))
-    save_flight(flight, flight_file(Path(out), scenario, seed))
+    save_flight(flight, Path(file))
     return dict(json.loads(flight.attrs["summary"]))
 
 
@@ -98,39 +113,9 @@ def fly_many(
             take(seed, done)
     missing = [seed for seed in seeds if seed not in summaries]
     text = scenario.model_dump_json()
-    if workers == 1:
-        for seed in missing:
-            take(seed, fly_and_save(text, seed, str(out)))
-    elif missing:
-        with _cluster(min(workers, len(missing))) as client:
-            futures = {
-                client.submit(fly_and_save, text, seed, str(out), pure=False, retries=2): seed for seed in missing
-            }
-            for future in as_completed(futures):
-                take(futures[future], future.result())
+    jobs = [(text, seed, str(flight_file(out, scenario, seed))) for seed in missing]
+    run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
     return [summaries[seed] for seed in seeds]
-
-
-def _cluster(workers: int) -> Client:
-    """Return a client of its own worker processes on this machine, reachable from it alone."""
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        worker_dashboard_address="127.0.0.1:0",
-    )
-    return _OwningClient(cluster)
-
-
-class _OwningClient(Client):
-    """A client that takes its cluster down with it."""
-
-    def __exit__(self, *error: Any) -> None:
-        cluster = self.cluster
-        super().__exit__(*error)
-        cluster.close()
 
 
 def flights_of(scenario: Scenario, seeds: Iterable[int], out: Path) -> list[xr.Dataset]:

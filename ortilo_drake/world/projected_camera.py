@@ -1,4 +1,14 @@
-"""A landmark camera without an image: what a trained detector would return, drawn from projected outlines."""
+"""A landmark camera without an image: what the detector would return of the rendered picture.
+
+It draws from what was measured of them (camera_calibration.py) or from a few given numbers. A slow noise number of
+tick t, between nodes N ticks apart, is
+
+    ((1 - a) n_k + a n_{k+1}) / sqrt((1 - a)^2 + a^2),   k = t div N,   a = (t mod N) / N,
+
+standard normal in every tick, and a pure function of the tick.
+"""
+
+import math
 
 import numpy as np
 from numba import njit
@@ -7,66 +17,43 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import NEAR, Camera, extent_box, in_body_frame
+from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
 from ortilo_drake.scenario import ProjectedCamera as ProjectedCameraSettings
-from ortilo_drake.world.line_of_sight import is_hidden
+from ortilo_drake.settings.sensors import ParametricErrors
+from ortilo_drake.world.camera_calibration import load_calibration
+from ortilo_drake.world.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
 from ortilo_drake.world.noise import normals, stream_id, uniforms
 
-# Where an extent is looked at, as shares of its half sizes: its centre and points towards its corners.
-_SAMPLES = np.array([[0.0, 0.0, 0.0], *[[x, y, z] for x in (-0.7, 0.7) for y in (-0.7, 0.7) for z in (-0.7, 0.7)]])
 _MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
+STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera errors, slow")
 
 
 @register_jitable
-def _is_near(p: np.ndarray, q: np.ndarray, x: float, y: float, reach: float) -> bool:
-    """Return whether (x, y) is nearer than reach to the line from p to q, in plan."""
-    dx, dy, ox, oy = q[0] - p[0], q[1] - p[1], x - p[0], y - p[1]
-    length = np.sqrt(dx**2 + dy**2)
-    along = ox * dx + oy * dy
-    return abs(ox * dy - oy * dx) <= reach * length and -reach * length <= along <= (length + reach) * length
-
-
-@njit(cache=True)
-def visible_share(
-    p_WC: np.ndarray,
-    p_WL: np.ndarray,
-    size: np.ndarray,
-    walls: np.ndarray,
-    stands: np.ndarray,
-    samples: np.ndarray,
-) -> float:
-    """Return the share of an extent's sample points that the camera sees past walls (n, 7) and stands (m, 4).
+def persistent_normals(
+    seed: int, white: np.uint64, nodes: np.uint64, tick: int, n: int, share: float, spacing: int
+) -> np.ndarray:
+    """Return n standard normal numbers that belong to a tick, a share of their variance changing slowly.
 
     Args:
-        p_WC: the camera in W (3).
-        p_WL: the extent's centre in W (3).
-        size: the extent along W's axes (3).
-        walls: see line_of_sight.
-        stands: see line_of_sight.
-        samples: the points, as shares of the half sizes (k, 3).
+        seed: seed of all noise.
+        white: number of the stream of what is new every tick.
+        nodes: number of the stream of the slow part's nodes.
+        tick: the tick.
+        n: how many.
+        share: of the variance.
+        spacing: of the nodes [ticks].
     """
-    # Few obstacles stand near the line of sight: pick them once for all points.
-    aside = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
-    near_walls, n_walls = np.empty_like(walls), 0
-    for i in range(walls.shape[0]):
-        if _is_near(p_WC, p_WL, walls[i, 0], walls[i, 1], np.sqrt(walls[i, 4] ** 2 + walls[i, 5] ** 2) + aside):
-            near_walls[n_walls] = walls[i]
-            n_walls += 1
-    near_stands, n_stands = np.empty_like(stands), 0
-    for i in range(stands.shape[0]):
-        if _is_near(p_WC, p_WL, stands[i, 0], stands[i, 1], stands[i, 2] + aside):
-            near_stands[n_stands] = stands[i]
-            n_stands += 1
-    seen = 0
-    point = np.empty(3)
-    for k in range(samples.shape[0]):
-        for axis in range(3):
-            point[axis] = p_WL[axis] + 0.5 * samples[k, axis] * size[axis]
-        if not is_hidden(p_WC, point, near_walls[:n_walls], near_stands[:n_stands]):
-            seen += 1
-    return seen / samples.shape[0]
+    z = normals(seed, white, tick, n)
+    if share > 0.0:
+        a = (tick % spacing) / spacing
+        before, after = normals(seed, nodes, tick // spacing, n), normals(seed, nodes, tick // spacing + 1, n)
+        scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
+        for j in range(n):
+            z[j] = np.sqrt(1.0 - share) * z[j] + scale * ((1.0 - a) * before[j] + a * after[j])
+    return z
 
 
 @register_jitable
@@ -74,11 +61,6 @@ def _write_row(message: np.ndarray, row: int, label: float, score: float, box: n
     start = PAYLOAD + row * DETECTION_SIZE
     message[start], message[start + 1] = label, score
     message[start + 2 : start + 6] = box
-
-
-@register_jitable
-def _cut(value: float, size: float) -> float:
-    return min(max(value, -0.5), size - 0.5)
 
 
 @njit(cache=True)
@@ -96,93 +78,85 @@ def poisson(u: float, mean: float, largest: int) -> int:
 @njit(cache=True)
 def detections_message(
     x: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    sizes: np.ndarray,
+    room: Surroundings,
     labels: np.ndarray,
-    n_classes: int,
-    walls: np.ndarray,
-    stands: np.ndarray,
-    samples: np.ndarray,
     camera: Camera,
-    limits: np.ndarray,
-    noise: np.ndarray,
+    tables: Tables,
     seed: int,
     streams: np.ndarray,
+    false_stream: np.uint64,
     time: float,
     h: float,
 ) -> np.ndarray:
     """Return the detections message at state x: the landmarks found, in the map's order, then false boxes.
 
-    A landmark at distance d is found if its box, cut at the image border, is large enough, enough of it is
-    seen, and it is not missed, P(miss) = min(1, miss_base + miss_per_metre d). Every edge has its own noise,
-    save one cut at the border, which stays there.
-
     Args:
         x: state (12).
-        positions: p_W of the landmarks (n, 3).
-        outlines: their outlines, see pinhole.py (n, m, 3).
-        sizes: their extents along W's axes (n, 3).
-        labels: their classes (n).
-        n_classes: number of classes, for false boxes.
-        walls: the room's walls (m, 7).
-        stands: the room's stands (k, 4).
-        samples: see visible_share.
+        room: landmarks and what may hide them.
+        labels: the landmarks' classes (n).
         camera: the camera.
-        limits: max_distance [m], min_size [px], min_visible.
-        noise: edge_sd [px], miss_base, miss_per_metre [1/m], false_boxes.
+        tables: rates and errors, see camera_calibration.py.
         seed: seed of all noise.
-        streams: numbers of the noise streams of edges, of misses and scores, and of false boxes (3).
+        streams: numbers of the noise streams of each landmark, see STREAMS (n, 4); its noise is the same whatever
+            else is seen.
+        false_stream: number of the stream of false boxes.
         time: t_k [s].
         h: tick [s].
     """
     message = np.zeros(DETECTIONS_SIZE)
     message[0], message[1] = 1.0, time
     message[PAYLOAD::DETECTION_SIZE] = -1.0
-    tick, n = tick_of(time, h), positions.shape[0]
-    # Each landmark owns fixed places of the streams, so its noise is the same whatever else is seen.
-    edge_noise, chance = normals(seed, streams[0], tick, 4 * n), uniforms(seed, streams[1], tick, 2 * n)
-    p_WB, R_WB, p_BC, image = x[0:3], rotation_matrix(x[3:6]), camera.p_BC, camera.image
-    p_WC = p_WB + R_WB @ p_BC
-    box, noisy, row = np.empty(4), np.empty(4), 0
-    for i in range(n):
-        p_BL = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
-        q_x, q_y, q_z = p_BL[0] - p_BC[0], p_BL[1] - p_BC[1], p_BL[2] - p_BC[2]
-        distance = np.sqrt(q_x**2 + q_y**2 + q_z**2)
-        if row == MAX_DETECTIONS or q_x < NEAR or distance > limits[0]:
+    tick, image, row = tick_of(time, h), camera.image, 0
+    p_WB, R_WB = x[0:3], rotation_matrix(x[3:6])
+    p_WC = p_WB + R_WB @ camera.p_BC
+    box, whole = np.empty(4), np.empty(4)
+    for i in range(labels.size):
+        distance, inside = view_box(i, p_WB, R_WB, room, camera, tables.limits, whole)
+        if inside == 0.0 or row == MAX_DETECTIONS:
             continue
-        if chance[2 * i] < noise[1] + noise[2] * distance:
+        rate = look_up(tables.found, 1 + int(labels[i]), distance) * look_up(tables.inside, 1, inside)
+        if rate == 0.0:
             continue
-        if not extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box):
+        share, spacing = tables.slow[1, 0], int(tables.slow[1, 1])
+        z_miss = persistent_normals(seed, streams[i, 0], streams[i, 1], tick, 1, share, spacing)[0]
+        chance = 0.5 * math.erfc(-z_miss / math.sqrt(2.0))
+        if chance >= rate:
             continue
-        for k in range(4):
-            edge = _cut(box[k], image[k % 2])
-            inside = edge == box[k]
-            box[k] = edge
-            noisy[k] = _cut(edge + noise[0] * edge_noise[4 * i + k], image[k % 2]) if inside else edge
-        if min(box[2] - box[0], box[3] - box[1]) < max(limits[1], 1e-9):
+        visible = visible_share(p_WC, i, room)
+        rate *= look_up(tables.visible, 1, visible)
+        if chance >= rate or visible < tables.limits[2]:
             continue
-        if visible_share(p_WC, positions[i], sizes[i], walls, stands, samples) < limits[2]:
-            continue
-        if noisy[0] < noisy[2] and noisy[1] < noisy[3]:
-            _write_row(message, row, labels[i], 1.0 - 0.5 * chance[2 * i + 1], noisy)
+        share, spacing = tables.slow[0, 0], int(tables.slow[0, 1])
+        z = persistent_normals(seed, streams[i, 2], streams[i, 3], tick, 4, share, spacing)
+        at_border = look_up(tables.inside, 3, inside)
+        growth = look_up(tables.visible, 2, visible) * look_up(tables.inside, 2, inside)
+        for axis in range(2):
+            low, high = cut(whole[axis], image[axis]), cut(whole[2 + axis], image[axis])
+            center = growth * look_up(tables.errors, 1, high - low) * look_up(tables.quantiles, 1 + axis, z[axis])
+            extent = growth * look_up(tables.errors, 2, high - low) * look_up(tables.quantiles, 3 + axis, z[2 + axis])
+            for side, edge, error in ((0, low, center - 0.5 * extent), (2, high, center + 0.5 * extent)):
+                # An edge at the border has errors of its own.
+                factor = 1.0 if edge == whole[side + axis] else at_border
+                box[side + axis] = cut(edge + factor * error, image[axis])
+        if box[0] < box[2] and box[1] < box[3]:
+            _write_row(message, row, labels[i], 1.0 - 0.5 * chance / rate, box)
             row += 1
-    n_false = poisson(uniforms(seed, streams[2], tick, 1)[0], noise[3], _MAX_FALSE)
+    n_false = poisson(uniforms(seed, false_stream, tick, 1)[0], tables.false_classes[0], _MAX_FALSE)
     if n_false > 0:
-        u = uniforms(seed, streams[2], tick, 1 + 6 * n_false)[1:].reshape((n_false, 6))
+        u = uniforms(seed, false_stream, tick, 1 + 6 * n_false)[1:].reshape((n_false, 6))
         for k in range(min(n_false, MAX_DETECTIONS - row)):
             for axis in range(2):
-                # Anywhere in the image, between the smallest size and a quarter of the image more.
-                middle = u[k, 1 + axis] * image[axis] - 0.5
-                half = 0.5 * (max(limits[1], 1.0) + 0.25 * u[k, 3 + axis] * image[axis])
-                box[axis], box[2 + axis] = _cut(middle - half, image[axis]), _cut(middle + half, image[axis])
-            _write_row(message, row, np.floor(u[k, 0] * n_classes), 0.25 + 0.5 * u[k, 5], box)
+                center = u[k, 1 + axis] * image[axis] - 0.5
+                half = 0.5 * look_up(tables.false_sizes, 1 + axis, u[k, 3 + axis])
+                box[axis], box[2 + axis] = cut(center - half, image[axis]), cut(center + half, image[axis])
+            label = np.searchsorted(tables.false_classes[1:-1], u[k, 0], side="right")
+            _write_row(message, row, float(label), 0.25 + 0.5 * u[k, 5], box)
             row += 1
     return message
 
 
 class ProjectedCamera(LeafSystem):
-    """A memoryless camera and detector in one, of known errors.
+    """A memoryless camera and detector in one, of measured or given errors.
 
     Of more than MAX_DETECTIONS boxes the last are left out. Scores are uniform, on (1/2, 1] for landmarks and
     on [1/4, 3/4) for false boxes.
@@ -192,30 +166,32 @@ class ProjectedCamera(LeafSystem):
         detections (DETECTIONS_SIZE, output): the message, see model/signals.py; there in every tick.
 
     Args:
-        settings: image width, errors and limits.
+        settings: image width and errors.
         room: landmarks, walls, stands and the camera.
         seed: seed of all noise.
         h: tick [s].
+
+    Raises:
+        InputError: if the file of measured errors is missing or wrong.
     """
 
     def __init__(self, settings: ProjectedCameraSettings, room: Room, seed: int, h: float):
         super().__init__()
         self.set_name("projected_camera")
-        streams = [stream_id(name) for name in ("camera", "camera misses", "camera false boxes")]
+        camera = room.camera.scaled_to(settings.width).constants
+        if isinstance(settings.errors, ParametricErrors):
+            tables = parametric_tables(settings.errors, room.classes, camera.image)
+        else:
+            tables = measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
+        streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
         self._constants = (
-            room.landmark_positions,
-            room.landmark_outlines,
-            room.landmark_sizes,
+            surroundings(room),
             room.landmark_labels,
-            len(room.classes),
-            room.wall_boxes,
-            room.stand_cylinders,
-            _SAMPLES,
-            room.camera.scaled_to(settings.width).constants,
-            np.array([settings.max_distance, settings.min_size, settings.min_visible]),
-            np.array([settings.edge_sd, settings.miss_base, settings.miss_per_metre, settings.false_boxes]),
+            camera,
+            tables,
             seed,
-            np.array(streams, dtype=np.uint64),
+            np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
+            stream_id("camera false boxes"),
         )
         self._h = h
         self._state = self.DeclareVectorInputPort("state", N_X)

@@ -17,6 +17,7 @@ from ortilo_drake.onboard.landmark_fix import METHODS, LandmarkFix
 from ortilo_drake.onboard.pnp import refine_pose
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import ProjectedCamera as CameraSettings
+from ortilo_drake.settings.sensors import ParametricErrors
 from ortilo_drake.world.projected_camera import ProjectedCamera
 
 ROOM = load_room()
@@ -282,10 +283,11 @@ def test_a_prior_sd_stands_in_for_the_covariance():
 
 
 def test_camera_and_fix_together_along_the_first_blackout():
-    """Default errors, false boxes and misses included: a fix in nearly every image, and its covariance holds."""
-    camera = ProjectedCamera(CameraSettings(), ROOM, 3, 1.0 / 30.0)
+    """Normal errors, false boxes and misses included: a fix in nearly every image, and its covariance holds."""
+    errors = ParametricErrors(kind="parametric")
+    camera = ProjectedCamera(CameraSettings(errors=errors), ROOM, 3, 1.0 / 30.0)
     context = camera.CreateDefaultContext()
-    landmark_fix = LandmarkFix(Settings(center_sd=CameraSettings().edge_sd / np.sqrt(2.0)), ROOM, 320)
+    landmark_fix = LandmarkFix(Settings(center_sd=errors.edge_sd / np.sqrt(2.0)), ROOM, 320)
     fix_context = landmark_fix.CreateDefaultContext()
     rng = np.random.default_rng(2)
     landmark_fix.GetInputPort("covariance").FixValue(fix_context, covariance())

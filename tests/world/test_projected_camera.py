@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -12,15 +13,19 @@ from ortilo_drake.model import pinhole
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.room import Room, load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
-from ortilo_drake.model.typed_yaml import validate
+from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import ProjectedCamera as Settings
+from ortilo_drake.settings.sensors import MeasuredErrors, ParametricErrors
+from ortilo_drake.training.estimates import slow_correlation
+from ortilo_drake.world.camera_calibration import QUANTILES, load_calibration
+from ortilo_drake.world.camera_tables import look_up
 from ortilo_drake.world.projected_camera import ProjectedCamera, poisson
 
 H = 1.0 / 30.0
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants
 P_BC, F, C, _ = CAMERA
-SILENT = Settings(edge_sd=0.0, miss_base=0.0, miss_per_metre=0.0, false_boxes=0.0)
+NO_ERRORS = ParametricErrors(kind="parametric", edge_sd=0.0, miss_base=0.0, miss_per_metre=0.0, false_boxes=0.0)
 POSES = [(0.0, 0.0), (3.5, 0.9), (6.0, 1.8), (9.0, 0.5), (13.0, -2.3), (17.0, -2.2)]
 
 
@@ -33,6 +38,14 @@ def room_with(landmarks, walls=(), stands=()) -> Room:
         "stands": stands,
     }
     return validate(Room, ROOM.model_dump(mode="json") | changed, "test")
+
+
+def given_errors(**changes) -> Settings:
+    """No errors but the given ones."""
+    return Settings(errors=NO_ERRORS.model_copy(update=changes))
+
+
+SILENT = given_errors()
 
 
 def state(p_WB, rpy=(0.0, 0.0, 0.0)) -> np.ndarray:
@@ -162,9 +175,9 @@ def test_boxes_are_the_projected_outlines_and_none_is_left_out(p_WB):
     expected = []
     for label, p_WL, outline in zip(ROOM.landmark_labels, ROOM.landmark_positions, ROOM.landmark_outlines, strict=True):
         depth = (p_WL + outline - p_WC) @ rotation_matrix(x[3:6])[:, 0]
-        if np.all(depth > pinhole.NEAR) and np.linalg.norm(p_WL - p_WC) <= SILENT.max_distance:
+        if np.all(depth > pinhole.NEAR) and np.linalg.norm(p_WL - p_WC) <= NO_ERRORS.max_distance:
             box = opencv_box(p_WL + outline, x)
-            if min(box[2] - box[0], box[3] - box[1]) >= SILENT.min_size:
+            if min(box[2] - box[0], box[3] - box[1]) >= NO_ERRORS.min_size:
                 expected.append([label, *box])
     found = camera(SILENT, room)(x)
     assert len(expected) >= 2
@@ -186,7 +199,7 @@ def test_a_stand_hides_what_is_low_and_narrow():
     assert len(camera(SILENT, room_with([HYDRANT], stands=[(5.0, 0.0)]))(x)) == 0
     assert len(camera(SILENT, room_with([HYDRANT], stands=[(5.0, 0.6)]))(x)) == 1
     assert len(camera(SILENT, room_with([PERSON], stands=[(5.0, 0.0)]))(x)) == 0
-    everything = SILENT.model_copy(update={"min_visible": 0.3})
+    everything = given_errors(min_visible=0.3)
     assert len(camera(everything, room_with([PERSON], stands=[(5.0, 0.0)]))(x)) == 1
 
 
@@ -207,7 +220,7 @@ def test_limits(landmark, seen):
 
 
 def test_a_cut_box_keeps_touching_the_border():
-    noisy = SILENT.model_copy(update={"edge_sd": 2.0})
+    noisy = given_errors(edge_sd=2.0)
     rows = camera(noisy, room_with([("person", (2.0, 2.0, 0.99))]))
     boxes = np.array([rows(state((0.0, 0.0, 1.5)), tick)[0, 2:] for tick in range(200)])
     assert np.all(boxes[:, 0] == -0.5)
@@ -216,7 +229,7 @@ def test_a_cut_box_keeps_touching_the_border():
 
 
 def test_miss_rate_and_edge_noise():
-    noisy = Settings(edge_sd=1.3, miss_base=0.05, miss_per_metre=0.03, false_boxes=0.0)
+    noisy = given_errors(edge_sd=1.3, miss_base=0.05, miss_per_metre=0.03)
     rows, x = camera(noisy, room_with([PERSON])), state((0.0, 0.0, 1.5))
     messages = [rows(x, tick) for tick in range(3000)]
     d = np.linalg.norm(np.array(PERSON[1]) - x[:3] - P_BC)
@@ -230,19 +243,8 @@ def test_miss_rate_and_edge_noise():
     assert np.abs(correlation).max() < 4.0 / np.sqrt(found)
 
 
-def test_the_defaults_err_like_a_small_detector():
-    """Median error of a box centre between 0.7 and 1.1 px, as measured of a small net at 320 x 240."""
-    rows, x = camera(Settings(false_boxes=0.0), room_with([PERSON])), state((0.0, 0.0, 1.5))
-    boxes = np.array([row[2:] for tick in range(2000) for row in rows(x, tick)])
-    errors = boxes - opencv_box(corners(PERSON[1], ROOM.landmark_size["person"]), x)
-    rayleigh = Settings().edge_sd / np.sqrt(2.0) * np.sqrt(2.0 * np.log(2.0))  # median of the centre's error
-    assert 0.7 < rayleigh < 1.1
-    median = np.median(np.linalg.norm(errors[:, :2] + errors[:, 2:], axis=1) / 2.0)
-    assert median == pytest.approx(rayleigh, rel=0.08)  # three standard deviations of the median
-
-
 def test_false_boxes_are_poisson_and_within_the_image():
-    false = SILENT.model_copy(update={"false_boxes": 0.7})
+    false = given_errors(false_boxes=0.7)
     others = [("dog", (-5.0, 0.0, 0.3)), ("cat", (-6.0, 0.0, 0.3))]
     rows, x = camera(false, room_with([PERSON, *others])), state((0.0, 0.0, 1.5))
     messages = [rows(x, tick)[1:] for tick in range(2000)]
@@ -266,8 +268,8 @@ def test_poisson_agrees_with_scipy(u, mean):
     assert k == 0 or stats.poisson.cdf(k - 1, mean) <= u + 1e-12
 
 
-def test_noise_belongs_to_the_landmark_the_seed_and_the_tick():
-    defaults, x = Settings(false_boxes=0.0), state((0.0, 0.0, 1.5))
+def test_noise_belongs_to_the_landmark_the_seed_and_the_tick(tmp_path):
+    defaults, x = measured(tmp_path, **{"false_boxes.mean": 0.0}), state((0.0, 0.0, 1.5))
     three = [PERSON, ("dog", (7.0, 2.0, 0.3)), ("chair", (8.0, -2.0, 0.4))]
     two = [PERSON, ("dog", (-7.0, 2.0, 0.3)), ("chair", (8.0, -2.0, 0.4))]  # the dog is behind
     a, b, other = (
@@ -285,5 +287,132 @@ def test_noise_belongs_to_the_landmark_the_seed_and_the_tick():
 
 def test_more_boxes_than_rows_are_left_out():
     crowd = [("person", (6.0, -1.0 + 0.05 * i, 0.99)) for i in range(40)]
-    many = SILENT.model_copy(update={"false_boxes": 5.0})
+    many = given_errors(false_boxes=5.0)
     assert len(camera(many, room_with(crowd))(state((0.0, 0.0, 1.5)))) == MAX_DETECTIONS
+
+
+def measured(folder, **changes) -> Settings:
+    """The shipped calibration with changes by dotted name, written to a file of its own."""
+    data = load_calibration(MeasuredErrors()).model_dump(mode="json")
+    for name, value in changes.items():
+        *groups, last = name.split(".")
+        group = data
+        for key in groups:
+            group = group[key]
+        assert last in group
+        group[last] = value
+    file = folder / "calibration.yaml"
+    file.write_text(yaml.safe_dump(data))
+    return Settings(errors=MeasuredErrors(file=str(file)))
+
+
+@pytest.mark.parametrize("distance", [2.5, 6.0, 9.3])
+def test_landmarks_are_found_at_the_measured_rates(tmp_path, distance):
+    distances, rates = [1.0, 4.0, 8.0, 20.0], [0.95, 0.8, 0.5, 0.1]
+    changes = {"false_boxes.mean": 0.0, "found.distance": distances, "slow_misses.share": 0.0}
+    table = {name: rates if name == "other" else [0.0] * 4 for name in ("other", "person")}
+    chosen = measured(tmp_path, **changes, **{"found.rate": table})
+    x = state((0.0, 0.0, 0.3))
+    dog = tuple(np.array([distance, 0.0, 0.0]) + x[:3] + P_BC)
+    rows = camera(
+        chosen, room_with([("dog", dog), ("person", (8.0, 2.0, 1.0))])
+    )  # no dog in the table: one of the others
+    found = [rows(x, tick) for tick in range(2000)]
+    assert all(set(message[:, 0]) <= {0.0} for message in found)
+    expected = np.interp(distance, distances, rates)
+    assert stats.binomtest(sum(map(len, found)), 2000, expected).pvalue > 1e-3
+
+
+@pytest.mark.parametrize(("width", "quantity"), [(320, 0), (320, 1), (320, 2), (320, 3), (640, 0)])
+def test_boxes_err_by_the_measured_quantiles(tmp_path, width, quantity):
+    """Errors against the file's own table, by SciPy's distribution of a normal number mapped through it."""
+    changes = {"false_boxes.mean": 0.0, "slow_errors.share": 0.0, "errors.size": [1.0, 300.0]}
+    sizes = {"errors.center": [0.5, 0.5], "errors.extent": [1.0, 1.0]}
+    chosen = measured(tmp_path, **changes, **sizes)
+    calibration = load_calibration(chosen.errors)
+    rows, x = camera(chosen.model_copy(update={"width": width}), room_with([PERSON])), state((0.0, 0.0, 1.5))
+    boxes = np.array([row[2:] for tick in range(4000) for row in rows(x, tick)])
+    P = ROOM.camera.scaled_to(width).constants
+    box = np.empty(4)
+    pinhole.extent_box(np.array(PERSON[1]), corners((0, 0, 0), ROOM.landmark_size["person"]), x[:3], np.eye(3), P, box)
+    axis, e = quantity % 2, (boxes - box) / (width / 320)
+    low, high = e[:, axis], e[:, 2 + axis]
+    errors = 0.5 * (low + high) / 0.5 if quantity < 2 else high - low
+    expected = np.array(calibration.errors.quantiles[QUANTILES[quantity]])
+    normal, growth = np.array(calibration.errors.normal), calibration.errors.visible_growth[-1]
+
+    def cdf(e):
+        return stats.norm.cdf(np.interp(np.asarray(e) / growth, expected, normal, left=-9.0, right=9.0))
+
+    inside = (errors > growth * expected[0]) & (errors < growth * expected[-1])  # the table is constant beyond
+    assert inside.mean() > 0.99
+    edges = [stats.norm.cdf(normal[0]), stats.norm.cdf(normal[-1])]
+    assert stats.kstest(errors[inside], lambda e: (cdf(e) - edges[0]) / (edges[1] - edges[0])).pvalue > 1e-3
+
+
+def test_errors_persist_as_the_file_says(tmp_path):
+    """Correlation over time of one landmark's errors, against the triangle-like one of interpolated nodes."""
+    changes = {"false_boxes.mean": 0.0, "slow_errors.share": 0.6, "slow_errors.period": 0.5}
+    straight = {f"errors.quantiles.{name}": [-10.0, 10.0] for name in QUANTILES} | {"errors.normal": [-10.0, 10.0]}
+    rates = {"found.rate": {"other": [1.0] * len(load_calibration(MeasuredErrors()).found.distance)}}
+    chosen = measured(tmp_path, **changes, **straight, **rates)
+    rows, x = camera(chosen, room_with([PERSON])), state((0.0, 0.0, 1.5))
+    boxes = np.array([rows(x, tick)[0, 2:] for tick in range(6000)])
+    e = np.column_stack([boxes[:, :2] + boxes[:, 2:], boxes[:, 2:] - boxes[:, :2]])
+    e = (e - e.mean(axis=0)) / e.std(axis=0)
+    for lag in (1, 5, 10, 20, 40):
+        correlation = np.mean(e[lag:] * e[:-lag])  # four independent errors
+        assert correlation == pytest.approx(0.6 * float(slow_correlation(np.array(lag / 15.0))), abs=0.05)
+    for tick in (0, 7, 15):  # standard normal at the nodes and between them
+        assert np.std(e[tick::15]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_misses_persist_as_the_file_says(tmp_path):
+    distances = load_calibration(MeasuredErrors()).found.distance
+    changes = {"false_boxes.mean": 0.0, "slow_misses.share": 1.0, "slow_misses.period": 1.0}
+    chosen = measured(tmp_path, **changes, **{"found.rate": {"other": [0.5] * len(distances)}})
+    rows, x = camera(chosen, room_with([PERSON])), state((0.0, 0.0, 1.5))
+    there = np.array([len(rows(x, tick)) for tick in range(6000)])
+    assert there.mean() == pytest.approx(0.5, abs=0.08)  # 200 nodes
+    # Two normals of correlation rho have the same sign with the chance 1/2 + arcsin(rho) / pi (Sheppard, 1899).
+    for lag in (3, 60):
+        rho = float(slow_correlation(np.array(lag / 30.0)))
+        assert np.mean(there[lag:] == there[:-lag]) == pytest.approx(0.5 + np.arcsin(rho) / np.pi, abs=0.08)
+
+
+@given(st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=8, unique=True), st.floats(-6.0, 6.0))
+@settings(deadline=None)
+def test_tables_are_linear_between_knots_and_constant_beyond(knots, at):
+    table = np.array([np.sort(knots), np.cos(3.0 * np.sort(knots))])
+    assert look_up(table, 1, at) == pytest.approx(np.interp(at, *table), abs=1e-9)
+
+
+def test_the_shipped_calibration_is_of_the_rooms_classes():
+    calibration = load_calibration(MeasuredErrors())
+    assert set(calibration.found.rate) == {*ROOM.classes, "other"}
+    assert calibration.source.width == Settings().width
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"found.distance": [1.0, 1.0]}, "needs two knots or more, rising"),
+        ({"found.inside_factor": [1.0]}, "found.inside_factor: 1 values for the"),
+        ({"found.rate": {"person": [1.0]}}, "found.rate: no rates for 'other' classes"),
+        ({"errors.quantiles": {"width": [0.0]}}, "errors.quantiles: ['width']: must be"),
+        ({"false_boxes.mean": 9.0}, "false_boxes.mean: 9.0: input should be less than or equal to 5"),
+        ({"slow_errors.period": 0.0}, "slow_errors.period: 0.0: input should be greater than 0"),
+    ],
+)
+def test_a_wrong_calibration_is_refused_in_one_line(tmp_path, change, message):
+    chosen = measured(tmp_path, **change)
+    with pytest.raises(InputError) as error:
+        camera(chosen, ROOM)
+    assert message in str(error.value)
+    assert str(error.value).startswith(str(tmp_path))
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_calibration_is_refused_in_one_line(tmp_path):
+    with pytest.raises(InputError, match="no such camera calibration"):
+        camera(Settings(errors=MeasuredErrors(file=str(tmp_path / "none.yaml"))), ROOM)

@@ -1,0 +1,212 @@
+"""The command `ortilo detector`: how the shipped detector was made, to be done again."""
+
+import os
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.scenario import Detector, load_scenario
+from ortilo_drake.terminal import check_writable, out, progress_bar, say_written, write_json
+
+detector_app = typer.Typer(
+    help="Render pictures, train, judge, export and calibrate the detector.", no_args_is_help=True
+)
+
+PicturesOption = Annotated[Path, typer.Option("--pictures", help="Folder of the rendered pictures.")]
+SeedOption = Annotated[int, typer.Option(min=0, max=999, help="Seed of everything random.")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")]
+NetworkOption = Annotated[
+    tuple[Path, Path] | None,
+    typer.Option("--detector", metavar="CFG WEIGHTS", help="Another network than ours; .weights or .safetensors."),
+]
+WidthOption = Annotated[int, typer.Option(min=64, max=2048, help="Image width [px].")]
+PICTURES = Path("out/detector/pictures")
+TRAINED = Path("out/detector/training")
+NETWORK = TRAINED / "ortilo.safetensors"
+LOWEST = 0.01  # score from which detections count in a precision-recall curve
+
+
+def _need_torch() -> None:
+    from ortilo_drake.model.optional import check_installed
+
+    check_installed("torch", "torch")
+
+
+def _settings(network: tuple[Path, Path] | None, backend: str = "auto") -> Detector:
+    files = {} if network is None else {"cfg": str(network[0]), "weights": str(network[1])}
+    return validate(Detector, {"backend": backend, **files}, "detector")
+
+
+def _render(folder: Path, parts: tuple[str, ...], seed: int, scale: float, width: int, workers: int | None) -> None:
+    from ortilo_drake.training.sets import KINDS, SCENES, render_set
+
+    counts = {(part, kind): max(1, round(scale * SCENES[part][kind])) for part in parts for kind in KINDS}
+    with progress_bar() as progress:
+        for (part, kind), scenes in counts.items():
+            task = progress.add_task(f"{part} {kind}", total=scenes)
+            render_set(
+                folder,
+                part,
+                kind,
+                seed,
+                scenes,
+                width,
+                workers or os.cpu_count() or 1,
+                partial(progress.advance, task),
+            )
+
+
+@detector_app.command()
+def render(
+    pictures: PicturesOption = PICTURES,
+    seed: SeedOption = 0,
+    scale: Annotated[
+        float, typer.Option(min=0.001, max=100.0, help="Fewer or more scenes than we trained with.")
+    ] = 1.0,
+    width: WidthOption = 320,
+    workers: WorkersOption = None,
+) -> None:
+    """Render labelled pictures of the paper's room and of random rooms, to train with and to test by.
+
+    Scenes already there are kept, so an interrupted run goes on where it stopped.
+    """
+    check_writable(pictures / "test" / "x.npz")
+    _render(pictures, ("test", "train"), seed, scale, width, workers)
+    out.print(f"pictures in {pictures}", markup=False, soft_wrap=True)
+
+
+@detector_app.command()
+def train(
+    pictures: PicturesOption = PICTURES,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of checkpoint, losses and network.")] = TRAINED,
+    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Passes over the pictures.")] = 12,
+    seed: SeedOption = 0,
+    threads: Annotated[int | None, typer.Option(min=1, max=256, help="Processor threads; all cores.")] = None,
+) -> None:
+    """Train the detector on the rendered pictures; an interrupted training goes on from its last finished epoch."""
+    _need_torch()
+    check_writable(out_folder / NETWORK.name)
+    import torch
+
+    from ortilo_drake.experiments.files import replacing, write_text
+    from ortilo_drake.model.typed_yaml import read_text
+    from ortilo_drake.onboard.darknet_cfg import read_cfg
+    from ortilo_drake.onboard.darknet_file import write_network
+    from ortilo_drake.onboard.darknet_network import DarknetNetwork
+    from ortilo_drake.onboard.detector_network import OWN_CFG, OWN_CLASSES
+    from ortilo_drake.training.losses_figure import losses_figure
+    from ortilo_drake.training.sets import load_set
+    from ortilo_drake.training.train import BATCH, initialize
+    from ortilo_drake.training.train import train as train_network
+
+    frames = load_set(pictures, "train")
+    cfg = read_cfg(OWN_CFG)
+    if frames.images.shape[1:3] != (cfg.net.height, cfg.net.width):
+        height, width = frames.images.shape[1:3]
+        wanted = f"{OWN_CFG.name} takes {cfg.net.width} x {cfg.net.height}"
+        raise InputError(f"{pictures}: pictures of {width} x {height}, {wanted}")
+    torch.set_num_threads(threads or os.cpu_count() or 1)
+    torch.manual_seed(seed)
+    network = DarknetNetwork(cfg)
+    initialize(network)
+    steps = len(frames.images) // BATCH
+    with progress_bar() as progress:
+        task = progress.add_task("training", total=epochs * steps)
+
+        def show(epoch: int, step: int, loss: float) -> None:
+            progress.update(task, completed=epoch * steps + step + 1, description=f"epoch {epoch + 1}, loss {loss:.2f}")
+
+        history = train_network(network, frames, epochs, seed, out_folder, show)
+    target = out_folder / NETWORK.name
+    with replacing(target) as partial:
+        write_network(partial, network, list(OWN_CLASSES))
+    for file in (OWN_CFG, OWN_CFG.with_suffix(".names")):  # beside it, so that --detector takes the three as they are
+        write_text(out_folder / file.name, read_text(file))
+    figure = losses_figure(history, out_folder / "losses.png")
+    say_written(target, out_folder / "losses.json", figure)
+
+
+@detector_app.command()
+def evaluate(
+    pictures: PicturesOption = PICTURES,
+    seed: SeedOption = 0,
+    scale: Annotated[float, typer.Option(min=0.001, max=100.0, help="Fewer or more scenes than ours.")] = 1.0,
+    width: WidthOption = 320,
+    backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
+    network: NetworkOption = None,
+    worst: Annotated[Path | None, typer.Option(help="Draw the worst pictures to this PNG.")] = None,
+    workers: WorkersOption = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")] = None,
+) -> None:
+    """Judge the detector on pictures it has never seen; they are rendered first if they are not there."""
+    check_writable(json_file, worst, pictures / "test" / "x.npz")
+    if worst is not None and worst.suffix != ".png":
+        raise InputError(f"--worst {worst}: must end in .png")
+    from ortilo_drake.onboard.detector_network import load_detector
+    from ortilo_drake.training.judge import judge
+
+    settings = _settings(network, backend)
+    room = load_scenario("imu_uwb_yolo").load_room()
+    load_detector(settings, room, (width, width))  # refuses bad files before minutes of rendering
+    _render(pictures, ("test",), seed, scale, width, workers)
+    result = judge(settings, room, pictures, LOWEST, worst)
+    write_json(json_file, result)
+    for kind, value in result["map50"].items():
+        center = result["center_error_px"][kind]
+        error = "-" if center is None else f"{center:.2f} px"
+        strict = result["map50_strict"][kind]
+        out.print(
+            f"[bold]{kind}[/bold]: mAP50 {value:.3f} (small and half hidden ones as well: {strict:.3f}), ", end=""
+        )
+        out.print(f"median centre error {error}, ", end="")
+        more = result["sets"][kind]
+        out.print(f"recall {more['recall']:.1%}, {more['false_boxes_per_image']:.3f} false boxes an image")
+        for name, ap in more["ap50"].items():
+            out.print(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}")
+    out.print(f"{result['ms_per_frame']:.1f} ms a picture on one core ({result['backend']})")
+    say_written(json_file, worst)
+
+
+@detector_app.command()
+def export(
+    network: Annotated[Path, typer.Option(help="A trained network, .safetensors.")] = NETWORK,
+    onnx: Annotated[Path, typer.Option(help="Where to write it as ONNX.")] = TRAINED / "ortilo.onnx",
+) -> None:
+    """Write a trained network as ONNX, for OpenCV and onnxruntime."""
+    _need_torch()
+    check_writable(onnx)
+    from ortilo_drake.training.export import export as export_network
+
+    export_network(network, onnx)
+    say_written(onnx)
+
+
+@detector_app.command()
+def calibrate(
+    flights: Annotated[int, typer.Option(min=1, max=1000, help="Flights to measure on.")] = 4,
+    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first; the tables fly from 0 on.")] = 100,
+    network: NetworkOption = None,
+    out_file: Annotated[Path, typer.Option("--out", help="The calibration file.")] = Path(
+        "out/detector/camera_calibration.yaml"
+    ),
+) -> None:
+    """Measure on rendered flights how the detector errs and what it misses, for the projected camera.
+
+    Fly with the file by --set projected_camera.errors.file=FILE.
+    """
+    check_writable(out_file)
+    settings = _settings(network)
+    from ortilo_drake.training.calibrate import calibrate as measure
+
+    with progress_bar() as progress:
+        task = progress.add_task("looking", total=None)
+        measure(
+            range(first_seed, first_seed + flights),
+            out_file,
+            lambda done, total: progress.update(task, completed=done, total=total),
+            settings,
+        )
+    say_written(out_file)

@@ -1,0 +1,51 @@
+"""What the commands share: where they print, their progress bars, and checks before anything runs."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ortilo_drake.experiments.files import write_text
+from ortilo_drake.model.typed_yaml import InputError
+
+# Results go to stdout, progress and errors to stderr.
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+def write_json(path: Path | None, data: Any) -> None:
+    """Write data to a JSON file, if there is one."""
+    if path is not None:
+        write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def check_writable(*paths: Path | None) -> None:
+    """Refuse a file that cannot be written before any work is done.
+
+    Raises:
+        InputError: naming the file and why.
+    """
+    for path in paths:
+        if path is None:
+            continue
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, give a file")
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
+            raise InputError(f"{path}: cannot be written: no permission in {folder}")
+
+
+def progress_bar() -> Progress:
+    """Return a progress bar on stderr, shown only in a terminal and gone when done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=err, transient=True, disable=not err.is_terminal)
+
+
+def say_written(*paths: Path | None) -> None:
+    """Say which files were written."""
+    for path in paths:
+        if path is not None:
+            out.print(f"  wrote {path}", markup=False, soft_wrap=True)

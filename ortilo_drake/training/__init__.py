@@ -1,0 +1,1 @@
+"""How the shipped detector came about: auto-labelled renders, training, evaluation, export, calibration."""

@@ -1,0 +1,38 @@
+"""What is known of a picture: every landmark in it, its box, and how much of it is to be seen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MAX_OBJECTS = 32
+CLASS, BOX, VISIBLE, LANDMARK, DISTANCE = 0, slice(1, 5), 5, 6, 7  # columns of the labels
+LABEL_SIZE = 8
+# What counts as an object to be found: the share of it that nothing hides, and width and height of its box [px].
+LEAST = (0.6, 8.0)
+LEAST_TAUGHT = (0.5, 6.0)  # in training, and for a stricter judgement
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Pictures and labels.
+
+    Attributes:
+        images: RGB (n, height, width, 3), uint8.
+        labels: one row for each landmark in the picture (n, MAX_OBJECTS, 8): class, u_min, v_min, u_max, v_max [px] of
+            the whole landmark cut at the image's border, share of it that nothing hides, landmark's number,
+            distance [m]; unused rows have class -1.
+    """
+
+    images: np.ndarray
+    labels: np.ndarray
+
+
+def is_to_be_found(labels: np.ndarray, least: tuple[float, float] = LEAST) -> np.ndarray:
+    """Return which labels (..., 8) a detector must find; the rest it may, or may not.
+
+    Args:
+        labels: labels.
+        least: least visible share and least side of the box [px].
+    """
+    side = np.minimum(labels[..., 3] - labels[..., 1], labels[..., 4] - labels[..., 2])
+    return (labels[..., CLASS] >= 0) & (labels[..., VISIBLE] >= least[0]) & (side >= least[1])

@@ -1,0 +1,191 @@
+"""Judging detectors whose faults are known."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ortilo_drake.model.room import load_room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector import Boxes
+from ortilo_drake.onboard.detector_network import OWN_CLASSES
+from ortilo_drake.scenario import Detector
+from ortilo_drake.training.evaluate import evaluate, milliseconds_per_frame, whole
+from ortilo_drake.training.judge import draw_boxes, judge
+from ortilo_drake.training.labels import LABEL_SIZE, MAX_OBJECTS, Frames
+
+W, H, CLASSES = 160, 120, ("cat", "dog", "clock")
+
+
+def frames_of(n: int = 8, seed: int = 0) -> Frames:
+    """Return pictures with three objects each, well apart and inside, of two of the classes; a number marks each."""
+    rng = np.random.default_rng(seed)
+    images = np.zeros((n, H, W, 3), np.uint8)
+    images[:, 0, 0, 0] = np.arange(n)
+    labels = np.full((n, MAX_OBJECTS, LABEL_SIZE), -1.0, dtype=np.float32)
+    for i in range(n):
+        for k in range(3):
+            u, v, w, h = 10 + 50 * k, rng.integers(10, 60), rng.integers(20, 30), rng.integers(20, 40)
+            labels[i, k] = [rng.integers(2), u, v, u + w, v + h, 1.0, k, 3.0]
+    return Frames(images, labels)
+
+
+FRAMES = frames_of()
+
+
+def detector(
+    change: Callable[[np.ndarray], np.ndarray] = lambda boxes: boxes, score: float = 0.9, frames: Frames = FRAMES
+) -> Callable[[np.ndarray], Boxes]:
+    """Return a detector that knows the truth and tells it changed."""
+
+    def detect(image: np.ndarray) -> Boxes:
+        rows = frames.labels[image[0, 0, 0]]
+        rows = rows[rows[:, 0] >= 0].astype(float)
+        return rows[:, 0].astype(np.int64), np.full(len(rows), score), change(rows[:, 1:5])
+
+    return detect
+
+
+def test_a_perfect_detector() -> None:
+    found = evaluate(detector(), FRAMES, CLASSES, 0.5)
+    assert found["map50"] == 1.0
+    assert found["ap50"] == {"cat": 1.0, "dog": 1.0, "clock": None}
+    assert found["center_error_px"] == {"median": 0.0, "p95": 0.0}
+    assert found["recall"] == 1.0
+    assert found["false_boxes_per_image"] == 0.0
+    assert (found["objects"], found["images"]) == (24, 8)
+
+
+def test_a_shifted_detectors_centre_error_is_the_shift() -> None:
+    found = evaluate(detector(lambda boxes: boxes + [1.5, -2.0, 1.5, -2.0]), FRAMES, CLASSES, 0.5)
+    assert found["map50"] == 1.0
+    assert found["center_error_px"]["median"] == pytest.approx(2.5, abs=1e-5)
+    assert found["center_error_px"]["p95"] == pytest.approx(2.5, abs=1e-5)
+
+
+def test_a_detector_that_grows_boxes_about_their_centres_has_no_centre_error() -> None:
+    found = evaluate(detector(lambda boxes: boxes + [-2.0, -1.0, 2.0, 1.0]), FRAMES, CLASSES, 0.5)
+    assert found["center_error_px"]["p95"] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_boxes_that_the_border_cuts_tell_nothing_of_centres() -> None:
+    labels = FRAMES.labels.copy()
+    labels[:, 0, 1] = -0.5  # the truth reaches the border
+    frames = Frames(FRAMES.images, labels)
+
+    def shift_the_cut(boxes: np.ndarray) -> np.ndarray:
+        return boxes + np.where(boxes[:, :1] == -0.5, 3.0, 0.0) * [0.0, 0.0, 1.0, 0.0]
+
+    found = evaluate(detector(shift_the_cut, frames=frames), frames, CLASSES, 0.5)
+    assert found["recall"] == 1.0
+    assert found["center_error_px"]["p95"] == 0.0
+    np.testing.assert_array_equal(
+        whole(np.array([[1.1, 1.1, 157.9, 117.9], [0.9, 5, 9, 9], [5, 5, 158.1, 9], [5, 5, 9, 118.1]]), W, H),
+        [True, False, False, False],
+    )
+
+
+def test_a_detector_that_misses_every_third_object() -> None:
+    def detect(image: np.ndarray) -> Boxes:
+        labels, scores, boxes = detector()(image)
+        return labels[:2], scores[:2], boxes[:2]
+
+    found = evaluate(detect, FRAMES, CLASSES, 0.5)
+    assert found["recall"] == pytest.approx(2 / 3)
+    missed = FRAMES.labels[:, 2, 0]
+    for c in (0, 1):
+        of_class = np.sum(FRAMES.labels[:, :3, 0] == c)
+        assert found["ap50"][CLASSES[c]] == pytest.approx(1.0 - np.sum(missed == c) / of_class)
+    assert found["map50"] == pytest.approx(np.mean([found["ap50"]["cat"], found["ap50"]["dog"]]))
+
+
+def test_false_boxes_are_counted_from_the_score_it_flies_with_and_the_worst_come_first() -> None:
+    def detect(image: np.ndarray) -> Boxes:
+        labels, scores, boxes = detector()(image)
+        k = int(image[0, 0, 0])
+        if k in (3, 5):
+            count = {3: 1, 5: 2}[k]
+            extra = np.tile([100.0, 100.0, 118.0, 118.0], (count, 1))
+            labels, boxes = np.append(labels, np.ones(count, int)), np.vstack([boxes, extra])
+            scores = np.append(scores, np.full(count, 0.6))
+        return labels, scores, boxes
+
+    found = evaluate(detect, FRAMES, CLASSES, 0.5)
+    assert found["false_boxes_per_image"] == 3 / 8
+    assert found["worst"][:2] == [5, 3]
+    assert evaluate(detect, FRAMES, CLASSES, 0.7)["false_boxes_per_image"] == 0.0
+    assert found["map50"] == 1.0  # all objects come before, in the order of scores
+
+
+def test_below_the_score_it_flies_with_nothing_is_found_but_precision_is_known() -> None:
+    found = evaluate(detector(score=0.3), FRAMES, CLASSES, 0.5)
+    assert found["map50"] == 1.0
+    assert found["recall"] == 0.0
+    assert found["center_error_px"] == {"median": None, "p95": None}
+
+
+def test_a_detector_that_finds_nothing() -> None:
+    found = evaluate(lambda image: (np.empty(0, int), np.empty(0), np.empty((0, 4))), FRAMES, CLASSES, 0.5)
+    assert found["map50"] == found["recall"] == 0.0
+    assert found["center_error_px"] == {"median": None, "p95": None}
+
+
+def test_what_need_not_be_found_is_neither_missed_nor_false() -> None:
+    labels = FRAMES.labels.copy()
+    labels[:, 1, 5] = 0.2
+    frames = Frames(FRAMES.images, labels)
+    found = evaluate(detector(frames=frames), frames, CLASSES, 0.5)
+    assert (found["map50"], found["recall"], found["false_boxes_per_image"]) == (1.0, 1.0, 0.0)
+    assert found["objects"] == 16
+
+
+def test_pictures_without_objects_are_refused() -> None:
+    empty = Frames(FRAMES.images, np.full_like(FRAMES.labels, -1.0))
+    with pytest.raises(InputError, match="none shows an object"):
+        evaluate(detector(frames=empty), empty, CLASSES, 0.5)
+
+
+def test_time_is_the_detectors_own() -> None:
+    import time
+
+    assert 5.0 <= milliseconds_per_frame(lambda image: time.sleep(0.005), FRAMES.images, 5) < 500.0  # type: ignore[arg-type, return-value]
+
+
+def test_drawn_boxes_lie_on_the_pictures_pixels() -> None:
+    truth = FRAMES.labels[0]
+    drawn = draw_boxes(FRAMES.images[0], (np.empty(0, int), np.empty(0), np.empty((0, 4))), truth, CLASSES)
+    assert drawn.shape == (2 * H, 2 * W, 3)
+    green = np.all(drawn == [60, 220, 60], axis=2)
+    v, u = np.nonzero(green)
+    edges = 2.0 * (truth[:3, 1:5] + 0.5)
+    assert (u.min(), u.max()) == (round(edges[:, 0].min()), round(edges[:, 2].max()))
+    assert (v.min(), v.max()) == (round(edges[:, 1].min()), round(edges[:, 3].max()))
+
+
+def test_judging_our_network_writes_plain_data_and_a_picture_whatever_its_weights(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    import json
+
+    import cv2
+
+    for kind, n in (("paper_room", 2), ("random_rooms", 5)):
+        frames = frames_of(n)
+        folder = tmp_path / "test" / kind
+        folder.mkdir(parents=True)
+        np.savez(folder / "00000.npz", images=frames.images, labels=frames.labels)
+    worst = tmp_path / "worst.png"
+    result = judge(Detector(backend="opencv"), load_room(), tmp_path, 0.01, worst)
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
+    assert set(result["sets"]) == {"paper_room", "random_rooms"}
+    assert set(result["sets"]["paper_room"]["ap50"]) == set(OWN_CLASSES)
+    assert result["backend"] == "opencv"
+    assert result["ms_per_frame"] > 0
+    assert cv2.imread(str(worst)).shape == (2 * H * 3, 2 * W * 4, 3)  # one row of two, two of five
+
+
+def test_judging_by_sets_of_different_sizes_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    for kind, scale in (("paper_room", 1), ("random_rooms", 2)):
+        folder = tmp_path / "test" / kind
+        folder.mkdir(parents=True)
+        np.savez(folder / "0.npz", images=np.zeros((8, scale * H, scale * W, 3), np.uint8), labels=FRAMES.labels)
+    with pytest.raises(InputError, match="of different sizes"):
+        judge(Detector(backend="opencv"), load_room(), tmp_path, 0.01)
