@@ -35,6 +35,7 @@ check: setup
 
 bench: setup
 	@$(BIN)/python benchmarks/bench_flight.py
+	@$(BIN)/python benchmarks/bench_camera.py
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info

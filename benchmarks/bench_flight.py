@@ -33,7 +33,7 @@ DELTA = np.array([1.0, 0.0, 1.0])  # uwb and imu there, the camera not
 
 def flight_speeds(name: str, flights: int) -> list[float]:
     """Return the real-time factors of that many flights."""
-    scenario = load_scenario(name)
+    scenario = load_scenario(name, ("camera=projected",))  # the rendered one: bench_camera.py
     return [float(fly(with_seed(scenario, seed)).attrs["real_time_factor"]) for seed in range(flights)]
 
 

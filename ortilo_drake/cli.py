@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ortilo_drake.detector_cli import detector_app
 from ortilo_drake.experiments.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, read_text, scenario_names
+from ortilo_drake.terminal import check_writable, err, out, progress_bar, write_json
 
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
@@ -24,10 +24,7 @@ app = typer.Typer(
 )
 scenario_app = typer.Typer(help="List, show and check scenarios.", no_args_is_help=True)
 app.add_typer(scenario_app, name="scenario")
-
-# Results go to stdout, progress and errors to stderr.
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+app.add_typer(detector_app, name="detector")
 
 DEFAULT_SCENARIO = "imu_uwb_yolo"
 ScenarioArgument = Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")]
@@ -37,33 +34,42 @@ SetOption = Annotated[
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
 
 
+class Camera(StrEnum):
+    """How the camera is simulated."""
+
+    rendered = "rendered"
+    projected = "projected"
+
+
+CameraOption = Annotated[
+    Camera | None, typer.Option(help="Draw pictures, or only the boxes; if not as the scenario has it.")
+]
+DetectorOption = Annotated[
+    tuple[Path, Path] | None,
+    typer.Option("--detector", metavar="CFG WEIGHTS", help="A Darknet network to look with in place of ours."),
+]
+
+
+def _with_camera(
+    settings: list[str] | None, camera: Camera | None, detector: tuple[Path, Path] | None
+) -> tuple[str, ...]:
+    """Return the settings with the camera's laid over them; a detector needs pictures to look at."""
+    chosen = list(settings or ())
+    if camera is not None:
+        chosen.append(f"camera={camera.value}")
+    if detector is not None:
+        if camera is Camera.projected:
+            raise InputError("--detector: looks at pictures, which --camera projected does not draw")
+        cfg, weights = (json.dumps(str(path.absolute())) for path in detector)
+        chosen += ["camera=rendered", f"detector.cfg={cfg}", f"detector.weights={weights}"]
+    return tuple(chosen)
+
+
 class Preset(StrEnum):
     """Which covariances and velocities the tables fly with."""
 
     tuned = "tuned"
     paper = "paper"
-
-
-def _write_json(path: Path | None, data: Any) -> None:
-    if path is not None:
-        write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
-
-
-def _check_writable(*paths: Path | None) -> None:
-    """Refuse a file that cannot be written before anything is flown."""
-    for path in paths:
-        if path is None:
-            continue
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder, give a file")
-        folder = next(parent for parent in path.absolute().parents if parent.exists())
-        if not folder.is_dir() or not os.access(folder, os.W_OK):
-            raise InputError(f"{path}: cannot be written: no permission in {folder}")
-
-
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=err, transient=True, disable=not err.is_terminal)
 
 
 def _print_flight(result: dict[str, Any]) -> None:
@@ -79,10 +85,12 @@ def _print_flight(result: dict[str, Any]) -> None:
     out.print(f"  path MSE            {path}, by distance {result['path_distance_mse']:.5f} m²")
     rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result["arrivals"].items()]
     out.print(f"  fixes used of due   {', '.join(rates)}")
+    for sensor, error in result["fix_errors"].items():
+        out.print(f"  error of {sensor:6} fixes  median {error['median']:.3f} m, 95 % within {error['p95']:.3f} m")
     out.print(f"  position NEES       {result['nees']:.2f} (3 if consistent)")
     if result["contacts"]:
         out.print(f"  [yellow]touched[/yellow]             {', '.join(result['contacts'])}")
-    out.print(f"  real-time factor    {result['real_time_factor']:.0f}")
+    out.print(f"  real-time factor    {result['real_time_factor']:.3g}")
 
 
 @app.command()
@@ -90,15 +98,22 @@ def fly(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     seed: Annotated[int | None, typer.Option(help="Seed of all noise, if not the scenario's own.")] = None,
     settings: SetOption = None,
+    camera: CameraOption = None,
+    detector: DetectorOption = None,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw path, errors and arrivals to this file.")] = None,
+    video: Annotated[
+        Path | None, typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, three times as fast.")
+    ] = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Fly one scenario and print its errors, arrival rates and real-time factor."""
-    chosen = load_scenario(scenario, tuple(settings or ()), seed)
-    _check_writable(html, png, out_file, json_file)
+    chosen = load_scenario(scenario, _with_camera(settings, camera, detector), seed)
+    if detector is not None and not chosen.is_rendered:
+        raise InputError(f"--detector: {chosen.name} flies without a camera that it could look through")
+    check_writable(html, png, video, out_file, json_file)
     # Only now: Drake and numba take seconds to import, a typing error should not.
     from ortilo_drake.experiments.display import flight_page, fly_live
     from ortilo_drake.experiments.figures import flight_figure
@@ -106,9 +121,13 @@ def fly(
     from ortilo_drake.experiments.flight import fly as fly_once
     from ortilo_drake.experiments.metrics import summary
 
+    if video:
+        from ortilo_drake.experiments.video import check_video, flight_video
+
+        check_video(video)
     logging.getLogger("drake").setLevel(logging.WARNING)  # importing Drake has set it to INFO
 
-    with _progress() as progress:
+    with progress_bar() as progress:
         task = progress.add_task("compiling" if not meshcat else "flying live", total=flight_ticks(chosen))
 
         def show(ticks: int) -> None:
@@ -122,9 +141,13 @@ def fly(
         write_text(html, flight_page(flight))
     if png:
         flight_figure(flight, png)
-    _write_json(json_file, result)
+    if video:
+        with progress_bar() as progress:
+            drawing = progress.add_task("drawing the video", total=None)
+            flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
+    write_json(json_file, result)
     _print_flight(result)
-    for path in (html, png, out_file, json_file):
+    for path in (html, png, video, out_file, json_file):
         if path:
             out.print(f"  wrote {path}", markup=False, soft_wrap=True)
 
@@ -135,6 +158,8 @@ def tables(
     workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")] = None,
     preset: Annotated[Preset, typer.Option(help="Our tuning or the paper's printed covariances.")] = Preset.tuned,
     settings: SetOption = None,
+    camera: CameraOption = None,
+    detector: DetectorOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
         "out/tables"
     ),
@@ -149,14 +174,21 @@ def tables(
 
     prefix = "paper_" if preset is Preset.paper else ""
     chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
-    _check_writable(json_file, out_folder / f"tables_{preset.value}.md")
+    laid_over = _with_camera(settings, camera, detector)
+    for name, flown in chosen.items():
+        if "camera" in flown.sensors:  # so that the flights without one stay the same
+            chosen[name] = load_scenario(prefix + name, laid_over)
+    check_writable(json_file, out_folder / f"tables_{preset.value}.md")
+    from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.experiments.ensemble import flight_file, fly_many
     from ortilo_drake.experiments.figures import arrival_figure, error_figure, trajectory_figure
     from ortilo_drake.experiments.flight import load_flight
 
+    for flown in chosen.values():
+        make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
     count = workers or os.cpu_count() or 1
     summaries: dict[str, list[dict[str, Any]]] = {}
-    with _progress() as progress:
+    with progress_bar() as progress:
         tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
         for name, flown in chosen.items():
 
@@ -176,7 +208,7 @@ def tables(
         arrival_figure({n: rows[0] for n, rows in first.items()}, out_folder / f"arrivals_{preset.value}.png"),
     ]
     write_text(out_folder / f"tables_{preset.value}.md", text)
-    _write_json(json_file, result)
+    write_json(json_file, result)
     out.print(text, markup=False, soft_wrap=True)
     for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):
         out.print(f"wrote {path}", markup=False, soft_wrap=True)
@@ -191,7 +223,7 @@ def diagram(
 ) -> None:
     """Draw the closed loop's block diagram."""
     chosen = load_scenario(scenario, tuple(settings or ()))
-    _check_writable(svg)
+    check_writable(svg)
     from ortilo_drake.experiments.block_diagram import diagram_svg
 
     write_text(svg, diagram_svg(chosen, depth))
@@ -246,7 +278,7 @@ def main() -> None:
             sys.exit(2)
         _fail(" ".join(error.format_message().split()), 2)
     except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; finished flights are kept", 130)
+        _fail("interrupted; what is finished is kept", 130)
 
 
 def _fail(line: str, code: int) -> NoReturn:

@@ -75,6 +75,21 @@ def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
     return rates
 
 
+def fix_errors(flight: xr.Dataset) -> dict[str, dict[str, float]]:
+    """Return median and 95th percentile of a position fix's distance from the truth when it is used [m].
+
+    A sensor without a fix is left out. What a fix is late by counts as its error.
+    """
+    errors = {}
+    for k, sensor in enumerate(("uwb", "camera")):
+        there = flight["arrival"].sel(sensor=sensor).values
+        if there.any():
+            fix, truth = flight["measurement"].values[there, 3 * k : 3 * k + 3], flight["truth"].values[there, :3]
+            error = np.linalg.norm(fix - truth, axis=1)
+            errors[sensor] = {"median": float(np.median(error)), "p95": float(np.quantile(error, 0.95))}
+    return errors
+
+
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
@@ -96,6 +111,7 @@ def summary(flight: xr.Dataset) -> dict[str, Any]:
         "max_path_distance": float(np.max(path_distance(flight))),
         "max_reference_distance": float(np.max(reference_distance(flight))),
         "arrivals": arrival_rates(flight),
+        "fix_errors": fix_errors(flight),
         "nees": float(np.mean(position_nees(flight))),
         "nis": {sensor: float(np.mean(nis(flight, sensor))) for sensor in used},
         "real_time_factor": float(flight.attrs["real_time_factor"]),

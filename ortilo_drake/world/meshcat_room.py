@@ -1,17 +1,19 @@
 """Draw a room in Meshcat: floor, walls, stands, furniture, anchors and landmarks under the path /room."""
 
+import itertools
+
 import numpy as np
-from pydrake.geometry import Box, Cylinder, Meshcat, MeshcatParams, Rgba, Shape, Sphere
+from pydrake.geometry import Box, Mesh, Meshcat, MeshcatParams, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from ortilo_drake.model.room import Room
+from ortilo_drake.world.obj_normals import without_normals
+from ortilo_drake.world.scene import scene_items
 
 FLOOR = Rgba(0.86, 0.87, 0.88, 1.0)
 GRID = Rgba(0.72, 0.74, 0.76, 1.0)
 OUTER_WALL = Rgba(0.62, 0.42, 0.34, 0.09)
 INNER_WALL = Rgba(0.68, 0.36, 0.26, 0.55)
-STAND = Rgba(0.55, 0.58, 0.62, 1.0)
-FURNITURE = Rgba(0.74, 0.62, 0.46, 1.0)
 ANCHOR = Rgba(1.00, 0.72, 0.00, 1.0)
 ANCHOR_LINE = Rgba(0.80, 0.60, 0.10, 1.0)
 CLASS_COLORS = (
@@ -28,7 +30,7 @@ CLASS_COLORS = (
 )
 
 ANCHOR_RADIUS = 0.14
-SAME_OBJECT = 0.4  # [m] furniture this near to a landmark, seen from above, is that landmark
+_SHOWN_AS_SEEN = ("stands", "furniture", "landmarks", "posts")  # as the renderer shows them
 FIELD_OF_VIEW = 40.0  # vertical [deg]; narrow, so that a long room is not distorted
 
 
@@ -102,16 +104,31 @@ def _draw_walls(meshcat: Meshcat, room: Room) -> None:
         )
 
 
-def _draw_furniture(meshcat: Meshcat, room: Room) -> None:
-    """Draw what is no landmark as the block that the planner keeps clear of, from the floor to its top."""
-    for i, (kind, x, y, z, *_) in enumerate(room.furniture):
-        away = np.hypot(*(room.landmark_positions[:, :2] - [x, y]).T)
-        if np.any(away < SAME_OBJECT):
+def _draw_items(meshcat: Meshcat, room: Room) -> None:
+    """Draw what stands in the room, each landmark in a frame of its class's colour."""
+    numbers = {group: itertools.count() for group in _SHOWN_AS_SEEN}
+    for item in scene_items(room):
+        if item.group not in _SHOWN_AS_SEEN:
             continue
-        size_x, size_y, height = room.furniture_size[kind]
-        top = z + height
-        path = f"/room/furniture/{path_name(kind)}/{i:02d}"
-        _put(meshcat, path, Box(size_x, size_y, top), FURNITURE, np.array([x, y, top / 2]))
+        kind = f"/{path_name(item.kind)}" if item.group in ("landmarks", "furniture") else ""
+        path = f"/room/{item.group}{kind}/{next(numbers[item.group]):02d}"
+        shape = item.shape
+        if isinstance(shape, Mesh):
+            shape = Mesh(without_normals(shape.source().path()), shape.scale3())
+        meshcat.SetObject(path, shape, item.rgba)
+        meshcat.SetTransform(path, item.X_WG)
+        if item.group == "landmarks":
+            landmark = room.landmarks[item.landmark]
+            half = np.array(landmark.size or room.landmark_size[landmark.label]) / 2
+            meshcat.SetLineSegments(f"{path}/frame", *_frame(half), 1.0, class_color(room, item.kind))
+
+
+def _frame(half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the starts and ends of the 12 edges of a box about the origin, from its half sizes (3, 12)."""
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    pairs = itertools.combinations(range(8), 2)
+    edges = np.array([(i, j) for i, j in pairs if np.count_nonzero(corners[i] != corners[j]) == 1])
+    return (corners[edges[:, 0]] * half).T, (corners[edges[:, 1]] * half).T
 
 
 def _draw_anchors(meshcat: Meshcat, room: Room) -> None:
@@ -126,9 +143,9 @@ def _draw_anchors(meshcat: Meshcat, room: Room) -> None:
 def draw_room(meshcat: Meshcat, room: Room) -> None:
     """Draw a room and turn the camera to the whole of it.
 
-    Paths: /room/floor, /room/grid, /room/walls/{outer,inner}/NN, /room/stands/NN, /room/furniture/KIND/NN,
-    /room/anchors/NN, /room/landmarks/LABEL/NN, numbered as in the room file. A landmark is the box of its
-    extent in its class's colour.
+    Paths: /room/floor, /room/grid, /room/walls/{outer,inner}/NN, /room/anchors/NN; and, as the renderer shows them,
+    /room/stands/NN, /room/posts/NN, /room/furniture/KIND/NN, /room/landmarks/LABEL/NN with its box in its class's
+    colour, /frame, below. All are numbered as in the room file; furniture that is a landmark is not counted.
     """
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     meshcat.Delete("/room")
@@ -139,11 +156,6 @@ def draw_room(meshcat: Meshcat, room: Room) -> None:
     _set_light(meshcat)
     _draw_floor(meshcat, low, high)
     _draw_walls(meshcat, room)
-    for i, (x, y, radius, height) in enumerate(room.stand_cylinders):
-        _put(meshcat, f"/room/stands/{i:02d}", Cylinder(radius, height), STAND, np.array([x, y, height / 2]))
-    _draw_furniture(meshcat, room)
+    _draw_items(meshcat, room)
     _draw_anchors(meshcat, room)
-    for i, (landmark, size) in enumerate(zip(room.landmarks, room.landmark_sizes, strict=True)):
-        path = f"/room/landmarks/{path_name(landmark.label)}/{i:02d}"
-        _put(meshcat, path, Box(*size), class_color(room, landmark.label), np.array(landmark.position))
     aim_camera(meshcat, low, high)

@@ -15,7 +15,9 @@ from ortilo_drake.experiments.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 
-SCENARIO = load_scenario("imu_uwb_yolo", ("planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0"))
+SCENARIO = load_scenario(
+    "imu_uwb_yolo", ("camera=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0")
+)
 
 
 def without_speed(summaries: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -117,7 +119,8 @@ def test_a_write_that_fails_leaves_no_partial_file(tmp_path: Path, monkeypatch: 
 )
 def test_other_settings_get_a_folder_of_their_own(setting: str) -> None:
     other = load_scenario(
-        "imu_uwb_yolo", ("planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0", setting)
+        "imu_uwb_yolo",
+        ("camera=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0", setting),
     )
     assert flight_folder(Path(), other) != flight_folder(Path(), SCENARIO)
     assert flight_folder(Path(), with_seed(SCENARIO, 7)) == flight_folder(Path(), SCENARIO)

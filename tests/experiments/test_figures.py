@@ -16,12 +16,13 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
+PROJECTED = "camera=projected"
 NAMES = ("imu_uwb", "imu_uwb_yolo")
 
 
 @pytest.fixture(scope="module")
 def flights() -> dict[str, list[xr.Dataset]]:
-    return {name: [fly(load_scenario(name, (SHORT,), seed)) for seed in range(2)] for name in NAMES}
+    return {name: [fly(load_scenario(name, (SHORT, PROJECTED), seed)) for seed in range(2)] for name in NAMES}
 
 
 def read_picture(path: Path, width: int, height: int) -> np.ndarray:

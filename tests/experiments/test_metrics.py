@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from ortilo_drake.experiments.metrics import (
     arrival_rates,
     estimation_mse,
+    fix_errors,
     nis,
     path_distance_mse,
     path_mse,
@@ -39,6 +40,7 @@ def made_up_flight(n: int = 60, seed: int = 0) -> xr.Dataset:
             "covariance": (("tick", "xbar", "xbar_column"), covariances(n, 15, 15)),
             "reference": (("tick", "axis"), rng.normal(size=(n, 3))),
             "innovation": (("tick", "output"), innovation),
+            "measurement": (("tick", "output"), 2.0 * innovation),
             "measurement_covariance": (("tick", "sensor", "row", "column"), covariances(n, 3, 3, 3)),
             "arrival": (("tick", "sensor"), arrival),
             "due": (("tick", "sensor"), np.ones((n, 3), dtype=bool)),
@@ -58,6 +60,35 @@ def flight_along(reference: np.ndarray, actual: np.ndarray) -> xr.Dataset:
     flight["reference"].values[:] = reference
     flight["truth"].values[:, :3] = actual
     return flight
+
+
+def test_fix_errors_are_the_distances_of_the_fixes_that_were_used() -> None:
+    n = 40
+    rng = np.random.default_rng(3)
+    truth, arrival = np.zeros((n, 12)), rng.random((n, 3)) < 0.5
+    truth[:, :3] = rng.normal(size=(n, 3))
+    off = rng.normal(size=(n, 6))
+    measurement = np.full((n, 9), np.nan)
+    for k in range(2):
+        there = arrival[:, k]
+        measurement[there, 3 * k : 3 * k + 3] = (truth[:, :3] + off[:, 3 * k : 3 * k + 3])[there]
+    flight = xr.Dataset(
+        {
+            "truth": (("tick", "state"), truth),
+            "measurement": (("tick", "output"), measurement),
+            "arrival": (("tick", "sensor"), arrival),
+        },
+        coords={"sensor": ["uwb", "camera", "imu"]},
+    )
+    found = fix_errors(flight)
+    for k, sensor in enumerate(("uwb", "camera")):
+        distances = sorted(np.sqrt((off[arrival[:, k], 3 * k : 3 * k + 3] ** 2).sum(axis=1)))
+        middle = len(distances) // 2
+        expected = distances[middle] if len(distances) % 2 else (distances[middle - 1] + distances[middle]) / 2
+        assert found[sensor]["median"] == pytest.approx(expected)
+        assert distances[int(0.95 * (len(distances) - 1))] <= found[sensor]["p95"] <= distances[-1]
+    nothing = flight.assign(arrival=(("tick", "sensor"), np.zeros((n, 3), dtype=bool)))
+    assert fix_errors(nothing) == {}
 
 
 def test_estimation_mse_is_the_mean_over_ticks_of_each_squared_error() -> None:

@@ -23,7 +23,7 @@ from ortilo_drake.scenario import load_scenario
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
 ASKED_FOR = {"scenario", "seed", "lost", "mse", "path_mse", "arrivals", "nees", "real_time_factor"}
-BESIDE = {"contacts", "path_distance_mse", "max_path_distance", "max_reference_distance", "nis"}
+BESIDE = {"fix_errors", "contacts", "path_distance_mse", "max_path_distance", "max_reference_distance", "nis"}
 STATISTICS = {"mean", "median", "p75", "p25"}
 NAMES = {"imu_uwb", "imu_uwb_yolo"}
 
@@ -58,7 +58,9 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.CompletedProcess[str]"]:
     folder = tmp_path_factory.mktemp("fly")
     files = ["--out", "new/flight.nc", "--json", "new/flight.json", "--png", "flight.png", "--html", "flight.html"]
-    return folder, run_command("fly", "imu_uwb_yolo", "--seed", "3", "--set", SHORT, *files, folder=folder)
+    return folder, run_command(
+        "fly", "imu_uwb_yolo", "--seed", "3", "--set", SHORT, "--camera", "projected", *files, folder=folder
+    )
 
 
 def test_fly_succeeds_and_its_standard_error_is_silent(flown: Any) -> None:
@@ -91,7 +93,7 @@ def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
 
 def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -> None:
     folder, done = flown
-    scenario = load_scenario("imu_uwb_yolo", (SHORT,), 3)
+    scenario = load_scenario("imu_uwb_yolo", (SHORT, "camera=projected"), 3)
     written = load_flight(folder / "new/flight.nc")
     assert scenario_of(written) == scenario
     here, there = summary(fly(scenario)), json.loads((folder / "new/flight.json").read_text(encoding="utf-8"))
@@ -144,7 +146,20 @@ def test_long_file_names_are_printed_whole(
 @pytest.fixture(scope="module")
 def tabled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.CompletedProcess[str]"]:
     folder = tmp_path_factory.mktemp("tables")
-    words = ["--flights", "2", "--workers", "2", "--set", SHORT, "--out", "out", "--json", "tables.json"]
+    words = [
+        "--flights",
+        "2",
+        "--workers",
+        "2",
+        "--set",
+        SHORT,
+        "--camera",
+        "projected",
+        "--out",
+        "out",
+        "--json",
+        "tables.json",
+    ]
     return folder, run_command("tables", *words, folder=folder)
 
 
@@ -187,7 +202,20 @@ def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
     folder, _ = tabled
     monkeypatch.chdir(folder)
     before = {p: p.stat().st_mtime_ns for p in (folder / "out/flights").rglob("*.nc")}
-    words = ["--flights", "2", "--workers", "1", "--set", SHORT, "--out", "out", "--json", "again.json"]
+    words = [
+        "--flights",
+        "2",
+        "--workers",
+        "1",
+        "--set",
+        SHORT,
+        "--camera",
+        "projected",
+        "--out",
+        "out",
+        "--json",
+        "again.json",
+    ]
     assert run(monkeypatch, "tables", *words) == 0
     capsys.readouterr()
     assert {p: p.stat().st_mtime_ns for p in (folder / "out/flights").rglob("*.nc")} == before
@@ -225,12 +253,15 @@ def test_the_diagram_is_svg_that_names_every_subsystem(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "new" / "loop.svg"
-    assert run(monkeypatch, "diagram", "imu_uwb_yolo", "--set", SHORT, "--svg", str(path)) == 0
+    assert (
+        run(monkeypatch, "diagram", "imu_uwb_yolo", "--set", SHORT, "--set", "camera=projected", "--svg", str(path))
+        == 0
+    )
     assert capsys.readouterr().err == ""
     root = ElementTree.parse(path).getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     texts = {"".join(node.itertext()).strip() for node in root.iter("{http://www.w3.org/2000/svg}text")}
-    names = subsystem_names(make_closed_loop(load_scenario("imu_uwb_yolo", (SHORT,))))
+    names = subsystem_names(make_closed_loop(load_scenario("imu_uwb_yolo", (SHORT, "camera=projected"))))
     assert {"world", "onboard", "quadrotor", "uwb", "imu", "kalman_filter", "lq_servo", "planner"} <= names
     assert {name for name in names if not any(name in text for text in texts)} == set()
 
@@ -281,3 +312,40 @@ def test_control_c_ends_with_code_130_and_one_line(
     assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("fly", "imu_uwb", "--detector", "a.cfg", "a.weights"), "flies without a camera"),
+        (("fly", "imu_uwb_yolo", "--camera", "projected", "--detector", "a.cfg", "a.weights"), "does not draw"),
+        (("detector", "evaluate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),
+        (("detector", "calibrate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),
+    ],
+)
+def test_a_detector_that_cannot_be_used_is_refused(
+    words: tuple[str, ...],
+    why: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, *words) == 2
+    assert why in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_detector_leaves_the_other_settings_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    from ortilo_drake.cli import _with_camera
+
+    laid_over = _with_camera(
+        ["detector.threshold=0.2", "detector.names=a.names"], None, (Path("a.cfg"), Path("b.weights"))
+    )
+    detector = load_scenario("imu_uwb_yolo", laid_over).detector
+    assert detector.threshold == 0.2
+    assert [Path(str(f)).name for f in (detector.cfg, detector.weights, detector.names)] == [
+        "a.cfg",
+        "b.weights",
+        "a.names",
+    ]

@@ -15,6 +15,7 @@ from ortilo_drake.experiments.flight import fly
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
+PROJECTED = "camera=projected"  # as fast as the rest; rendered flights have tests of their own
 SCENARIOS = ["imu_uwb_yolo", "bursty_link", "rotors"]
 
 
@@ -28,7 +29,7 @@ def digest(flight: xr.Dataset) -> str:
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_same_seed_flies_the_same_bits_twice(name: str) -> None:
-    scenario = load_scenario(name, (SHORT,), 7)
+    scenario = load_scenario(name, (SHORT, PROJECTED), 7)
     one, two = fly(scenario), fly(scenario)
     for variable in one.data_vars:
         assert np.array_equal(one[variable].values, two[variable].values, equal_nan=True), variable
@@ -38,17 +39,17 @@ def test_the_same_seed_flies_the_same_bits_twice(name: str) -> None:
 
 
 def test_other_flights_in_between_change_nothing() -> None:
-    first = digest(fly(load_scenario("imu_uwb_yolo", (SHORT,), 7)))
-    fly(load_scenario("rotors", (SHORT,), 8))
+    first = digest(fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), 7)))
+    fly(load_scenario("rotors", (SHORT, PROJECTED), 8))
     np.random.default_rng().normal(size=100)
-    assert digest(fly(load_scenario("imu_uwb_yolo", (SHORT,), 7))) == first
+    assert digest(fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
 
 
 def test_another_process_flies_the_same_bits() -> None:
     program = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from test_determinism import *\n"
-        "print([digest(fly(load_scenario(name, (SHORT,), 7))) for name in SCENARIOS])\n"
+        "print([digest(fly(load_scenario(name, (SHORT, PROJECTED), 7))) for name in SCENARIOS])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, os.path.dirname(__file__)],
@@ -57,12 +58,12 @@ def test_another_process_flies_the_same_bits() -> None:
         text=True,
         check=True,
     )
-    here = [digest(fly(load_scenario(name, (SHORT,), 7))) for name in SCENARIOS]
+    here = [digest(fly(load_scenario(name, (SHORT, PROJECTED), 7))) for name in SCENARIOS]
     assert done.stdout.strip() == str(here)
 
 
 def test_different_seeds_differ_in_every_noise() -> None:
-    flights = [fly(load_scenario("imu_uwb_yolo", (SHORT,), seed)) for seed in range(4)]
+    flights = [fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), seed)) for seed in range(4)]
     assert len({digest(flight) for flight in flights}) == 4
     first, other = flights[:2]
     for s in range(3):  # each sensor's first measurement, taken from the very same state
@@ -86,7 +87,7 @@ def messages(world: Diagram, port: str, h: float, ticks: int = 31) -> np.ndarray
 
 
 def world_of(name: str, *settings: str) -> tuple[Diagram, float]:
-    scenario = load_scenario(name, settings)
+    scenario = load_scenario(name, (PROJECTED, *settings))
     return make_world(scenario), scenario.h
 
 

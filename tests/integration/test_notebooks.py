@@ -25,7 +25,11 @@ def test_is_valid_and_stored_without_outputs(path: Path):
     assert with_results == []
 
 
-@each_notebook
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.egl if path.stem.startswith("02") else ()) for path in NOTEBOOKS],
+    ids=lambda path: path.stem,
+)
 def test_runs_from_top_to_bottom(path: Path, tmp_path: Path):
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(

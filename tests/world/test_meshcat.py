@@ -1,4 +1,5 @@
 import base64
+import itertools
 import re
 import runpy
 from collections import Counter
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pydrake.geometry import Meshcat, ReadObjToTriangleSurfaceMesh
+from pydrake.geometry import Mesh, Meshcat, ReadObjToTriangleSurfaceMesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -32,6 +33,7 @@ from ortilo_drake.world.meshcat_draw import (
 from ortilo_drake.world.meshcat_flight import CHUNK, MeshcatFlight
 from ortilo_drake.world.meshcat_replay import html_replay
 from ortilo_drake.world.meshcat_room import draw_room, make_meshcat
+from ortilo_drake.world.scene import scene_items
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "make_vehicle_mesh.py"
 ROOM = load_room()
@@ -125,15 +127,18 @@ def test_room_has_every_element_where_it_was_surveyed(meshcat):
     for i, landmark in enumerate(ROOM.landmarks):
         path = f"/room/landmarks/{landmark.label.replace(' ', '_')}/{i:02d}"
         np.testing.assert_array_equal(transform(meshcat, path)[:3, 3], landmark.position)
-        box = scene_object(meshcat, path)["geometries"][0]
-        # Three.js names the extents along x, y, z so.
-        np.testing.assert_array_equal([box["width"], box["height"], box["depth"]], ROOM.landmark_sizes[i])
+        frame = RigidTransform(transform(meshcat, path)) @ vertices(meshcat, f"{path}/frame").T
+        half = np.array(landmark.size or ROOM.landmark_size[landmark.label]) / 2
+        R_WL = RollPitchYaw(0, 0, landmark.yaw).ToRotationMatrix().matrix()
+        corners = R_WL @ (half * list(itertools.product((-1, 1), repeat=3))).T
+        np.testing.assert_allclose(frame.min(axis=1), corners.min(axis=1) + landmark.position, atol=1e-6)
+        np.testing.assert_allclose(frame.max(axis=1), corners.max(axis=1) + landmark.position, atol=1e-6)
     for i, (x, y, yaw) in enumerate(ROOM.walls):
         path = next(p for k in ("inner", "outer") if meshcat.HasPath(p := f"/room/walls/{k}/{i:02d}"))
         X_W = RigidTransform(RollPitchYaw(0, 0, yaw), [x, y, 1.5])
         np.testing.assert_allclose(transform(meshcat, path), X_W.GetAsMatrix4(), atol=1e-15)
     for i, (x, y) in enumerate(ROOM.stands):
-        np.testing.assert_allclose(transform(meshcat, f"/room/stands/{i:02d}")[:3, 3], [x, y, 0.43])
+        np.testing.assert_allclose(transform(meshcat, f"/room/stands/{i:02d}")[:3, 3], [x, y, 0.0])
     for path in ("/room/floor", "/room/grid", "/room/furniture/bookshelf", "/room/furniture/Stop_Sign"):
         assert meshcat.HasPath(path)
     assert not meshcat.HasPath("/room/furniture/person_standing_0")  # the landmark stands there
@@ -145,12 +150,37 @@ def test_the_three_blocks_across_the_room_are_its_inner_walls(meshcat):
     assert inner == {8, 9, 16, 17, 18, 19, 26, 27}
 
 
-def test_a_landmarks_colour_tells_its_class(meshcat):
+def test_things_are_shown_as_the_renderer_shows_them(meshcat):
+    draw_room(meshcat, ROOM)
+    counts = Counter()
+    for item in scene_items(ROOM):
+        number, counts[item.group] = counts[item.group], counts[item.group] + 1
+        if item.group in ("floor", "walls"):
+            continue
+        kind = "/" + item.kind.replace(" ", "_") if item.group in ("landmarks", "furniture") else ""
+        path = f"/room/{item.group}{kind}/{number:02d}"
+        np.testing.assert_allclose(transform(meshcat, path), item.X_WG.GetAsMatrix4(), atol=1e-12)
+        if not isinstance(item.shape, Mesh):
+            continue
+        shown = scene_object(meshcat, path)["object"]
+        size = np.array(shown["matrix"]).reshape(4, 4).T
+        np.testing.assert_allclose(size, np.diag([*item.shape.scale3(), 1.0]))
+        corners = [line for line in shown["data"].splitlines() if line.startswith("v ")]
+        assert corners == [line for line in item.shape.source().path().read_text().splitlines() if line[:2] == "v "]
+        picture = item.shape.source().path().with_suffix(".png")
+        if picture.exists():
+            (packed,) = shown["resources"].values()
+            assert base64.b64decode(packed.partition(",")[2]) == picture.read_bytes()
+    assert counts["posts"] > 0
+
+
+def test_a_landmarks_frame_tells_its_class(meshcat):
     draw_room(meshcat, ROOM)
     colors = {}
     for i, landmark in enumerate(ROOM.landmarks):
         path = f"/room/landmarks/{landmark.label.replace(' ', '_')}/{i:02d}"
-        colors.setdefault(landmark.label, set()).add(scene_object(meshcat, path)["materials"][0]["color"])
+        frame = scene_object(meshcat, f"{path}/frame")
+        colors.setdefault(landmark.label, set()).add(frame["materials"][0]["color"])
     assert all(len(found) == 1 for found in colors.values())
     assert len(set.union(*colors.values())) == len(ROOM.classes)
 
@@ -324,7 +354,7 @@ def page(meshcat):
 
 
 def test_page_needs_no_network(page):
-    assert len(page) < 6_000_000
+    assert len(page) < 8_000_000
     tags = re.findall(r"<(?:script|link|img|iframe|source|video|audio|object|embed)\b[^>]*>", page)
     assert tags
     assert not [tag for tag in tags if re.search(r"\b(src|href|data)\s*=", tag)]
@@ -339,10 +369,12 @@ def test_page_holds_every_element(page):
     assert {f"/flight/{name}" for name in flight} == {path for path in drawn if path.startswith("/flight")}
     assert {f"/room/anchors/{i:02d}" for i in range(len(ROOM.anchors))} <= drawn
     assert {path.split("/")[2] for path in drawn if path.startswith("/room")} == {
-        "floor", "grid", "walls", "stands", "furniture", "anchors", "landmarks",
+        "floor", "grid", "walls", "stands", "furniture", "anchors", "landmarks", "posts",
     }  # fmt: skip
     assert sum(path.startswith("/room/walls") for path in drawn) == len(ROOM.walls)
-    assert sum(path.startswith("/room/landmarks") for path in drawn) == len(ROOM.landmarks)
+    for frame in (False, True):
+        found = [p for p in drawn if p.startswith("/room/landmarks") and p.endswith("/frame") == frame]
+        assert len(found) == len(ROOM.landmarks)
 
 
 def test_page_explains_its_colours(page):

@@ -1,0 +1,47 @@
+"""OBJ meshes with and without their normals: the renderer insists on them, a page is smaller without them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from pydrake.common import MemoryFile
+from pydrake.geometry import InMemoryMesh
+
+
+def _mesh(text: str, path: Path) -> InMemoryMesh:
+    """Return the mesh of an OBJ text with the library and pictures that the file at path has beside it."""
+    library = path.with_suffix(".mtl")
+    pictures = re.findall(r"^map_Kd (\S+)$", library.read_text(encoding="utf-8"), re.M)
+    return InMemoryMesh(
+        mesh_file=MemoryFile(text, ".obj", path.name),
+        supporting_files={library.name: library} | {name: path.with_name(name) for name in pictures},
+    )
+
+
+def without_normals(path: Path) -> InMemoryMesh:
+    """Return an OBJ mesh without its normals, half the size; a viewer then shades each face alike."""
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r"^vn .*\n", "", text, flags=re.M)
+    return _mesh(re.sub(r"(\d+/\d*)/\d+", r"\1", text), path)
+
+
+def with_face_normals(path: Path) -> InMemoryMesh:
+    """Return an OBJ mesh that has neither normals nor texture, each face with its own normal.
+
+    Faces are triangles of positive vertex numbers.
+    """
+    lines = path.read_text(encoding="utf-8").splitlines()
+    vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
+    faces = np.array([line.split()[1:] for line in lines if line.startswith("f ")], dtype=int)
+    a, b, c = (vertices[faces[:, k] - 1] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    made, k = [], 0
+    for line in lines:
+        if line.startswith("f "):
+            made.append("vn {:.3f} {:.3f} {:.3f}".format(*normals[k]))
+            k += 1
+            made.append("f " + " ".join(f"{vertex}//{k}" for vertex in line.split()[1:]))
+        else:
+            made.append(line)
+    return _mesh("\n".join(made) + "\n", path)

@@ -1,0 +1,42 @@
+"""What is shipped belongs together: files in the package, weights and calibration, links of the README."""
+
+import fnmatch
+import hashlib
+import re
+import tomllib
+from pathlib import Path
+
+import ortilo_drake
+from ortilo_drake.onboard.detector_network import OWN_CFG, OWN_CLASSES, OWN_NETWORK, OWN_ONNX
+from ortilo_drake.settings.sensors import MeasuredErrors
+from ortilo_drake.world.camera_calibration import load_calibration
+
+PACKAGE = Path(ortilo_drake.__file__).parent
+ROOT = PACKAGE.parent
+LEFT_OUT = {".py", ".pyc", ".nbi", ".nbc"}
+
+
+def test_every_file_that_is_no_program_is_packed() -> None:
+    packed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    globs = [str(PACKAGE / Path(*name.split(".")[1:]) / glob) for name, rows in packed.items() for glob in rows]
+    files = [path for path in PACKAGE.rglob("*.*") if path.is_file() and path.suffix not in LEFT_OUT]
+    assert len(files) > 50
+    assert [path for path in files if not any(fnmatch.fnmatch(str(path), glob) for glob in globs)] == []
+
+
+def test_the_calibration_is_of_the_detector_that_is_shipped() -> None:
+    digest = hashlib.sha256(OWN_ONNX.read_bytes()).hexdigest()
+    assert load_calibration(MeasuredErrors()).source.detector == f"sha256 {digest[:16]}"
+
+
+def test_the_weights_are_at_most_four_megabytes_and_have_a_name_for_each_class() -> None:
+    assert OWN_NETWORK.stat().st_size + OWN_ONNX.stat().st_size < 4e6
+    assert f"classes={len(OWN_CLASSES)}\n" in OWN_CFG.read_text()
+
+
+def test_the_readme_is_filled_in_and_its_links_lead_somewhere() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert "@@" not in text
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+    assert len(links) >= 5
+    assert [link for link in links if not (ROOT / link).exists()] == []
