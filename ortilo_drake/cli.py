@@ -14,7 +14,7 @@ from ortilo_drake.detector_cli import detector_app
 from ortilo_drake.experiments.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, read_text, scenario_names
-from ortilo_drake.terminal import check_writable, err, out, progress_bar, write_json
+from ortilo_drake.terminal import check_writable, err, out, progress_bar, say_written, write_json
 
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
@@ -147,9 +147,7 @@ def fly(
             flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
     write_json(json_file, result)
     _print_flight(result)
-    for path in (html, png, video, out_file, json_file):
-        if path:
-            out.print(f"  wrote {path}", markup=False, soft_wrap=True)
+    say_written(html, png, video, out_file, json_file)
 
 
 @app.command()

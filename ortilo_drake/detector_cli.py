@@ -157,10 +157,8 @@ def evaluate(
     for kind, value in result["map50"].items():
         center = result["center_error_px"][kind]
         error = "-" if center is None else f"{center:.2f} px"
-        strict = result["map50_strict"][kind]
-        out.print(
-            f"[bold]{kind}[/bold]: mAP50 {value:.3f} (small and half hidden ones as well: {strict:.3f}), ", end=""
-        )
+        clear = result["map50_clear"][kind]
+        out.print(f"[bold]{kind}[/bold]: mAP50 {value:.3f} ({clear:.3f} of those in clearer view), ", end="")
         out.print(f"median centre error {error}, ", end="")
         more = result["sets"][kind]
         out.print(f"recall {more['recall']:.1%}, {more['false_boxes_per_image']:.3f} false boxes an image")

@@ -119,7 +119,7 @@ class Scenario(Frozen):
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
         sensors: which of uwb, camera and imu fly; the others never arrive.
         camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
-            boxes that a detector would have found from what was measured of it, a hundred times as fast.
+            boxes that a detector would have found from what was measured of it, eighty times as fast.
         camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
     """
 

@@ -12,7 +12,7 @@ from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector_network import load_detector, own_backend
 from ortilo_drake.scenario import Detector
 from ortilo_drake.training.evaluate import Detect, evaluate, milliseconds_per_frame
-from ortilo_drake.training.labels import BOX, LEAST_TAUGHT, Frames, is_to_be_found
+from ortilo_drake.training.labels import BOX, LEAST_CLEAR, Frames, is_to_be_found
 from ortilo_drake.training.sets import KINDS, set_folder
 from ortilo_drake.training.shards import load_frames
 
@@ -69,8 +69,8 @@ def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: 
     all_boxes = validate(Detector, settings.model_dump() | {"threshold": lowest}, "detector")
     detect = load_detector(all_boxes, room, (width, height))
     results = {kind: evaluate(detect, frames, room.classes, settings.threshold) for kind, frames in sets.items()}
-    strict = {
-        kind: evaluate(detect, frames, room.classes, settings.threshold, LEAST_TAUGHT)["map50"]
+    clear = {
+        kind: evaluate(detect, frames, room.classes, settings.threshold, LEAST_CLEAR)["map50"]
         for kind, frames in sets.items()
     }
     flown = load_detector(settings, room, (width, height))
@@ -78,7 +78,7 @@ def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: 
         _worst_figure(flown, {kind: (sets[kind], results[kind]["worst"]) for kind in KINDS}, room.classes, worst)
     return {
         "map50": {kind: result["map50"] for kind, result in results.items()},
-        "map50_strict": strict,  # of what is half hidden and of less than 8 px as well
+        "map50_clear": clear,  # of objects in clearer view alone
         "center_error_px": {kind: result["center_error_px"]["median"] for kind, result in results.items()},
         "ms_per_frame": milliseconds_per_frame(flown, sets["paper_room"].images),
         "backend": "torch" if settings.cfg else own_backend(settings.backend),

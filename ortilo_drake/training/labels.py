@@ -8,8 +8,8 @@ MAX_OBJECTS = 32
 CLASS, BOX, VISIBLE, LANDMARK, DISTANCE = 0, slice(1, 5), 5, 6, 7  # columns of the labels
 LABEL_SIZE = 8
 # What counts as an object to be found: the share of it that nothing hides, and width and height of its box [px].
-LEAST = (0.6, 8.0)
-LEAST_TAUGHT = (0.5, 6.0)  # in training, and for a stricter judgement
+LEAST = (0.5, 6.0)
+LEAST_CLEAR = (0.6, 8.0)  # of objects in clearer view, judged besides
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_layers import Yolo
 from ortilo_drake.onboard.darknet_network import Convolution, DarknetNetwork
 from ortilo_drake.training.augment import augment
-from ortilo_drake.training.labels import BOX, CLASS, LEAST_TAUGHT, VISIBLE, Frames, is_to_be_found
+from ortilo_drake.training.labels import BOX, CLASS, VISIBLE, Frames, is_to_be_found
 from ortilo_drake.training.loss import yolo_loss
 
 LEARNING_RATE, WEIGHT_DECAY, WARM_UP = 2.0e-3, 1.0e-3, 500
@@ -37,7 +37,7 @@ def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tu
         # From the image's corner, not from the first pixel's centre.
         boxes.append(np.column_stack([(box[:, :2] + box[:, 2:]) / 2 + 0.5, np.maximum(box[:, 2:] - box[:, :2], 1e-3)]))
         classes.append(np.where(gone, -1, labels[:, CLASS]))
-        keep.append(is_to_be_found(labels, LEAST_TAUGHT))
+        keep.append(is_to_be_found(labels))
     pixels = torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float().div_(255.0)
     noise = torch.from_numpy(rng.uniform(0.0, 0.03, len(chosen)).astype(np.float32)).view(-1, 1, 1, 1)
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
