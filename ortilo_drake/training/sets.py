@@ -14,7 +14,7 @@ from ortilo_drake.training.shards import load_frames, render_shard
 from ortilo_drake.world.rendering import check_egl
 
 KINDS = ("paper_room", "random_rooms")
-SCENES = {"train": {"paper_room": 160, "random_rooms": 320}, "test": {"paper_room": 20, "random_rooms": 40}}
+SCENES = {"train": {"paper_room": 160, "random_rooms": 480}, "test": {"paper_room": 20, "random_rooms": 40}}
 PICTURES = {"train": {"paper_room": 30, "random_rooms": 24}, "test": {"paper_room": 25, "random_rooms": 12}}
 SEED_OF = {"train": 0, "test": 1000}  # added to the seed: no test scene is a training scene
 
