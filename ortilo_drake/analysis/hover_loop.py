@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
-from ortilo_drake.model.signals import N_I, N_X, N_XBAR, SENSORS
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.kalman_filter import process_noise
 from ortilo_drake.onboard.lq_gain import servo_gain
@@ -28,9 +28,10 @@ class HoverLoop(NamedTuple):
         Gamma: (12 x 4).
         C: y = C x + v, rows uwb, camera, imu (9 x 12).
         W: covariance of w as the filter believes it (12 x 12), of rank 6 where it follows from the disturbance.
-        L: servo gain, u = -L [xhat; i] (4 x 15).
+        L: servo gain, u = -L [xhat; i], or as loop_gain has it (4 x 15).
         h: tick [s].
         integrator: 'literal', 'hold' or 'estimate'.
+        lends_velocities: whether the servo gets the true velocities and Euler rates in place of the estimated ones.
     """
 
     Phi: np.ndarray
@@ -40,6 +41,7 @@ class HoverLoop(NamedTuple):
     L: np.ndarray
     h: float
     integrator: str
+    lends_velocities: bool
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:
@@ -47,7 +49,8 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
     L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
-    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.servo.integrator)
+    lends = scenario.servo.velocities == "truth"
+    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.servo.integrator, lends)
 
 
 def arrivals_of(sensors: tuple[str, ...]) -> np.ndarray:
@@ -69,11 +72,24 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
     return K, P
 
 
+def loop_gain(loop: HoverLoop) -> np.ndarray:
+    """Return the servo gain on the whole loop's state, u = -L [x; xhat; i] (4 x 27).
+
+    x has columns where the servo is lent the true velocities and Euler rates, which then take those of their xhat.
+    """
+    L = np.hstack([np.zeros((N_U, N_X)), loop.L])
+    if loop.lends_velocities:
+        true, believed = slice(N_X // 2, N_X), slice(N_X + N_X // 2, 2 * N_X)
+        L[:, true], L[:, believed] = L[:, believed].copy(), 0.0
+    return L
+
+
 def closed_loop_matrix(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
     """Return A_cl (27 x 27) of [x; xhat; i] in a tick with those arrivals, reference 0 and no noise.
 
-        x_{k+1}    = Phi x - Gamma L [xhat; i]
-        xhat_{k+1} = Phi xhat - Gamma L [xhat; i] + K Delta C (x - xhat)
+        u_k        = -L [x; xhat; i], L of loop_gain
+        x_{k+1}    = Phi x + Gamma u
+        xhat_{k+1} = Phi xhat + Gamma u + K Delta C (x - xhat)
         i_{k+1}    = i - E C x, or i - p_hat with the integrator 'estimate'  (paper, equations of servo and filter)
 
     Args:
@@ -81,17 +97,18 @@ def closed_loop_matrix(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.
         K: predictor gain (12 x 9) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals of uwb, camera, imu (3).
     """
-    Phi, Gamma, C, L = loop.Phi, loop.Gamma, loop.C, loop.L
-    KDC = K @ arrival_matrix(delta) @ C
+    KDC = K @ arrival_matrix(delta) @ loop.C
+    by_control = loop.Gamma @ loop_gain(loop)
     A = np.zeros((N_LOOP, N_LOOP))
     x, xhat, i = slice(0, N_X), slice(N_X, 2 * N_X), slice(2 * N_X, N_LOOP)
-    A[x, x] = Phi
-    A[x, xhat], A[x, i] = -Gamma @ L[:, :N_X], -Gamma @ L[:, N_X:]
-    A[xhat, x] = KDC
-    A[xhat, xhat], A[xhat, i] = Phi - Gamma @ L[:, :N_X] - KDC, -Gamma @ L[:, N_X:]
+    A[x, x] = A[xhat, xhat] = loop.Phi
+    A[x] -= by_control
+    A[xhat] -= by_control
+    A[xhat, x] += KDC
+    A[xhat, xhat] -= KDC
     A[i, i] = np.eye(N_I)
     if loop.integrator == "estimate":
         A[i, xhat] = -np.eye(N_I, N_X)
     else:
-        A[i, x] = -selection_matrix(delta) @ C
+        A[i, x] = -selection_matrix(delta) @ loop.C
     return A

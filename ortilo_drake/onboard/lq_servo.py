@@ -1,13 +1,28 @@
 """The LQ servo (paper, section IV-A)."""
 
+from typing import Any
+
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from numba.extending import register_jitable
+from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo as ServoSettings
+
+
+@register_jitable
+def less_product(u_0: float, row: np.ndarray, x_error: np.ndarray, xbar: np.ndarray) -> float:
+    """Return u_0 - row [x_error; i], i the last three of xbar, term by term; of any scalar."""
+    u = u_0
+    for j in range(12):
+        u = u - row[j] * x_error[j]
+    for j in range(12, 15):
+        u = u - row[j] * xbar[j]
+    return u
 
 
 @njit(cache=True)
@@ -32,23 +47,23 @@ def servo_control(
         yaw: psi_r [rad].
         error_form: whether to fly the error form.
     """
+    u_0 = mass * GRAVITY
     x_ref = np.zeros(12)
-    u = np.zeros(4)
-    u[0] = mass * GRAVITY
     if error_form:
-        a_x, a_y, a_z = reference[6], reference[7], reference[8]
-        x_ref[0:3] = reference[0:3]
-        x_ref[3] = (a_x * np.sin(yaw) - a_y * np.cos(yaw)) / GRAVITY
-        x_ref[4] = (a_x * np.cos(yaw) + a_y * np.sin(yaw)) / GRAVITY
-        x_ref[5] = yaw
-        x_ref[6:9] = reference[3:6]
-        u[0] += mass * a_z
-    for row in range(4):
-        for j in range(12):
-            u[row] -= L[row, j] * (xbar[j] - x_ref[j])
-        for j in range(3):
-            u[row] -= L[row, 12 + j] * xbar[12 + j]
-    return u
+        r, r_dot, a = reference[0:3], reference[3:6], reference[6:9]
+        phi_r = (a[0] * np.sin(yaw) - a[1] * np.cos(yaw)) / GRAVITY
+        theta_r = (a[0] * np.cos(yaw) + a[1] * np.sin(yaw)) / GRAVITY
+        x_ref = np.array([r[0], r[1], r[2], phi_r, theta_r, yaw, r_dot[0], r_dot[1], r_dot[2], 0.0, 0.0, 0.0])
+        u_0 += mass * a[2]
+    x_error = xbar[:12] - x_ref
+    return np.array(
+        [
+            less_product(u_0, L[0], x_error, xbar),
+            less_product(0.0, L[1], x_error, xbar),
+            less_product(0.0, L[2], x_error, xbar),
+            less_product(0.0, L[3], x_error, xbar),
+        ]
+    )
 
 
 def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
@@ -58,40 +73,55 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
     return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
 
 
-class LqServo(LeafSystem):
-    """u_k from the estimate and the reference.
+@TemplateSystem.define("LqServo_")
+def LqServo_(T: type) -> type:
+    """Return the servo for a scalar type: float, AutoDiffXd or Expression."""
 
-    Ports:
-        estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
-        reference (9): r, r_dot, r_ddot.
-        velocity (8): velocity message; only where the scenario lends the servo the truth.
-        control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
+    class Impl(LeafSystem_[T]):
+        """u_k from the estimate and the reference.
 
-    Memoryless.
+        Ports:
+            estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
+            reference (9): r, r_dot, r_ddot.
+            velocity (8): velocity message; only where the scenario lends the servo the truth.
+            control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
 
-    Args:
-        settings: form, yaw and weights.
-        vehicle: mass and inertia of the model.
-        h: tick [s].
-    """
+        Memoryless. The equations are those of servo_control: floats run through numba, other scalars through the same
+        source in Python.
 
-    def __init__(self, settings: ServoSettings, vehicle: Vehicle, h: float):
-        super().__init__()
-        self.set_name("lq_servo")
-        self._L = servo_gain(vehicle, settings.weights, h)
-        self._mass, self._yaw, self._error_form = vehicle.mass, settings.yaw, settings.form == "error"
-        self._borrows_truth = settings.velocities == "truth"
-        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
-        self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
-        needs = {self._estimate.ticket(), self._reference.ticket()}
-        if self._borrows_truth:
-            self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
-            needs.add(self._velocity.ticket())
-        self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
+        Args:
+            settings: form, yaw and weights.
+            vehicle: mass and inertia of the model.
+            h: tick [s].
+        """
 
-    def _calc_control(self, context: Context, output: BasicVector) -> None:
-        xbar = self._estimate.Eval(context)
-        if self._borrows_truth:
-            xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
-        reference = self._reference.Eval(context)
-        output.SetFromVector(servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
+        def _construct(self, settings: ServoSettings, vehicle: Vehicle, h: float, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("lq_servo")
+            self._settings, self._vehicle, self._h = settings, vehicle, h
+            self._servo_control = servo_control if T is float else servo_control.py_func
+            self._L = servo_gain(vehicle, settings.weights, h)
+            self._mass, self._yaw, self._error_form = vehicle.mass, settings.yaw, settings.form == "error"
+            self._borrows_truth = settings.velocities == "truth"
+            self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+            self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
+            needs = {self._estimate.ticket(), self._reference.ticket()}
+            if self._borrows_truth:
+                self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
+                needs.add(self._velocity.ticket())
+            self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other._settings, other._vehicle, other._h, converter=converter)
+
+        def _calc_control(self, context: Any, output: Any) -> None:
+            xbar = self._estimate.Eval(context)
+            if self._borrows_truth:
+                xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
+            reference = self._reference.Eval(context)
+            output.SetFromVector(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
+
+    return Impl
+
+
+LqServo = LqServo_[None]

@@ -1,11 +1,22 @@
-"""Four rotors between the commanded and the actual wrench."""
+"""Four rotors between the commanded and the actual wrench.
+
+The functions are compiled by numba for floats; their ``.py_func`` is the same source as plain Python and runs on arrays
+of Drake's AutoDiffXd. The limits and the two time constants are not smooth: where a rotor's speed is the commanded one,
+the lag has a derivative to either side only, and AutoDiff takes the side on which rounding leaves the error. See
+analysis/operating_point.py.
+"""
+
+from typing import Any
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, ContinuousState, LeafSystem
+from numba.extending import register_jitable
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.signals import N_U
-from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.model.vehicle import M100, Vehicle
 
 
 def mixing_matrix(vehicle: Vehicle) -> np.ndarray:
@@ -25,14 +36,18 @@ def mixing_matrix(vehicle: Vehicle) -> np.ndarray:
     )
 
 
+@register_jitable
+def times(M: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return M v for M (4 x 4), summed from the left; of any scalar."""
+    return np.array([M[i, 0] * v[0] + M[i, 1] * v[1] + M[i, 2] * v[2] + M[i, 3] * v[3] for i in range(4)])
+
+
 @njit(cache=True)
 def commanded_speeds(u: np.ndarray, M_inverse: np.ndarray, max_speed: float) -> np.ndarray:
     """Return the rotor speeds that make u, each limited to [0, max_speed] [rad/s]."""
-    squared = np.zeros(4)
-    for i in range(4):
-        for j in range(4):
-            squared[i] += M_inverse[i, j] * u[j]
-    return np.minimum(np.sqrt(np.maximum(squared, 0.0)), max_speed)
+    squared = times(M_inverse, u)
+    nothing = squared - squared  # 0 of the same scalar, whose root AutoDiff can take
+    return np.minimum(np.sqrt(np.maximum(squared, nothing)), max_speed)
 
 
 @njit(cache=True)
@@ -45,41 +60,52 @@ def rotor_acceleration(speeds: np.ndarray, commanded: np.ndarray, time_constant:
 @njit(cache=True)
 def wrench_of(speeds: np.ndarray, M: np.ndarray) -> np.ndarray:
     """Return u = M [W_1^2 ... W_4^2]."""
-    u = np.zeros(4)
-    for i in range(4):
-        for j in range(4):
-            u[i] += M[i, j] * speeds[j] ** 2
-    return u
+    return times(M, speeds**2)
 
 
-class Rotors(LeafSystem):
-    """Mixing to four rotor speeds, their limits and a first-order lag.
+@TemplateSystem.define("Rotors_", T_list=[float, AutoDiffXd])
+def Rotors_(T: type) -> type:
+    """Return the rotors for a scalar type: float or AutoDiffXd."""
 
-    Ports:
-        control (4): the commanded u.
-        wrench (4, output): u as the rotors make it; depends on the state alone.
+    class Impl(LeafSystem_[T]):
+        """Mixing to four rotor speeds, their limits and a first-order lag.
 
-    Continuous state: the four rotor speeds [rad/s], at hover in the default context. The lag is stiff beside the
-    control period (tau = 12.5 ms): simulate with steps of at most 10 ms.
-    """
+        Ports:
+            control (4): the commanded u.
+            wrench (4, output): u as the rotors make it; depends on the state alone.
 
-    def __init__(self, vehicle: Vehicle):
-        super().__init__()
-        self.set_name("rotors")
-        self._M = mixing_matrix(vehicle)
-        self._M_inverse = np.linalg.inv(self._M)
-        self._max_speed = vehicle.rotor_max_speed
-        self._time_constant = np.array(vehicle.rotor_time_constant)
-        self._control = self.DeclareVectorInputPort("control", N_U)
-        hover = BasicVector(np.full(4, vehicle.hover_rotor_speed))
-        self.DeclareContinuousState(hover)
-        self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc={self.xc_ticket()})
+        Continuous state: the four rotor speeds [rad/s], at hover in the default context. The lag is stiff beside the
+        control period (tau = 12.5 ms): simulate with steps of at most 10 ms.
+        """
 
-    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
-        """Write the four accelerations (Drake's hook)."""
-        speeds = context.get_continuous_state_vector().CopyToVector()
-        commanded = commanded_speeds(self._control.Eval(context), self._M_inverse, self._max_speed)
-        derivatives.SetFromVector(rotor_acceleration(speeds, commanded, self._time_constant))
+        def _construct(self, vehicle: Vehicle = M100, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("rotors")
+            self._vehicle = vehicle
+            functions = (commanded_speeds, rotor_acceleration, wrench_of)
+            self._commanded_speeds, self._acceleration, self._wrench_of = (
+                f if T is float else f.py_func for f in functions
+            )
+            self._M = mixing_matrix(vehicle)
+            self._M_inverse = np.linalg.inv(self._M)
+            self._max_speed = vehicle.rotor_max_speed
+            self._time_constant = np.array(vehicle.rotor_time_constant)
+            self._control = self.DeclareVectorInputPort("control", N_U)
+            self.DeclareContinuousState(BasicVector_[T]([T(vehicle.hover_rotor_speed)] * 4))
+            self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc={self.xc_ticket()})
 
-    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(wrench_of(context.get_continuous_state_vector().CopyToVector(), self._M))
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other._vehicle, converter=converter)
+
+        def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+            speeds = context.get_continuous_state_vector().CopyToVector()
+            commanded = self._commanded_speeds(self._control.Eval(context), self._M_inverse, self._max_speed)
+            derivatives.SetFromVector(self._acceleration(speeds, commanded, self._time_constant))
+
+        def _calc_wrench(self, context: Any, output: Any) -> None:
+            output.SetFromVector(self._wrench_of(context.get_continuous_state_vector().CopyToVector(), self._M))
+
+    return Impl
+
+
+Rotors = Rotors_[None]
