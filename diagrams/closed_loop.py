@@ -32,7 +32,8 @@ def make_closed_loop(
         state (12, output), control (4, output), estimate (15, output), covariance (225, output).
 
     The subsystems are named world, onboard and log. The log is one VectorLogSink at the control rate over the
-    signals of LOGGED, each as the filter consumed it: Drake publishes at t_k before it updates.
+    signals of LOGGED, each as the filter consumed it: Drake publishes at t_k before it updates. So the logged control
+    is the commanded one, whatever a lossy command link made of it.
 
     Args:
         scenario: the scenario.

@@ -5,7 +5,9 @@ from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, SHUTTER_SIZE, uwb_size
+from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Link, Scenario
+from ortilo_drake.world.command_link import CommandLink
 from ortilo_drake.world.disturbance import DisturbanceSource
 from ortilo_drake.world.image_delay import ImageDelay
 from ortilo_drake.world.imu import Imu
@@ -22,7 +24,8 @@ def make_world(scenario: Scenario) -> Diagram:
     """Return the world as a Diagram.
 
     Ports:
-        control (4): u = [f_T, tau_x, tau_y, tau_z], sampled and held every tick.
+        control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get
+            of it is the command link's affair, a perfect one adds nothing.
         state (12, output): the true x.
         uwb, detections, imu (outputs): the messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter (outputs): a rendered camera's picture and its message, in place of detections.
@@ -45,10 +48,19 @@ def make_world(scenario: Scenario) -> Diagram:
     if scenario.world.rotors.kind == "first_order":
         actuator = builder.AddSystem(Rotors(scenario.vehicle))
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
-    control = builder.ExportInput(hold.get_input_port(), "control")
+    command_link = None
+    if scenario.command_link == CommandLinkSettings():  # a perfect link
+        control = builder.ExportInput(hold.get_input_port(), "control")
+    else:
+        command_link = builder.AddSystem(CommandLink(scenario.command_link, scenario.vehicle, seed, h))
+        builder.ExportInput(command_link.get_input_port(), "control")
+        builder.Connect(command_link.get_output_port(), hold.get_input_port())
     builder.Connect(disturbance.get_output_port(), disturbance_hold.get_input_port())
     if sampled:  # it samples and holds its inputs itself
-        builder.ConnectInput(control, plant.GetInputPort("control"))
+        if command_link is None:
+            builder.ConnectInput(control, plant.GetInputPort("control"))
+        else:
+            builder.Connect(command_link.get_output_port(), plant.GetInputPort("control"))
         builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
     else:
         builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))

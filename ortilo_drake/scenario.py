@@ -19,6 +19,7 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.settings.link import (
     BernoulliLoss,
     Blackout,
+    CommandLink,
     GilbertElliottLoss,
     Link,
     Loss,
@@ -58,6 +59,7 @@ __all__ = [
     "SCENARIO_FOLDER",
     "BernoulliLoss",
     "Blackout",
+    "CommandLink",
     "ConstantNoise",
     "Detector",
     "DiagonalW",
@@ -121,6 +123,7 @@ class Scenario(Frozen):
         camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
             boxes that a detector would have found from what was measured of it, eighty times as fast.
         camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
+        command_link: delivery of the control packets; perfect by default.
     """
 
     name: Annotated[str, Field(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$")] = "default"
@@ -135,6 +138,7 @@ class Scenario(Frozen):
     uwb: Uwb = Uwb()
     camera: Literal["projected", "rendered"] = "projected"
     camera_link: Link = Link(every=3)
+    command_link: CommandLink = CommandLink()
     projected_camera: ProjectedCamera = ProjectedCamera()
     rendered_camera: RenderedCamera = RenderedCamera()
     detector: Detector = Detector()

@@ -1,4 +1,4 @@
-"""How sensor messages reach the vehicle."""
+"""How sensor messages reach the vehicle, and commands its rotors."""
 
 from typing import Annotated, Literal
 
@@ -79,3 +79,20 @@ class Link(Frozen):
             if blackout.start >= blackout.end:
                 raise ValueError(f"blackout: start {blackout.start} must be below end {blackout.end}")
         return self
+
+
+class CommandLink(Frozen):
+    """How the control packets reach the rotors, one a tick.
+
+    The sender hears nothing back (as over UDP): filter and servo go on as if every command were applied at once.
+
+    Attributes:
+        loss: what is lost at random.
+        when_lost: what the rotors do in a tick in which nothing arrives: 'hold' repeats the last command that arrived,
+            'zero' makes no deviation from hover, f_T = m g and no torques.
+        delay: fixed delay [ticks].
+    """
+
+    loss: Loss = NoLoss()
+    when_lost: Literal["hold", "zero"] = "hold"
+    delay: Annotated[int, Field(ge=0, le=1000)] = 0
