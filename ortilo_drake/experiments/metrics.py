@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from scipy.spatial import cKDTree
 
+from ortilo_drake.experiments.efficiency import efficiency, floor_at_ticks, mean_floor, tick_efficiency
 from ortilo_drake.experiments.flight import AXES, scenario_of
 from ortilo_drake.experiments.lost import contacts
 
@@ -100,12 +101,16 @@ def summary(flight: xr.Dataset) -> dict[str, Any]:
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
     used = [str(s) for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
+    mse, floor = estimation_mse(flight), floor_at_ticks(flight)
     return {
         "scenario": scenario.name,
         "seed": int(flight.attrs["seed"]),
         "lost": json.loads(flight.attrs["lost"]),
         "contacts": contacts(flight["truth"].values, scenario.load_room(), scenario.vehicle),
-        "mse": estimation_mse(flight),
+        "mse": mse,
+        "floor": mean_floor(floor),
+        "efficiency": efficiency(mse, mean_floor(floor)),
+        "tick_efficiency": tick_efficiency(flight, floor),
         "path_mse": _finite(path_mse(flight)),
         "path_distance_mse": path_distance_mse(flight),
         "max_path_distance": float(np.max(path_distance(flight))),

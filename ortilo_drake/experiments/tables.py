@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import bootstrap
 
+from ortilo_drake.experiments.efficiency import ratio_of_means
 from ortilo_drake.experiments.flight import AXES
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
@@ -82,6 +83,23 @@ def drop_in_x(without: list[float], with_camera: list[float]) -> dict[str, Any] 
     return {"median": float(drop(*samples)), "interval": [float(low), float(high)]}
 
 
+def efficiency_table(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return each axis's efficiency over flights: statistics, of all together, tick by tick, and the mean floor."""
+    table = {}
+    for axis in AXES:
+        known = [s for s in rows if s["efficiency"][axis] is not None]
+        values, floors = [s["efficiency"][axis] for s in known], [s["floor"][axis] for s in known]
+        ticks = [s["tick_efficiency"][axis] for s in known if s["tick_efficiency"][axis] is not None]
+        table[axis] = {
+            **statistics(values),
+            "intervals": {statistic: interval(values, statistic) for statistic in STATISTICS},
+            "all": ratio_of_means([s["mse"][axis] for s in known], floors),
+            "ticks": {"value": statistics(ticks)["mean"], "interval": interval(ticks, "mean")},
+            "floor": float(np.mean(floors)) if floors else None,
+        }
+    return table
+
+
 def make_tables(preset: str, summaries: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     """Return the tables of an ensemble, what `ortilo tables --json` holds.
 
@@ -112,6 +130,7 @@ def make_tables(preset: str, summaries: dict[str, list[dict[str, Any]]]) -> dict
         "path": path,
         "path_distance": {name: statistics([s["path_distance_mse"] for s in rows]) for name, rows in kept.items()},
         "intervals": intervals,
+        "efficiency": {name: efficiency_table(rows) for name, rows in kept.items()},
         "drop_in_x": drop_in_x(x["imu_uwb"], x["imu_uwb_yolo"]),
         "nees": {name: statistics([s["nees"] for s in rows])["mean"] for name, rows in kept.items()},
         "arrivals": {

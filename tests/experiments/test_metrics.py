@@ -199,6 +199,8 @@ def test_the_summary_holds_every_figure_and_is_plain_json() -> None:
     assert found["nees"] == pytest.approx(np.mean(position_nees(flight)))
     assert found["nis"] == {s: pytest.approx(np.mean(nis(flight, s))) for s in SENSORS}
     assert found["path_distance_mse"] == path_distance_mse(flight)
+    for axis in "xyz":
+        assert found["efficiency"][axis] == pytest.approx(found["mse"][axis] / found["floor"][axis])
     assert json.loads(json.dumps(found, allow_nan=False)) == found
 
 

@@ -23,14 +23,23 @@ NAMES = ("imu_uwb", "imu_uwb_yolo")
 
 
 def made_up_summary(
-    mse: tuple[float, float, float], path: float | None = 0.01, lost: str | None = None, touched: tuple[str, ...] = ()
+    mse: tuple[float, float, float],
+    path: float | None = 0.01,
+    lost: str | None = None,
+    touched: tuple[str, ...] = (),
+    floor: tuple[float, float, float] | None = (0.01, 0.02, 0.03),
 ) -> dict[str, Any]:
+    least = None if floor is None else dict(zip("xyz", floor, strict=True))
+    over = {axis: None if least is None else m / least[axis] for axis, m in zip("xyz", mse, strict=True)}
     return {
         "scenario": "made up",
         "seed": 0,
         "lost": None if lost is None else {"time": 1.0, "cause": lost},
         "contacts": list(touched),
         "mse": dict(zip("xyz", mse, strict=True)),
+        "floor": least,
+        "efficiency": over,
+        "tick_efficiency": {axis: value and 2.0 * value for axis, value in over.items()},
         "path_mse": path,
         "path_distance_mse": 0.02,
         "arrivals": {"uwb": 0.7, "camera": None},
@@ -163,3 +172,37 @@ def test_the_text_shows_ours_beside_the_papers() -> None:
         assert f"{found['estimation'][name][axis][statistic]:.4f} [" in text
         assert f"| {PAPER['estimation'][name][axis][statistic]:.4f} |" in text
     assert "paper 93.35 %" in text
+
+
+def test_efficiency_is_over_single_flights_and_over_all_of_them() -> None:
+    rng = np.random.default_rng(9)
+    rows = [made_up_summary(tuple(rng.gamma(2.0, 0.01, 3)), floor=tuple(rng.gamma(4.0, 0.002, 3))) for _ in range(12)]
+    found = make_tables("tuned", dict.fromkeys(NAMES, rows))
+    text = table_text(found)
+    for k, axis in enumerate("xyz"):
+        table, floors = found["efficiency"]["imu_uwb"][axis], [s["floor"][axis] for s in rows]
+        values = [s["mse"][axis] / s["floor"][axis] for s in rows]
+        low, _, high = stdlib.quantiles(values, n=4, method="inclusive")
+        assert table["median"] == pytest.approx(stdlib.median(values))
+        assert (table["p25"], table["p75"]) == (pytest.approx(low), pytest.approx(high))
+        assert table["floor"] == pytest.approx(stdlib.fmean(floors))
+        assert table["all"]["value"] == pytest.approx(sum(s["mse"][axis] for s in rows) / sum(floors))
+        assert table["ticks"]["value"] == pytest.approx(2.0 * stdlib.fmean(values))
+        assert table["ticks"]["interval"] == pytest.approx([2.0 * v for v in interval(values, "mean") or []])
+        for statistic in STATISTICS:
+            assert table["intervals"][statistic] == interval(values, statistic)
+        for name in NAMES:
+            title = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}[name]
+            printed = text.split("Cramer-Rao")[1].split(f"| {title} | x | y | z |")[1].splitlines()[2:9]
+            cells = [line.strip("| ").split(" | ")[1 + k] for line in printed]
+            expected = [table["all"]["value"], table["ticks"]["value"], *(table[s] for s in STATISTICS)]
+            assert [cell.split(" [")[0] for cell in cells[:6]] == [f"{value:.2f}" for value in expected]
+            assert cells[6] == f"{table['floor']:.6f}"
+
+
+def test_efficiency_is_none_where_no_floor_is_known() -> None:
+    found = make_tables("tuned", dict.fromkeys(NAMES, [made_up_summary((0.1,) * 3, floor=None)] * 3))
+    assert found["efficiency"]["imu_uwb"]["x"]["median"] is None
+    assert found["efficiency"]["imu_uwb"]["x"]["all"] == {"value": None, "interval": None}
+    for row in ("all flights", "tick by tick", "median", "mean floor [m²]"):
+        assert f"| {row} | none | none | none |" in table_text(found)

@@ -1,0 +1,50 @@
+"""Fisher information as rows, each a scalar measurement of the pose with noise of its own.
+
+A row says: in this tick g^T (p_WB, rpy) + a s + v is seen, v of variance r, s a slowly changing error (or none). Its
+information g g^T / r may be without bound (r = 0): nothing is ever inverted. Rows of a flight are one array (m, 10).
+"""
+
+import numpy as np
+
+from ortilo_drake.model.signals import N_X
+
+TICK = 0
+GRADIENT = slice(1, 7)  # g [1/m, 1/rad of the measurement's unit]
+VARIANCE = 7  # r
+SLOW = 8  # number of the slowly changing error that is in it, -1 for none
+AMPLITUDE = 9  # a, that error's standard deviation in the measurement's unit
+ROW_SIZE = 10
+
+
+def rows_of(ticks: np.ndarray, gradients: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Return rows without a slow error (m, 10).
+
+    Args:
+        ticks: when each is seen (m).
+        gradients: g (m, 6).
+        variances: r (m).
+    """
+    rows = np.zeros((len(ticks), ROW_SIZE))
+    rows[:, TICK], rows[:, GRADIENT], rows[:, VARIANCE], rows[:, SLOW] = ticks, gradients, variances, -1.0
+    return rows
+
+
+def angle_rows(seen: np.ndarray, sd: float) -> np.ndarray:
+    """Return the rows of an IMU's three angles, of that sd [rad], in the ticks where it is seen (n)."""
+    ticks = np.repeat(np.flatnonzero(seen), 3)
+    gradients = np.tile(np.eye(6)[3:], (len(ticks) // 3, 1))
+    return rows_of(ticks, gradients, np.full(len(ticks), sd**2))
+
+
+def by_tick(*parts: np.ndarray) -> np.ndarray:
+    """Return all rows in one array, in the order of their ticks."""
+    rows = np.concatenate([np.empty((0, ROW_SIZE)), *parts])
+    return rows[np.argsort(rows[:, TICK], kind="stable")]
+
+
+def information(rows: np.ndarray) -> np.ndarray:
+    """Return J = sum g g^T / r (12 x 12) of rows without a slow error."""
+    J = np.zeros((N_X, N_X))
+    g = rows[:, GRADIENT]
+    J[:6, :6] = g.T @ (g / rows[:, VARIANCE, np.newaxis])
+    return J
