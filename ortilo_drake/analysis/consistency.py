@@ -1,0 +1,118 @@
+"""Is the filter as good as it says? NEES and NIS over an ensemble of flights, with their bands.
+
+A consistent filter's error e and covariance P make e^T P^-1 e chi-square with as many degrees of freedom as e has
+components; the same holds for an innovation and its S = H P H^T + V. Averaged over N independent flights at one tick,
+N times the mean is chi-square with N n degrees (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications
+to Tracking and Navigation, Wiley 2001, section 5.4). Along one flight the ticks are not independent - an error made
+in a blackout lasts for seconds - so an average over time has no such band: there the flights' own means are the
+independent samples, and the interval of their mean is Student's.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2, t
+
+REGULAR = 1e-10  # the least eigenvalue of a correlation matrix with which it still has an inverse worth the name
+
+
+def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return e_k^T S_k^-1 e_k (n); NaN where S_k is not regular or anything is not finite.
+
+    Each component is scaled by its own standard deviation first, so that metres and radians weigh alike.
+
+    Args:
+        e: errors or innovations (n, m).
+        S: their covariances as the filter believes them (n, m, m).
+    """
+    out = np.full(len(e), np.nan)
+    sd = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), 0.0))
+    good = np.isfinite(e).all(axis=1) & np.isfinite(S).all(axis=(1, 2)) & (sd > 0.0).all(axis=1)
+    C = S[good] / (sd[good, :, np.newaxis] * sd[good, np.newaxis, :])
+    regular = np.linalg.eigvalsh(C)[:, 0] > REGULAR
+    good[good] = regular
+    z = (e[good] / sd[good])[:, :, np.newaxis]
+    out[good] = np.sum(z * np.linalg.solve(C[regular], z), axis=(1, 2))
+    return out
+
+
+def average_band(dof: int, flights: int | np.ndarray, probability: float = 0.95) -> tuple[Any, Any]:
+    """Return the two-sided band of a tick's average over that many flights, chi2_{N n} / N.
+
+    Args:
+        dof: n, the degrees of freedom of one flight.
+        flights: N; an array gives arrays.
+        probability: of lying within.
+    """
+    tail = (1.0 - probability) / 2.0
+    return chi2.ppf(tail, dof * flights) / flights, chi2.ppf(1.0 - tail, dof * flights) / flights
+
+
+def ensemble_average(flights: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the average over the flights at each tick, and how many flights have a number there.
+
+    Args:
+        flights: one series each, NaN where there is nothing; a shorter one (a lost flight) has nothing from its end on.
+    """
+    length = max(len(series) for series in flights)
+    total, count = np.zeros(length), np.zeros(length, dtype=int)
+    for series in flights:
+        there = np.isfinite(series)
+        total[: len(series)] += np.where(there, series, 0.0)
+        count[: len(series)] += there
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan), count
+
+
+def share_in_band(flights: Sequence[np.ndarray], dof: int, probability: float = 0.95) -> float | None:
+    """Return the share of ticks at which the ensemble's average lies in its band; None without a tick.
+
+    Only ticks at which at least half of the flights have a number count.
+    """
+    average, count = ensemble_average(flights)
+    enough = count >= max(1.0, len(flights) / 2.0)
+    if not enough.any():
+        return None
+    low, high = average_band(dof, count[enough], probability)
+    return float(np.mean((average[enough] >= low) & (average[enough] <= high)))
+
+
+def mean_interval(samples: np.ndarray, probability: float = 0.95) -> tuple[float, float] | None:
+    """Return Student's interval of the mean of independent samples; None of fewer than two."""
+    n = len(samples)
+    if n < 2:
+        return None
+    half = t.ppf(0.5 + probability / 2.0, n - 1) * np.std(samples, ddof=1) / np.sqrt(n)
+    return float(np.mean(samples) - half), float(np.mean(samples) + half)
+
+
+def time_average(
+    flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int, probability: float = 0.95
+) -> dict[str, Any] | None:
+    """Judge a normalised square over the ticks of a mask; None if no flight has a number there.
+
+    Returns:
+        expected: n. mean: of the flights' means. interval: of that mean (None for one flight). ratio: mean / expected.
+        consistent: whether the interval contains n (None for one flight). flights: how many have a number in the mask.
+        in_band: share of ticks at which the ensemble's average lies in its chi-square band.
+
+    Args:
+        flights: normalised squares (one series each).
+        masks: which ticks count (one each).
+        dof: n.
+        probability: of the interval and the band.
+    """
+    masked = [np.where(mask, series, np.nan) for series, mask in zip(flights, masks, strict=True)]
+    means = np.array([np.nanmean(series) for series in masked if np.isfinite(series).any()])
+    if not len(means):
+        return None
+    interval = mean_interval(means, probability)
+    return {
+        "expected": dof,
+        "mean": float(np.mean(means)),
+        "interval": None if interval is None else list(interval),
+        "ratio": float(np.mean(means)) / dof,
+        "consistent": None if interval is None else bool(interval[0] <= dof <= interval[1]),
+        "flights": len(means),
+        "in_band": share_in_band(masked, dof, probability),
+    }

@@ -1,0 +1,120 @@
+"""Are the innovations white? Their autocorrelation over an ensemble of flights, and a portmanteau test.
+
+The innovations of an optimal filter are independent from tick to tick (R. K. Mehra, "On the identification of variances
+and adaptive Kalman filtering", IEEE Trans. Automatic Control 15, 1970). Normalised by the filter's own covariance,
+z = L^-1 e with L L^T = S, each component is standard normal and
+
+    r_l = (sum z_k z_{k+l} / N_l) / (sum z_k^2 / N_0),    N_l the pairs at lag l,
+
+has variance 1 / N_l. All lags together: Q = (N_0 + 2) / N_0 sum_l N_l r_l^2 is chi-square with as many degrees as
+there are lags; of a single series without gaps it is the statistic of G. M. Ljung and G. E. P. Box, "On a measure of
+lack of fit in time series models", Biometrika 65, 1978. Measurements that come and go have two lags: counted in
+arrivals (strike out the gaps first) and in ticks (leave them in; only pairs that are both there count).
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+
+class Autocorrelation(NamedTuple):
+    """Autocorrelation of the ensemble.
+
+    Attributes:
+        r: r_l of each component, lags 1 .. L (L, m); NaN where no pair has this lag.
+        pairs: N_l (L).
+        samples: N_0.
+        band: half width of the two-sided 95 % band of r_l (L); NaN without pairs.
+        Q: the portmanteau statistic of all components together.
+        dof: its degrees of freedom.
+        p_value: probability of a larger Q from white innovations.
+    """
+
+    r: np.ndarray
+    pairs: np.ndarray
+    samples: int
+    band: np.ndarray
+    Q: float
+    dof: int
+    p_value: float
+
+
+def normalized_innovations(e: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return z_k = L_k^-1 e_k (n, m), NaN where e_k is.
+
+    Args:
+        e: innovations, NaN where nothing arrived (n, m).
+        S: their covariances, positive definite where e is there (n, m, m).
+    """
+    z = np.full(e.shape, np.nan)
+    there = np.isfinite(e).all(axis=1)
+    L = np.linalg.cholesky(S[there])
+    z[there] = np.linalg.solve(L, e[there][:, :, np.newaxis])[:, :, 0]
+    return z
+
+
+def only_arrivals(z: np.ndarray) -> np.ndarray:
+    """Return the rows of z that are there, so that lags count arrivals."""
+    return z[np.isfinite(z).all(axis=1)]
+
+
+def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> Autocorrelation | None:
+    """Return the autocorrelation of normalised innovations; None if there are none.
+
+    The mean is not removed: it is 0 in a consistent filter, and a bias shows at all lags.
+
+    Args:
+        flights: z of each flight, NaN rows where nothing arrived (n, m).
+        lags: L.
+    """
+    m = flights[0].shape[1]
+    sums, pairs = np.zeros((lags + 1, m)), np.zeros(lags + 1, dtype=int)
+    for z in flights:
+        there = np.isfinite(z).all(axis=1)
+        filled = np.where(there[:, np.newaxis], z, 0.0)
+        for lag in range(min(lags, len(z) - 1) + 1):
+            sums[lag] += np.sum(filled[: len(z) - lag] * filled[lag:], axis=0)
+            pairs[lag] += np.sum(there[: len(z) - lag] & there[lag:])
+    samples = int(pairs[0])
+    if not samples or not (sums[0] > 0.0).all():
+        return None
+    some = pairs[1:] > 0
+    r, band = np.full((lags, m), np.nan), np.full(lags, np.nan)
+    r[some] = sums[1:][some] / pairs[1:][some, np.newaxis] / (sums[0] / samples)
+    band[some] = norm.ppf(0.975) / np.sqrt(pairs[1:][some])
+    Q = float((samples + 2) / samples * np.sum(pairs[1:][some, np.newaxis] * r[some] ** 2))
+    dof = int(some.sum()) * m
+    return Autocorrelation(r, pairs[1:], samples, band, Q, dof, float(chi2.sf(Q, dof)) if dof else 1.0)
+
+
+def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> dict[str, Any] | None:
+    """Return what is said of one sensor's whiteness, as plain data; None if it never arrived.
+
+    lag_arrivals and lag_ticks hold r (a row of components for each lag, None where no pair has it), the band, Q, its
+    degrees of freedom and p_value; mean and variance are of z, 0 and 1 if consistent.
+
+    Args:
+        flights: normalised innovations over ticks, NaN where nothing arrived (n, m).
+        lags: how many lags.
+    """
+    arrived = [only_arrivals(z) for z in flights]
+    all_z = np.concatenate(arrived)
+    by_arrival, by_tick = autocorrelation(arrived, lags), autocorrelation(flights, lags)
+    if by_arrival is None or by_tick is None:
+        return None
+    report: dict[str, Any] = {
+        "samples": by_arrival.samples,
+        "mean": np.mean(all_z, axis=0).tolist(),
+        "variance": np.mean(all_z**2, axis=0).tolist(),
+    }
+    for name, found in (("lag_arrivals", by_arrival), ("lag_ticks", by_tick)):
+        report[name] = {
+            "r": [row.tolist() if np.isfinite(row).all() else None for row in found.r],
+            "band": [float(b) if np.isfinite(b) else None for b in found.band],
+            "Q": found.Q,
+            "dof": found.dof,
+            "p_value": found.p_value,
+        }
+    return report

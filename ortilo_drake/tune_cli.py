@@ -1,0 +1,99 @@
+"""The command `ortilo tune`: W and V from recorded flights."""
+
+import logging
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.terminal import check_writable, out, progress_bar, say_written, write_json
+
+
+def _entry(found: dict[str, Any] | None) -> str:
+    if found is None:
+        return "-"
+    interval = found["interval"]
+    return f"{found['mean']:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
+
+
+def _print_tuning(data: dict[str, Any]) -> None:
+    out.print(f"[bold]{data['scenario']}[/bold], fitted to {len(data['flights'])} flights", soft_wrap=True)
+    for note in data["notes"]:
+        out.print(f"  {note}", markup=False, soft_wrap=True)
+    for name, number in data["numbers"].items():
+        line = f"  {name:32} {number['before']:.6g} "
+        if number["stays"]:
+            line += f"stays: {number['stays']}"
+        else:
+            line += f"-> {number['after']:.6g} ± {number['standard_error']:.2g}"
+            if number["robust_error"] is not None:
+                line += f" (by the spread of the flights ± {number['robust_error']:.2g})"
+        out.print(line, markup=False, soft_wrap=True)
+    likelihood = data["log_likelihood"]
+    out.print(f"  log-likelihood {likelihood['before']:.1f} -> {likelihood['after']:.1f} ", end="")
+    out.print(f"(of {', '.join(data['counted'])})", markup=False)
+    out.print("  on the same measurements, 3 if consistent, with 95 % intervals:")
+    for kind in ("nees", "nis"):
+        for key, before in data["before"][kind].items():
+            if before is not None:
+                after = _entry(data["after"][kind][key])
+                out.print(f"    {kind.upper()} {key:9} {_entry(before)} -> {after}", markup=False, soft_wrap=True)
+    mse = [sum(data[when]["mse"]) for when in ("before", "after")]
+    out.print(f"    MSE of position {mse[0]:.6f} -> {mse[1]:.6f} m²")
+
+
+def _print_check(check: dict[str, Any]) -> None:
+    seeds = check["seeds"]
+    out.print(f"  flown anew, seeds {seeds[0]} to {seeds[-1]}:")
+    for when in ("before", "after"):
+        found = check[when]
+        mse = "none" if found["mse"] is None else f"{sum(found['mse']):.6f} m²"
+        line = f"    {when:6} {found['lost']} lost, MSE of position {mse}, NEES {_entry(found['nees'])}"
+        out.print(line, markup=False, soft_wrap=True)
+
+
+def tune(
+    flights: Annotated[list[Path], typer.Argument(help="Flights (netCDF) of one scenario, or folders of them.")],
+    out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Draw numbers, NEES and NIS before and after.")] = None,
+    check: Annotated[int, typer.Option(min=0, max=1000, help="Fly before and after on this many new seeds.")] = 0,
+) -> None:
+    """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
+
+    The tuned scenario flies by `ortilo fly FILE.yaml`.
+    """
+    if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--out {out_file}: must end in .yaml")
+    check_writable(out_file, json_file, figure)
+    from ortilo_drake.experiments.consistency_figures import check_picture, tuning_figure
+    from ortilo_drake.experiments.files import write_text
+    from ortilo_drake.experiments.flight import load_flight, scenario_of
+    from ortilo_drake.experiments.tune import check_flights, find_flights, overlay_text, tuning_data
+    from ortilo_drake.experiments.tune import tune as tune_flights
+
+    logging.getLogger("drake").setLevel(logging.WARNING)  # importing Drake has set it to INFO
+    if figure is not None:
+        check_picture(figure)
+    files = find_flights(flights)
+    with progress_bar() as progress:
+        task = progress.add_task("fitting", total=None)
+        tuning = tune_flights(
+            files, lambda n: progress.update(task, completed=n, description=f"fitting, {n} likelihoods")
+        )
+    data = tuning_data(tuning)
+    if check:
+        before = scenario_of(load_flight(files[0]))
+        with progress_bar() as progress:
+            task = progress.add_task("flying anew", total=2 * check)
+            data["check"] = check_flights(tuning, before, check, lambda: progress.advance(task))
+    if out_file is not None:
+        write_text(out_file, overlay_text(tuning))
+    if figure is not None:
+        tuning_figure(tuning, figure)
+    write_json(json_file, data)
+    _print_tuning(data)
+    if check:
+        _print_check(data["check"])
+    say_written(out_file, figure, json_file)
