@@ -10,11 +10,13 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from ortilo_drake.analyze_cli import analyze
 from ortilo_drake.detector_cli import detector_app
 from ortilo_drake.experiments.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, read_text, scenario_names
 from ortilo_drake.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.tune_cli import tune
 
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
@@ -25,6 +27,8 @@ app = typer.Typer(
 scenario_app = typer.Typer(help="List, show and check scenarios.", no_args_is_help=True)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")
+app.command()(analyze)
+app.command()(tune)
 
 DEFAULT_SCENARIO = "imu_uwb_yolo"
 ScenarioArgument = Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")]

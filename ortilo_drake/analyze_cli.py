@@ -1,0 +1,57 @@
+"""The command `ortilo analyze`: the theory of a scenario, checked by flights."""
+
+import logging
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.terminal import check_writable, err, out, progress_bar, say_written, write_json
+
+
+def analyze(
+    scenario: Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")] = "imu_uwb_yolo",
+    flights: Annotated[
+        int, typer.Option(min=0, max=10_000, help="Flights of the scenario, and of each pair of arrival rates.")
+    ] = 20,
+    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
+    ] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report, figures and flights.")] = Path(
+        "out/analysis"
+    ),
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON to this file.")] = None,
+) -> None:
+    """Linearise a scenario and check its Riccati equations, margins, arrival rates, delays, tube and honesty.
+
+    The camera is the projected one here: rendering hundreds of flights takes hours. Flights that are already in the
+    folder are kept, so an interrupted run goes on where it stopped; --flights 0 flies none.
+    """
+    chosen = load_scenario(scenario, tuple(settings or ()))
+    report = out_folder / f"{chosen.name}.md"
+    check_writable(json_file, report)
+    from ortilo_drake.experiments.analysis_text import analysis_text
+    from ortilo_drake.experiments.analyze import analyze as analyze_scenario
+    from ortilo_drake.experiments.files import write_text
+
+    logging.getLogger("drake").setLevel(logging.WARNING)  # importing Drake has set it to INFO
+    if chosen.is_rendered:
+        err.print("the camera is projected here, not rendered")
+        chosen = chosen.model_copy(update={"camera": "projected"})
+    with progress_bar() as progress:
+        task = progress.add_task("theory", total=None)
+        data, figures = analyze_scenario(
+            chosen,
+            flights,
+            out_folder,
+            workers or os.cpu_count() or 1,
+            lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
+        )
+    text = analysis_text(data)
+    write_text(report, text)
+    write_json(json_file, data)
+    out.print(text, markup=False, soft_wrap=True)
+    say_written(report, *figures, json_file)

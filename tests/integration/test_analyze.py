@@ -1,0 +1,86 @@
+"""The command `ortilo analyze`: theory without flights, and what it refuses."""
+
+import json
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ortilo_drake import cli
+
+PARTS = {"plant", "sampled_plant", "closed_loop"}
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """Run `ortilo` in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
+    try:
+        cli.main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def analyzed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
+    folder = tmp_path_factory.mktemp("analyze")
+    file = folder / "new" / "analysis.json"
+    with pytest.MonkeyPatch.context() as patch:
+        code = run(patch, "analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
+    assert code == 0
+    return json.loads(file.read_text()), (folder / "out" / "imu_uwb.md").read_text()
+
+
+def test_drake_and_the_closed_forms_agree(analyzed: tuple[dict[str, Any], str]) -> None:
+    agreement = analyzed[0]["linearization"]["agreement"]
+    assert set(agreement) >= PARTS
+    assert max(agreement[part][M] for part in PARTS for M in "ABCD") < 1e-10
+
+
+def test_every_solver_solves_the_servos_equation(analyzed: tuple[dict[str, Any], str]) -> None:
+    assert {solver: s["residual"] < 1e-10 for solver, s in analyzed[0]["riccati"]["servo"].items()} == dict.fromkeys(
+        ("drake", "scipy", "doubling", "recursion"), True
+    )
+
+
+def test_a_map_of_one_sensor_has_that_sensors_rates_alone(analyzed: tuple[dict[str, Any], str]) -> None:
+    arrivals = analyzed[0]["arrivals"]
+    assert arrivals["rates_camera"] == [0.0]
+    assert arrivals["critical_rate"]["rate"] == 0.0  # every eigenvalue of Phi is 1 (THEORY: A is nilpotent)
+    x = [row[0][0] for row in arrivals["upper"]]
+    assert x[0] is None  # never a position
+    assert np.all(np.diff(x[1:]) < 0.0)  # more arrivals, less error
+
+
+def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str]) -> None:
+    text = analyzed[1]
+    for title in ("Linearisation", "Riccati equations", "Margins", "Arrival rates", "Lost and late commands"):
+        assert f"## {title}" in text
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    for above, row in pairwise(rows):
+        if set(row) <= set("|- "):
+            assert above.count("|") == row.count("|")
+
+
+@pytest.mark.parametrize(
+    ("sensors", "named"),
+    [("[]", "x, y, z"), ("[imu]", "x, y, z, x_dot, y_dot, z_dot"), ("[uwb]", "psi, psi_dot")],
+    ids=["none", "imu", "uwb"],
+)
+def test_modes_that_no_sensor_sees_are_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, sensors: str, named: str
+) -> None:
+    code = run(monkeypatch, "analyze", "imu_uwb", "--set", f"sensors={sensors}", "--out", str(tmp_path / "out"))
+    assert code == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "eigenvalue 1" in lines[0]
+    assert named in lines[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_flights_must_be_a_number_of_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(monkeypatch, "analyze", "--flights", "-1") == 2
