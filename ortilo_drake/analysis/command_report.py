@@ -12,7 +12,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, Scenario
 
 LOSSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-BURSTS = (3.0, 6.0)  # mean lengths [ticks]
+BURSTS = (6.0,)  # mean lengths [ticks]
 
 
 def _rms(system: JumpLinear) -> float | None:
@@ -45,8 +45,8 @@ def command_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
         "period": len(loop.F),
         "growth": mean_square_radius(lossy_loop(loop, CommandLink())),
         "largest_loss": {
-            s: {"independent": largest_loss(scenario, V, s, tolerance=1e-3)}
-            | {f"bursts_of_{b:g}": largest_loss(scenario, V, s, b, tolerance=1e-3) for b in BURSTS}
+            s: {"independent": largest_loss(scenario, V, s, tolerance=5e-3)}
+            | {f"bursts_of_{b:g}": largest_loss(scenario, V, s, b, tolerance=5e-3) for b in BURSTS}
             for s in STRATEGIES
         },
         "rms": {

@@ -14,6 +14,13 @@ Boxes err alike from picture to picture, which the likelihood would take for pre
 camera's fixes are used but not counted (noise_likelihood.py): its noise is judged by how well the other sensors are
 predicted.
 
+W stands for what pushes the vehicle, not for where the hover model fails. Tilted by phi and theta it loses
+1 - cos phi cos theta of its lift, which the model does not know and the likelihood would take for a large disturbance.
+So ticks in which more than LIFT_LOST is lost are filtered but not counted, and neither are those in which the filter
+still remembers it. The tilt is that of the prediction xhat_k|k-1 by the scenario's own W and V: whether y_k counts is
+settled by what came before it, which leaves the score a martingale, so that choosing ticks makes no bias (D. R. Cox,
+"Partial likelihood", Biometrika 62, 1975).
+
 A number that the record says nothing about keeps its value: of a sensor that never arrived, one whose likelihood is
 flat, and one that runs out of LARGEST_CHANGE (a disturbance of which nothing shows above the noise, say).
 """
@@ -24,13 +31,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ortilo_drake.analysis.noise_likelihood import Record, log_likelihood
+from ortilo_drake.analysis.noise_likelihood import Record, log_likelihood, refilter
 from ortilo_drake.analysis.noise_settings import noise_model, noise_numbers, sensor_of, with_numbers
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
+LIFT_LOST = 0.01  # of the weight: a tilt of 0.14 rad, 0.26 N of 2.7 kg - as much as the disturbance flown by default
 LARGEST_CHANGE = 1e3  # factor by which a number may change
 FLATTEST = 0.7  # a logarithm known worse than this (a factor of two) is not known
 _STEP = 0.02  # of the differences, in logarithms
@@ -47,6 +55,7 @@ class NoiseFit(NamedTuple):
         kept: why a number stays, of those that do.
         log_likelihood: before and after.
         counted: the sensors whose innovations the likelihood counted.
+        tilted: share of the ticks that did not count for tilt.
         scenario: the scenario with the fitted numbers.
     """
 
@@ -57,6 +66,7 @@ class NoiseFit(NamedTuple):
     kept: dict[str, str]
     log_likelihood: tuple[float, float]
     counted: tuple[str, ...]
+    tilted: float
     scenario: Scenario
 
 
@@ -93,10 +103,22 @@ def _maximise(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, ticks: i
     return np.asarray(theta + found.x)
 
 
+def near_hover(xhat: np.ndarray, settle: int) -> np.ndarray:
+    """Return in which ticks (n) the hover model has held for that many ticks.
+
+    Args:
+        xhat: predictions (n, 12); before the first, it did not hold.
+        settle: ticks after which the filter has forgotten that it did not.
+    """
+    ticks = np.arange(len(xhat))
+    tilted = np.cos(xhat[:, 3]) * np.cos(xhat[:, 4]) < 1.0 - LIFT_LOST
+    return ticks - np.maximum.accumulate(np.where(tilted, ticks, -1)) > settle
+
+
 def fit_noise(
     scenario: Scenario,
     records: Sequence[Record],
-    skip: int,
+    settle: int,
     progress: Callable[[int], None] = lambda evaluations: None,
 ) -> NoiseFit:
     """Fit W and V of a scenario's filter to flights of it.
@@ -104,31 +126,39 @@ def fit_noise(
     Args:
         scenario: the scenario that was flown.
         records: what its filter was given, one of each flight.
-        skip: first ticks of each flight that do not count: a flight starts without the error that P_0 speaks of.
+        settle: ticks that do not count after a tilt, and at the start: a flight starts without P_0's error.
         progress: called with the number of likelihoods computed so far.
 
     Raises:
-        InputError: if nothing arrived in the records, or nothing can be told from what did.
+        InputError: if nothing arrived near hover, or nothing can be told from what did.
     """
     before = noise_numbers(scenario)
-    arrived = [s for i, s in enumerate(SENSORS) if any(record.delta[skip:, i].any() for record in records)]
+    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    flying = noise_model(scenario, scenario)
+    counts = [near_hover(refilter(record, flying, Phi, Gamma)[0], settle) for record in records]
+    ticks, settled = sum(map(np.sum, counts)), sum(max(len(c) - settle, 0) for c in counts)
+    arrived = [
+        s for i, s in enumerate(SENSORS) if any(r.delta[c, i].any() for r, c in zip(records, counts, strict=True))
+    ]
     if not arrived:
-        raise InputError(f"{scenario.name}: no measurement arrived in these flights: nothing to fit noise to")
+        raise InputError(
+            f"{scenario.name}: no measurement arrived near hover (less than {LIFT_LOST:.0%} of the lift lost to tilt "
+            f"for {settle * scenario.h:.1f} s) in these flights: nothing to fit noise to"
+        )
     kept = {
         name: f"{sensor} never arrived"
         for name in before
         if (sensor := sensor_of(name)) is not None and sensor not in arrived
     }
     counted = tuple(s for s in arrived if s != "camera" or "uwb" not in arrived)
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    ticks, evaluations = sum(len(record.y) for record in records), 0
+    evaluations = 0
 
     def likelihoods(numbers: dict[str, float]) -> np.ndarray:
         nonlocal evaluations
         evaluations += 1
         progress(evaluations)
         noise = noise_model(with_numbers(scenario, numbers), scenario, counted)
-        return np.array([log_likelihood(record, noise, Phi, Gamma, skip) for record in records])
+        return np.array([log_likelihood(r, noise, Phi, Gamma, c) for r, c in zip(records, counts, strict=True)])
 
     start = likelihoods(before).sum()
     if not np.isfinite(start):
@@ -167,5 +197,6 @@ def fit_noise(
         kept,
         (float(start), float(likelihoods(numbers).sum())),
         counted,
+        float(1.0 - ticks / settled),
         with_numbers(scenario, numbers),
     )

@@ -162,7 +162,7 @@ def predictor_step(
 
 
 @njit(cache=True)
-def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray, skip: int) -> float:
+def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray, counts: np.ndarray) -> float:
     """Return log L of one record; NaN if a covariance is not positive definite.
 
     Args:
@@ -170,12 +170,12 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
         noise: W and V.
         Phi: discrete hover dynamics (12, 12).
         Gamma: discrete control input (12, 4).
-        skip: this many first ticks are filtered but not counted.
+        counts: which ticks count (n); the others are filtered all the same.
     """
     x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12)), 0.0
     for k in range(record.y.shape[0]):
         share = predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
-        if k >= skip:
+        if counts[k]:
             total += share
     return total
 

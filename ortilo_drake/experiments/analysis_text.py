@@ -101,7 +101,7 @@ def commands_text(found: dict[str, Any], flown: dict[str, Any] | None) -> list[s
     """Return the section on lost and late commands from command_report and command_flights."""
     lines = ["## Lost and late commands", ""]
     rows = [
-        [strategy, *(_cell(share, ".3f") for share in largest.values())]
+        [strategy, *(_cell(share, ".2f") for share in largest.values())]
         for strategy, largest in found["largest_loss"].items()
     ]
     kinds = [kind.replace("_", " ") + " ticks" * kind.startswith("bursts") for kind in found["largest_loss"]["hold"]]

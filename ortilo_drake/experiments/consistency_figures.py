@@ -143,9 +143,7 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
             numbers.plot(ratio, row, "o", color=colour, ms=5)
         numbers.axvline(1.0, color=_BLUE, lw=1.0, ls="--")
         numbers.set_xscale("log")
-        numbers.set_yticks(
-            range(len(fit.values)), [name.replace("multilateration", "multilat.") for name in fit.values]
-        )
+        numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
         numbers.invert_yaxis()
         numbers.set_xlabel("fitted / before, 95 % interval (grey: stays)")
         for axes, key, title in ((nees, "nees", "NEES of position"), (nis, "nis", "NIS")):

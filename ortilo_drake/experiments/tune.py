@@ -10,7 +10,7 @@ import xarray as xr
 import yaml
 
 from ortilo_drake.analysis.consistency import normalized_square, time_average
-from ortilo_drake.analysis.fit_noise import NoiseFit, fit_noise
+from ortilo_drake.analysis.fit_noise import LIFT_LOST, NoiseFit, fit_noise
 from ortilo_drake.analysis.noise_likelihood import Record, refilter, used_covariance
 from ortilo_drake.analysis.noise_settings import noise_model
 from ortilo_drake.experiments.consistency_flights import START, check_same_scenario, flown, regions
@@ -144,8 +144,13 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
             used.append((str(file), int(flight.attrs["seed"])))
     if not flights:
         raise InputError(f"{files[0]}: no flight of '{scenario.name}' is long enough to fit noise to")
-    skip = round(START / scenario.h)
-    fit = fit_noise(scenario, [record_of(flight, scenario) for flight in flights], skip, progress)
+    settle = round(START / scenario.h)
+    fit = fit_noise(scenario, [record_of(flight, scenario) for flight in flights], settle, progress)
+    if fit.tilted > 0.0:
+        notes.append(
+            f"{fit.tilted:.1%} of the ticks did not count: the hover model loses more than {LIFT_LOST:.0%} of the lift "
+            f"to tilt, or did in the last {START:g} s"
+        )
     if any(gate is not None for gate in (scenario.handler.uwb_gate, scenario.handler.camera_gate)):
         notes.append("the handler's gates hid the worst fixes from the fit: V comes out too small")
     fitted = with_seed(fit.scenario, 0).model_copy(update={"name": f"{scenario.name.removesuffix(_SUFFIX)}{_SUFFIX}"})
@@ -221,6 +226,7 @@ def tuning_data(tuning: Tuning) -> dict[str, Any]:
         "notes": tuning.notes,
         "numbers": numbers,
         "counted": list(fit.counted),
+        "tilted": fit.tilted,
         "log_likelihood": {"before": fit.log_likelihood[0], "after": fit.log_likelihood[1]},
         "before": tuning.before,
         "after": tuning.after,

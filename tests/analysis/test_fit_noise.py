@@ -72,7 +72,7 @@ def test_the_likelihood_is_the_joint_normal_density(counted: tuple[str, ...]) ->
             if rows.any():
                 density = multivariate_normal(mean[rows], covariance[np.ix_(rows, rows)])
                 expected += sign * density.logpdf(y[rows])
-    assert log_likelihood(record, noise, PHI, GAMMA, 0) == pytest.approx(expected, rel=1e-8)
+    assert log_likelihood(record, noise, PHI, GAMMA, np.ones(6, dtype=bool)) == pytest.approx(expected, rel=1e-8)
 
 
 def test_it_is_the_flying_filter() -> None:
