@@ -12,8 +12,10 @@ Workman, Digital Control of Dynamic Systems, chapter 7):
   borne (Seiler, Packard, Gahinet, IEEE Control Systems 40, 2020, symmetric disk).
 
 For all channels at once S = (I + L)^-1 and T = I - S; peaks are of the largest singular value, the disk margin bears
-factors that differ from channel to channel. Singular values mix newtons and newton metres, which leaves them as they
-are only because the four axes do not couple at hover.
+factors that differ from channel to channel. Singular values compare newtons with newton metres, so they depend on the
+units where the filter couples the axes (a V with correlations does). They are those of R^1/2 L R^-1/2, R the servo's
+own weight of the controls: the scaling in which the return difference of a full-state LQ loop has none below 1
+(B. D. O. Anderson, J. B. Moore, Optimal Control: Linear Quadratic Methods, 1990; in continuous time).
 """
 
 import math
@@ -90,8 +92,15 @@ def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
     }
 
 
-def joint_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
-    """Return the peaks of the largest singular values of S and T, where they are [rad/s], and the disk margin."""
+def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> dict[str, Any]:
+    """Return the peaks of the largest singular values of S and T, where they are [rad/s], and the disk margin.
+
+    Args:
+        loop: the loop of all controls.
+        h: tick [s].
+        R: diagonal of the servo's weight of the controls.
+    """
+    loop = loop._replace(B=loop.B / np.sqrt(R), C=np.sqrt(R)[:, np.newaxis] * loop.C)
     eye = np.eye(loop.B.shape[1])
     omega = grid()
 

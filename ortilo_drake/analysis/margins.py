@@ -30,12 +30,13 @@ def _explain(inner: InputLoop, silent: list[str]) -> str | None:
     return text + (f"; nothing is fed back to {', '.join(silent)}" if silent else "")
 
 
-def loop_margins(inner: InputLoop, h: float) -> dict[str, Any]:
+def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
     """Return, as JSON can hold it, one loop's margins.
 
     Args:
         inner: the loop.
         h: tick [s].
+        R: diagonal of the servo's weight of the controls, in which the joint margins are.
 
     Returns:
         'spectral_radius' of the closed loop; 'channels': control -> channel_margins, None where nothing is fed back;
@@ -53,7 +54,7 @@ def loop_margins(inner: InputLoop, h: float) -> dict[str, Any]:
         name: None if name in silent else channel_margins(one_channel(loop, k), h)
         for k, name in enumerate(CONTROL_NAMES)
     }
-    return result | {"channels": channels, "joint": joint_margins(loop, h), "note": _explain(inner, silent)}
+    return result | {"channels": channels, "joint": joint_margins(loop, h, R), "note": _explain(inner, silent)}
 
 
 def cases(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
@@ -82,4 +83,5 @@ def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
         'full state' (the LQ loop by itself) -> loop_margins.
     """
     hover = hover_loop(scenario)
-    return {name: loop_margins(inner, hover.h) for name, inner in cases(hover, V, scenario.sensors).items()}
+    R = np.array(scenario.servo.weights.control)
+    return {name: loop_margins(inner, hover.h, R) for name, inner in cases(hover, V, scenario.sensors).items()}

@@ -7,7 +7,7 @@ from scipy.optimize import bisect, brentq
 
 from ortilo_drake.analysis.hover_loop import arrivals_of, closed_loop_matrix, hover_loop, steady_predictor
 from ortilo_drake.analysis.input_loop import input_loop, lasting_gain
-from ortilo_drake.analysis.loop_margins import channel_margins
+from ortilo_drake.analysis.loop_margins import channel_margins, joint_margins
 from ortilo_drake.analysis.loop_response import OpenLoop, closed, one_channel, response, spectral_radius
 from ortilo_drake.analysis.margins import cases, margins_report
 from ortilo_drake.analysis.riccati import solve
@@ -135,12 +135,26 @@ def test_peaks_from_the_closed_loops_own_realisation(report):
     for name, inner in LOOPS.items():
         _, B, C = inner.loop
         omega = np.geomspace(1e-2, math.pi, 2001)
-        T = response(OpenLoop(closed(inner.loop), B, C), omega)
+        r = np.sqrt(SCENARIO.servo.weights.control)
+        T = response(OpenLoop(closed(inner.loop), B, C), omega) * r[:, None] / r
         joint = report[name]["joint"]
         S_peak = np.linalg.norm(np.eye(4) - T, 2, axis=(1, 2)).max()
         T_peak = np.linalg.norm(T, 2, axis=(1, 2)).max()
         assert joint["sensitivity"] == pytest.approx(S_peak, rel=1e-5)
         assert joint["complementary"] == pytest.approx(T_peak, rel=1e-5)
+
+
+def test_joint_margins_do_not_depend_on_the_units_of_the_controls():
+    """With a V that couples the axes; torques in 0.1 N m and their weight to match."""
+    rng = np.random.default_rng(3)
+    G = rng.normal(size=(9, 9))
+    coupled = input_loop(HOVER, 1e-3 * (G @ G.T) + np.diag(np.diag(V)), ALL).loop
+    R, unit = np.array(SCENARIO.servo.weights.control), np.array([1.0, 0.1, 0.1, 0.1])
+    other = OpenLoop(coupled.A, coupled.B * unit, coupled.C / unit[:, None])
+    for key in ("sensitivity", "complementary"):
+        here, there = joint_margins(coupled, HOVER.h, R)[key], joint_margins(other, HOVER.h, R * unit**2)[key]
+        assert here == pytest.approx(there, rel=1e-9)
+        assert joint_margins(other, HOVER.h, R)[key] != pytest.approx(here, rel=1e-5)  # R must be in the same units
 
 
 def test_full_state_loop_obeys_the_return_difference_equality():
