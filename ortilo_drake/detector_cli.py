@@ -82,7 +82,7 @@ def render(
 def train(
     pictures: PicturesOption = PICTURES,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of checkpoint, losses and network.")] = TRAINED,
-    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Passes over the pictures.")] = 12,
+    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Passes over the pictures.")] = 20,
     seed: SeedOption = 0,
     threads: Annotated[int | None, typer.Option(min=1, max=256, help="Processor threads; all cores.")] = None,
 ) -> None:

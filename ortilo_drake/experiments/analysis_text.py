@@ -61,7 +61,12 @@ def riccati_text(found: dict[str, Any]) -> list[str]:
 
 def margins_text(found: dict[str, Any]) -> list[str]:
     """Return the section on the loop's margins from margins_report."""
-    lines = ["## Margins at the plant's input", "", "Torque about y, the others closed; the last two, all at once, in the scaling of the servo's R.", ""]
+    lines = [
+        "## Margins at the plant's input",
+        "",
+        "Torque about y; the last two: all at once, scaled by R.",
+        "",
+    ]
     rows = []
     for case, margins in found.items():
         y = margins["channels"] and margins["channels"]["tau_y"]
