@@ -18,8 +18,6 @@ THREE_SIGMA = math.erfc(3.0 / math.sqrt(2.0))  # 0.27 %, what one dimension leav
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 _REACH = 9.0  # standard deviations beyond which a density is nothing
 _LEAST = 1e-300  # so that Q has a logarithm
-_REACH = 9.0  # standard deviations beyond which a density is nothing
-_LEAST = 1e-300  # so that Q has a logarithm
 
 
 @njit(cache=True)

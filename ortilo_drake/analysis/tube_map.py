@@ -61,6 +61,9 @@ def without_blackouts(scenario: Scenario) -> Scenario:
 def with_rates(scenario: Scenario, uwb: float, camera: float) -> Scenario:
     """Return the scenario with these shares of uwb's and the camera's messages arriving, independently of each other.
 
+    Shares of what is sent: with a message on every third tick, a third of them is the rate per tick that
+    expected_riccati.py speaks of.
+
     Raises:
         InputError: if a rate is not in [0, 1].
     """
