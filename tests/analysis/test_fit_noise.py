@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from ortilo_drake.analysis.fit_noise import fit_noise
+from ortilo_drake.analysis import fit_noise as module
+from ortilo_drake.analysis.fit_noise import fit_noise, near_hover
 from ortilo_drake.analysis.noise_likelihood import Record, log_likelihood, refilter
 from ortilo_drake.analysis.noise_settings import noise_model, noise_numbers, with_numbers
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_ESTIMATE, filter_step
 from ortilo_drake.scenario import Scenario
 
@@ -17,8 +19,11 @@ PHI, GAMMA = discretize(hover_A(), hover_B(TRUE.vehicle), TRUE.h)
 UWB = np.array([[0.004, 0.001, 0.0], [0.001, 0.003, 0.0005], [0.0, 0.0005, 0.006]])
 
 
-def simulate(rng: np.random.Generator, ticks: int, camera: bool = False) -> Record:
-    """Return a record of the linear model with the noise of TRUE, controls at random, UWB at a third of the ticks."""
+def simulate(rng: np.random.Generator, ticks: int, camera: bool = False, doublet: float = 0.0) -> Record:
+    """Return a record of the linear model with the noise of TRUE, held level, UWB at a third of the ticks.
+
+    A doublet of pitching torque [N m] tilts the vehicle from tick 100 to 140, and tilted it loses lift.
+    """
     W = disturbance_W(TRUE.vehicle, TRUE.h, 0.27, 0.005)
     P_0 = np.diag(np.repeat([0.05, 0.02, 0.05, 0.05], 3) ** 2)
     V2 = np.broadcast_to(np.array([UWB, 2.0 * UWB, 1e-4 * np.eye(3)]), (ticks, 3, 3, 3)).copy()
@@ -27,11 +32,17 @@ def simulate(rng: np.random.Generator, ticks: int, camera: bool = False) -> Reco
     delta[:, 1] = (rng.random(ticks) < 0.33) * camera
     x = rng.multivariate_normal(np.zeros(12), P_0)
     y, u, w = np.zeros((ticks, 9)), rng.normal(size=(ticks, 4)) * [0.1, 1e-3, 1e-3, 1e-3], np.linalg.svd(W)
+    if doublet > 0.0:
+        u[100:140, 2] += doublet * np.repeat([1.0, -1.0, -1.0, 1.0], 10)
     root = w[0] * np.sqrt(w[1])
     for k in range(ticks):
         v = np.concatenate([np.linalg.cholesky(V2[k, s]) @ rng.normal(size=3) for s in range(3)])
         y[k] = (output_C() @ x + v) * np.repeat(delta[k], 3)
+        u[k, 1:] -= np.array(TRUE.vehicle.inertia) * (9.0 * x[3:6] + 6.0 * x[9:12])
+        lift_lost = GRAVITY * (1.0 - np.cos(x[3]) * np.cos(x[4])) * (doublet > 0.0)
         x = PHI @ x + GAMMA @ u[k] + root @ rng.normal(size=12)
+        x[2] -= 0.5 * TRUE.h**2 * lift_lost
+        x[8] -= TRUE.h * lift_lost
     return Record(y, delta, V2, u, np.zeros(12), P_0)
 
 
@@ -110,6 +121,34 @@ def test_the_known_noise_is_found_within_its_errors() -> None:
     assert fit.log_likelihood[1] > fit.log_likelihood[0]
     for name, error in fit.robust_errors.items():
         assert 0.3 < error / fit.errors[name] < 3.0, name
+
+
+def test_a_tilt_is_not_taken_for_a_disturbance(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(7)
+    records = [simulate(rng, 320, doublet=0.8) for _ in range(6)]
+    fit = fit_noise(TRUE, records, 90)
+    name = "filter.W.force_sd"
+    assert abs(fit.values[name] - 0.27) < 3.0 * fit.errors[name]
+    # Of the 230 ticks after the start those of the tilt, some 60 at most, and the 90 after it.
+    assert 90 / 230 < fit.tilted < 150 / 230
+    monkeypatch.setattr(module, "LIFT_LOST", 2.0)  # no tilt loses that much
+    naive = fit_noise(TRUE, records, 90)
+    assert naive.tilted == 0.0
+    assert naive.values[name] - 0.27 > 5.0 * naive.errors[name]
+
+
+def test_near_hover_is_that_long_after_any_tilt() -> None:
+    xhat = np.zeros((12, 12))
+    xhat[5, 3] = xhat[5, 4] = 0.12  # each within 0.141 rad, where 1 % of the lift is lost, but not both together
+    xhat[9, 3] = -0.14
+    assert near_hover(xhat, 0).tolist() == [True] * 5 + [False] + [True] * 6
+    assert near_hover(xhat, 2).tolist() == [False] * 2 + [True] * 3 + [False] * 3 + [True] * 4
+
+
+def test_a_flight_that_is_never_near_hover_is_refused() -> None:
+    record = simulate(np.random.default_rng(8), 60)
+    with pytest.raises(InputError, match=r"near hover \(less than 1% of the lift lost to tilt for 2\.0 s\)"):
+        fit_noise(TRUE, [record], 60)
 
 
 def test_a_sensor_that_never_arrived_keeps_its_noise() -> None:

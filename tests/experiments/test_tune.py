@@ -1,16 +1,18 @@
 """Tuning from files: what is written flies, what is bad is refused in one line, lost flights are cut."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from ortilo_drake import cli
 from ortilo_drake.experiments.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.experiments.consistency_flights import consistency_report
 from ortilo_drake.experiments.flight import fly, save_flight
-from ortilo_drake.experiments.metrics import position_nees
+from ortilo_drake.experiments.metrics import estimation_mse, position_nees
 from ortilo_drake.experiments.tune import Tuning, find_flights, overlay_text, tune, tuning_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -99,3 +101,51 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
     assert all(path.stat().st_size > 10_000 for path in paths)
     with pytest.raises(InputError, match=r"x\.frog"):
         tuning_figure(tuning, tmp_path / "x.frog")
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """Run `ortilo` in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    return int(end.value.code or 0)
+
+
+def test_the_command_writes_what_it_is_asked_for(
+    folder: Path, tuning: Tuning, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overlay, data, figure = (tmp_path / name for name in ("tuned.yaml", "tuned.json", "tuned.png"))
+    words = ["--out", str(overlay), "--json", str(data), "--figure", str(figure), "--check", "1"]
+    assert run(monkeypatch, "tune", str(folder), *words) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "imu_uwb_tuned, fitted to 2 flights" in printed.out
+    assert "flown anew, seeds 2 to 2" in printed.out
+    assert load_scenario(overlay) == tuning.fit.scenario
+    found = json.loads(data.read_text())
+    assert found["numbers"] == json.loads(json.dumps(tuning_data(tuning)))["numbers"]
+    again = estimation_mse(fly(load_scenario(overlay, seed=2)))
+    assert found["check"]["after"]["mse"] == pytest.approx(list(again.values()), rel=1e-12)
+    assert figure.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["missing.nc"], "missing.nc: no such flight"),
+        (["--out", "tuned.txt"], "--out tuned.txt: must end in .yaml"),
+        (["--figure", "tuned.frog"], "tuned.frog: unknown kind of picture '.frog'"),
+        (["--check", "-1"], "--check"),
+    ],
+)
+def test_the_command_refuses_bad_input(
+    words: list[str],
+    said: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(monkeypatch, "tune", *(words if words[0][0] != "-" else [str(folder), *words])) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert said in printed.err
