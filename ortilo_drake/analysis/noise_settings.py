@@ -3,8 +3,8 @@
 Each number is named by its place in the scenario. A position sensor whose V is null takes its covariance from each fix;
 there the number that all these covariances follow is fitted in its place: the ranges' noise, with whose square the
 covariance of multilateration scales, or the box centre's sd. (With 'known_attitude' the filter's attitude error adds to
-a camera fix's covariance a part that does not follow center_sd; the fit scales it along. And boxes become fixes by the filter that flies, with this very
-center_sd: a filter that flies the fitted number gets other fixes than those that it was fitted to.)
+a camera fix's covariance a part that does not follow center_sd; the fit scales it along. And boxes become fixes by the
+estimate in flight and this very center_sd: who flies the fitted number gets other fixes than those it was fitted to.)
 """
 
 from typing import Any
