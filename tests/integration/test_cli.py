@@ -24,6 +24,7 @@ SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
 ASKED_FOR = {"scenario", "seed", "lost", "mse", "path_mse", "arrivals", "nees", "real_time_factor"}
 BESIDE = {"fix_errors", "contacts", "path_distance_mse", "max_path_distance", "max_reference_distance", "nis"}
+BESIDE |= {"floor", "efficiency", "tick_efficiency"}
 STATISTICS = {"mean", "median", "p75", "p25"}
 NAMES = {"imu_uwb", "imu_uwb_yolo"}
 
