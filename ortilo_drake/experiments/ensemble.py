@@ -1,5 +1,6 @@
 """Many flights on worker processes, resumable."""
 
+import gc
 import hashlib
 import json
 from collections.abc import Callable, Iterable
@@ -60,6 +61,8 @@ def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
     """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
     scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
     flight = fly(scenario)
+    if scenario.is_rendered:
+        gc.collect()  # the renderer's windows go in the thread that drew them; EGL complains in another
     flight.attrs["summary"] = json.dumps(summary(flight))
     save_flight(flight, Path(file))
     return dict(json.loads(flight.attrs["summary"]))
