@@ -139,6 +139,8 @@ def analysis_text(data: dict[str, Any]) -> str:
     lines += arrivals_text(data["arrivals"]) + commands_text(data["commands"], data.get("command_flights"))
     if "tube" in data:
         lines += tube_text(data["tube"])
+    else:
+        lines += ["## The tube along the path", "", f"Not predicted: {data['no_tube']}.", ""]
     if "honesty" in data:
         lines += honesty_text(data["honesty"])
     return "\n".join(lines).rstrip() + "\n"

@@ -18,7 +18,7 @@ from ortilo_drake.experiments.consistency_figures import nees_figure, whiteness_
 from ortilo_drake.experiments.consistency_flights import consistency_report
 from ortilo_drake.experiments.ensemble import flights_of, fly_many
 from ortilo_drake.experiments.tables import efficiency_table
-from ortilo_drake.experiments.tube_report import Step, has_both, tube_report
+from ortilo_drake.experiments.tube_report import Step, tube_report, why_no_tube
 from ortilo_drake.scenario import Scenario
 
 RATES = np.linspace(0.0, 1.0, 21)  # of the bounds' map
@@ -98,7 +98,8 @@ def analyze(
         )
         data["honesty"], drawn = honesty_section(scenario, flights, out, workers, step)
         figures += drawn
-    if has_both(scenario):
+    data["no_tube"] = why_no_tube(scenario)
+    if data["no_tube"] is None:
         data["tube"], drawn = tube_report(scenario, flights, out, workers, step)
         figures += drawn
     return data, figures

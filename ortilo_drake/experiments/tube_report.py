@@ -36,9 +36,14 @@ SHOWN = ((0.1, 0.1), (0.02, 0.3))  # pairs drawn in the room
 Step = Callable[[str, int, int], None]
 
 
-def has_both(scenario: Scenario) -> bool:
-    """Return whether both position sensors fly, over whose rates the maps are."""
-    return {"uwb", "camera"} <= set(scenario.sensors)
+def why_no_tube(scenario: Scenario) -> str | None:
+    """Return why a scenario's tube has no maps, None if it has."""
+    if not {"uwb", "camera"} <= set(scenario.sensors):
+        return "its maps are over the arrival rates of uwb and camera, and both must fly"
+    if scenario.servo.velocities == "truth":
+        return "the servo is lent the true velocities, and the tube is that of a servo fed by the filter"
+    links = [scenario.link_of(sensor) for sensor in scenario.sensors]
+    return "delays are drawn at random" if any(link.random_delay for link in links) else None
 
 
 def plain(values: np.ndarray) -> list[Any]:
