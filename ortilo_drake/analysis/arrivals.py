@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.analysis.modes import Mode, unseen_modes
-from ortilo_drake.model.signals import N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 
 # Rows of y by pattern: none, uwb, camera, both, each with the imu (4 x 9).
@@ -87,12 +86,7 @@ def never_seen(model: Model, probabilities: np.ndarray) -> list[Mode]:
     """
     possible = np.atleast_2d(probabilities).max(axis=0) > 0.0
     seen = model.rows[possible].any(axis=0)
-    return unseen_modes(model.A, model.C * seen[:, None], names_of(model.A))
-
-
-def names_of(A: np.ndarray) -> tuple[str, ...] | None:
-    """Return the names of the vehicle's twelve states, or None (numbers) for any other system."""
-    return STATE_NAMES if len(A) == N_X else None
+    return unseen_modes(model.A, model.C * seen[:, None])
 
 
 def check_arrivals(model: Model, probabilities: np.ndarray, what: str) -> None:

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import schur
 
-from ortilo_drake.analysis.arrivals import names_of
 from ortilo_drake.analysis.modes import unseen_modes
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -117,7 +116,7 @@ def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
         InputError: if (A, C) is not detectable; its eigenvalues and states are named.
     """
     A, C = np.atleast_2d(np.asarray(A, dtype=float)), np.atleast_2d(np.asarray(C, dtype=float))
-    unseen = unseen_modes(A, C, names_of(A))
+    unseen = unseen_modes(A, C)
     if unseen:
         raise InputError(f"critical rate: (A, C) is not detectable: C never sees {'; '.join(map(str, unseen))}")
     A_u, C_u = unstable_part(A, C)

@@ -13,7 +13,7 @@ filtering with intermittent observations", IEEE TAC 49(9), 2004, theorems 3 and 
 
 import numpy as np
 
-from ortilo_drake.analysis.arrivals import PATTERN_ROWS, Model, check_arrivals, check_model, check_rate, names_of
+from ortilo_drake.analysis.arrivals import PATTERN_ROWS, Model, check_arrivals, check_model, check_rate
 from ortilo_drake.analysis.coupled_fixed_point import DIVERGED, SETTLED, coupled_fixed_point
 from ortilo_drake.analysis.modes import unseen_modes
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
@@ -63,7 +63,7 @@ def solve_coupled(
         X, *model, np.ascontiguousarray(probabilities), np.ascontiguousarray(backward), TOLERANCE, MOST_ITERATIONS
     )
     if state == DIVERGED:
-        growing = unseen_modes(model.A, 0.0 * model.C, names_of(model.A), radius=1.0 + 1e-6)
+        growing = unseen_modes(model.A, 0.0 * model.C, radius=1.0 + 1e-6)
         raise InputError(
             f"{what}: the covariance grows without bound, for {'; '.join(map(str, growing))} is seen too seldom"
         )

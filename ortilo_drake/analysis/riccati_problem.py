@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.analysis.modes import Mode, unreached_modes, unseen_modes
+from ortilo_drake.analysis.modes import listed, unreached_modes, unseen_modes
 from ortilo_drake.model.typed_yaml import InputError
 
 EPS = float(np.finfo(float).eps)
@@ -106,10 +106,6 @@ def _require_weights(Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> None:
             raise InputError(f"N: [[Q, N], [N^T, R]] is indefinite (Schur complement {least:.6g}): must be at least 0")
 
 
-def _list(modes: list[Mode]) -> str:
-    return "; ".join(str(mode) for mode in modes)
-
-
 def require_well_posed(
     A: np.ndarray,
     B: np.ndarray,
@@ -139,7 +135,7 @@ def require_well_posed(
     _require_weights(Q, R, N)
     if modes := unreached_modes(A, B, names):
         what = "(Phi, C) is not detectable: no sensor sees" if dual else "(A, B) is not stabilisable: no control moves"
-        raise InputError(f"Riccati equation: {what} {_list(modes)}: no stabilising solution exists")
+        raise InputError(f"Riccati equation: {what} {listed(modes)}: no stabilising solution exists")
     regular = regularise(A, B, Q, R, N)
     if modes := unseen_modes(regular.A, regular.Q, names):
         what = "(Phi, W) is not stabilisable: no noise drives" if dual else "(A, Q) is not detectable: no weight sees"
@@ -149,5 +145,5 @@ def require_well_posed(
             if circle
             else "outside the unit circle, so the recursion's limit does not stabilise"
         )
-        raise InputError(f"Riccati equation: {what} {_list(modes)}, {why}")
+        raise InputError(f"Riccati equation: {what} {listed(modes)}, {why}")
     return N

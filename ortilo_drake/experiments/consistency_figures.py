@@ -13,11 +13,10 @@ from matplotlib.figure import Figure
 from ortilo_drake.analysis.consistency import average_band, ensemble_average
 from ortilo_drake.experiments.consistency_flights import flown, in_blackout
 from ortilo_drake.experiments.figures import TITLE
-from ortilo_drake.experiments.files import replacing
 from ortilo_drake.experiments.flight import scenario_of
 from ortilo_drake.experiments.metrics import position_nees
+from ortilo_drake.experiments.pictures import save_picture
 from ortilo_drake.experiments.tune import Tuning
-from ortilo_drake.model.typed_yaml import InputError
 
 _STYLE: Any = {
     "font.size": 9,
@@ -29,20 +28,6 @@ _STYLE: Any = {
 _BLUE, _ORANGE, _GREEN, _SKY = "#0072B2", "#D55E00", "#009E73", "#56B4E9"
 _SENSOR = {"uwb": "UWB", "camera": "camera", "imu": "IMU"}
 _COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}
-
-
-def check_picture(path: Path) -> None:
-    """Refuse a kind of picture that cannot be drawn; InputError says which can."""
-    allowed = Figure().canvas.get_supported_filetypes()
-    if path.suffix[1:] not in allowed:
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {', '.join(sorted(allowed))}")
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    check_picture(path)
-    with replacing(path) as partial:
-        figure.savefig(partial)
-    return path
 
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
@@ -87,7 +72,7 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
             if k == 0:
                 axes.legend(loc="upper right", ncols=2, fontsize=8)
         figure.axes[-1].set_xlabel("time [s]")
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
@@ -125,7 +110,7 @@ def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
         for axes in grid[0]:
             if axes.axison:
                 axes.legend(fontsize=7, ncols=3, loc="upper right")
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
@@ -164,4 +149,4 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
             axes.set_title(f"{title} (3 if consistent)", fontsize=9)
             axes.legend(fontsize=8)
         figure.suptitle(f"{fit.scenario.name}: fitted to {len(tuning.used)} flights", fontsize=10)
-        return _save(figure, path)
+        return save_picture(figure, path)

@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from ortilo_drake.experiments.files import replacing
 from ortilo_drake.experiments.flight import AXES, scenario_of
+from ortilo_drake.experiments.pictures import save_picture
 from ortilo_drake.experiments.tables import PAPER
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import PositionBlackout, Scenario
 
 # Okabe and Ito's colours, told apart by everyone.
@@ -52,15 +51,6 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
     axes.set_ylabel("y (north) [m]")
 
 
-def _save(figure: Figure, path: Path) -> Path:
-    allowed = figure.canvas.get_supported_filetypes()
-    if path.suffix[1:] not in allowed:
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {', '.join(sorted(allowed))}")
-    with replacing(path) as partial:
-        figure.savefig(partial)
-    return path
-
-
 def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
     """Draw the true paths of many flights in the room beside the planned one (the paper's figure).
 
@@ -85,7 +75,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
                 )
         axes.plot(*first["reference"].values[:, :2].T, "k--", lw=1.0, label="desired")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def error_figure(summaries: dict[str, list[dict[str, Any]]], path: Path) -> Path:
@@ -108,7 +98,7 @@ def error_figure(summaries: dict[str, list[dict[str, Any]]], path: Path) -> Path
             axes.set_yscale("log")
             axes.set_title("path following" if column == "path" else f"estimation, {column}")
         figure.axes[0].set_ylabel("MSE [m²]  (grey: the paper's quartiles, bar: its median)")
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def flight_figure(flight: xr.Dataset, path: Path) -> Path:
@@ -136,7 +126,7 @@ def flight_figure(flight: xr.Dataset, path: Path) -> Path:
         draw_arrivals(figure.add_subplot(grid[4]), flight)
         for axes in figure.axes[1:]:
             axes.set_xlim(time[0], time[-1])
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
@@ -161,4 +151,4 @@ def arrival_figure(flights: dict[str, xr.Dataset], path: Path) -> Path:
             draw_arrivals(axes, flight)
             axes.set_xlim(0, float(flight["time"].values[-1]))
             axes.set_title(f"{TITLE.get(name, name)}, seed {flight.attrs['seed']}", loc="left")
-        return _save(figure, path)
+        return save_picture(figure, path)

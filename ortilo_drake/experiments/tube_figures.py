@@ -17,9 +17,8 @@ from ortilo_drake.analysis.disc_radius import THREE_SIGMA
 from ortilo_drake.analysis.tube import predict_tube
 from ortilo_drake.analysis.tube_map import MarginMap, with_rates
 from ortilo_drake.experiments.figures import draw_room
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.pictures import save_picture
 from ortilo_drake.experiments.tube_flights import Flown, Point, PointResult
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
@@ -33,15 +32,6 @@ class ChanceGrid(NamedTuple):
     a: np.ndarray
     b: np.ndarray
     chance: np.ndarray
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    allowed = figure.canvas.get_supported_filetypes()
-    if path.suffix[1:] not in allowed:
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {', '.join(sorted(allowed))}")
-    with replacing(path) as partial:
-        figure.savefig(partial)
-    return path
 
 
 def _draw_margins(axes: Axes, figure: Figure, margins: MarginMap, chance: ChanceGrid | None) -> None:
@@ -126,7 +116,7 @@ def rates_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequenc
         figure.legend(
             handles=[*_boundaries(chance), *marks], loc="outside lower center", ncols=2, fontsize=8.5, frameon=False
         )
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def bursts_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path) -> Path:
@@ -152,7 +142,7 @@ def bursts_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequen
         figure.legend(
             handles=[*_boundaries(chance), *marks], loc="outside lower center", ncols=2, fontsize=8.5, frameon=False
         )
-        return _save(figure, path)
+        return save_picture(figure, path)
 
 
 def plan_figure(scenario: Scenario, course: Course, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
@@ -177,4 +167,4 @@ def plan_figure(scenario: Scenario, course: Course, flights: dict[Point, Sequenc
             axes.set_title(
                 f"UWB {pair[0]:g}, camera {pair[1]:g} of the messages: {len(flown)} flights, {lost} lost", fontsize=10
             )
-        return _save(figure, path)
+        return save_picture(figure, path)

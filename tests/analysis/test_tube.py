@@ -8,7 +8,8 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from ortilo_drake.analysis.course import Course, aim, course_of
 from ortilo_drake.analysis.hover_loop import HoverLoop, closed_loop_matrix, hover_loop, steady_predictor
-from ortilo_drake.analysis.tube import predict_tube, propagate
+from ortilo_drake.analysis.tube import predict_tube
+from ortilo_drake.analysis.tube_recursion import propagate
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.intermittent_filter import INTEGRATORS
