@@ -4,16 +4,19 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.model.signals import DETECTIONS_SIZE, N_XBAR
 from ortilo_drake.onboard.detector import Detector
 from ortilo_drake.onboard.detector_network import load_detector
 from ortilo_drake.onboard.kalman_filter import KalmanFilter
 from ortilo_drake.onboard.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.late_measurements import history_ticks
 from ortilo_drake.onboard.lq_gain import servo_gain
 from ortilo_drake.onboard.lq_servo import LqServo, resting_integral
 from ortilo_drake.onboard.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.multilateration import Multilateration
+from ortilo_drake.onboard.past_estimate import PastEstimate
 from ortilo_drake.onboard.planner import make_planner, plan
+from ortilo_drake.onboard.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.scenario import Scenario
 
 
@@ -27,7 +30,19 @@ def initial_estimate(scenario: Scenario, r_0: np.ndarray) -> np.ndarray:
     return xbar_0
 
 
-def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Diagram:
+def add_past_estimate(
+    builder: DiagramBuilder, kalman: ReplayKalmanFilter, sensor: str, size: int, scenario: Scenario
+) -> PastEstimate:
+    """Add what looks a sensor's late messages (of that size) up in the filter's history; its message is left open."""
+    ticks = history_ticks(scenario.filter.horizon, scenario.h)
+    past = builder.AddSystem(PastEstimate(sensor, size, ticks, scenario.h))
+    builder.Connect(kalman.GetOutputPort("estimate"), past.GetInputPort("present_estimate"))
+    builder.Connect(kalman.GetOutputPort("covariance"), past.GetInputPort("present_covariance"))
+    builder.Connect(kalman.GetOutputPort("history"), past.GetInputPort("history"))
+    return past
+
+
+def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True) -> Diagram:
     """Return the onboard half as a Diagram.
 
     Ports:
@@ -37,12 +52,13 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
         control (4, output): u_k, f_T absolute.
         estimate (15, output): xhat_{k|k-1}.
         covariance (225, output): P_k row by row.
-        measurement (39, output): y, delta and V2 as the filter takes them.
+        measurement (39, output): y, delta and V2 as they reach the filter in this tick, late ones included.
         reference (9, output): r, r_dot, r_ddot.
 
     Args:
         scenario: the scenario.
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
+        detects: whether the pictures of a rendered camera come here; if not, detections do.
 
     Raises:
         InputError: if there is no path or no servo gain, or if the detector's files are wrong.
@@ -53,31 +69,46 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
 
     builder = DiagramBuilder()
     planner = builder.AddSystem(make_planner(trajectory))
-    handler = builder.AddSystem(MeasurementHandler(scenario.handler, scenario.filter.V, scenario.sensors))
+    delay = scenario.filter.delay
+    handler = builder.AddSystem(MeasurementHandler(scenario.handler, scenario.filter.V, scenario.sensors, delay, h))
     xbar_0 = initial_estimate(scenario, r_0)
-    kalman = builder.AddSystem(KalmanFilter(scenario.filter, scenario.vehicle, scenario.servo.integrator, xbar_0, h))
+    Filter = ReplayKalmanFilter if delay == "replay" else KalmanFilter
+    kalman = builder.AddSystem(Filter(scenario.filter, scenario.vehicle, scenario.servo.integrator, xbar_0, h))
     servo = builder.AddSystem(LqServo(scenario.servo, scenario.vehicle, h))
     estimate, covariance = kalman.GetOutputPort("estimate"), kalman.GetOutputPort("covariance")
 
     if "uwb" in scenario.sensors:
         multilateration = builder.AddSystem(Multilateration(scenario.multilateration, room.anchor_positions))
-        builder.ExportInput(multilateration.GetInputPort("uwb"), "uwb")
-        builder.Connect(estimate, multilateration.GetInputPort("estimate"))
+        uwb = builder.ExportInput(multilateration.GetInputPort("uwb"), "uwb")
+        then = estimate
+        if delay == "replay":
+            past = add_past_estimate(builder, kalman, "uwb", multilateration.GetInputPort("uwb").size(), scenario)
+            builder.ConnectInput(uwb, past.GetInputPort("message"))
+            then = past.GetOutputPort("estimate")
+        builder.Connect(then, multilateration.GetInputPort("estimate"))
         builder.Connect(multilateration.get_output_port(), handler.GetInputPort("uwb"))
     if "camera" in scenario.sensors:
         fix = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.image_width))
-        if scenario.is_rendered:
+        then, its_covariance, readers = estimate, covariance, [fix.GetInputPort("detections")]
+        if delay == "replay":
+            past = add_past_estimate(builder, kalman, "camera", DETECTIONS_SIZE, scenario)
+            then, its_covariance = past.GetOutputPort("estimate"), past.GetOutputPort("covariance")
+            readers.append(past.GetInputPort("message"))
+        if scenario.is_rendered and detects:
             camera = room.camera.scaled_to(scenario.rendered_camera.width)
             size = camera.width, camera.height
             detect = load_detector(scenario.detector, room, size)
             detector = builder.AddSystem(Detector(detect, size, scenario.rendered_camera.latency, h))
             builder.ExportInput(detector.GetInputPort("image"), "image")
             builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
-            builder.Connect(detector.get_output_port(), fix.GetInputPort("detections"))
+            for reader in readers:
+                builder.Connect(detector.get_output_port(), reader)
         else:
-            builder.ExportInput(fix.GetInputPort("detections"), "detections")
-        builder.Connect(estimate, fix.GetInputPort("estimate"))
-        builder.Connect(covariance, fix.GetInputPort("covariance"))
+            detections = builder.ExportInput(readers[0], "detections")
+            for reader in readers[1:]:
+                builder.ConnectInput(detections, reader)
+        builder.Connect(then, fix.GetInputPort("estimate"))
+        builder.Connect(its_covariance, fix.GetInputPort("covariance"))
         builder.Connect(fix.get_output_port(), handler.GetInputPort("camera"))
     if "imu" in scenario.sensors:
         builder.ExportInput(handler.GetInputPort("imu"), "imu")
@@ -86,7 +117,9 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
     if handler.HasInputPort("estimate"):  # it gates
         builder.Connect(estimate, handler.GetInputPort("estimate"))
         builder.Connect(covariance, handler.GetInputPort("covariance"))
-    builder.Connect(handler.get_output_port(), kalman.GetInputPort("measurement"))
+    if delay == "replay":
+        builder.Connect(handler.GetOutputPort("stamps"), kalman.GetInputPort("stamps"))
+    builder.Connect(handler.GetOutputPort("measurement"), kalman.GetInputPort("measurement"))
     builder.Connect(servo.get_output_port(), kalman.GetInputPort("control"))
     builder.Connect(planner.get_output_port(), kalman.GetInputPort("reference"))
     builder.Connect(estimate, servo.GetInputPort("estimate"))
@@ -94,7 +127,7 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None) -> Di
     builder.ExportOutput(servo.get_output_port(), "control")
     builder.ExportOutput(estimate, "estimate")
     builder.ExportOutput(covariance, "covariance")
-    builder.ExportOutput(handler.get_output_port(), "measurement")
+    builder.ExportOutput(handler.GetOutputPort("measurement"), "measurement")
     builder.ExportOutput(planner.get_output_port(), "reference")
     onboard = builder.Build()
     onboard.set_name("onboard")

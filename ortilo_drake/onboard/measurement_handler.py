@@ -5,7 +5,9 @@ noise covariance. The filter forms H_k = Delta_k Cbar and E_k from the arrivals,
 (STATE_OF_ROW, integrated_sensor); arrival_matrix and selection_matrix below are the same at full size, as the paper
 writes them.
 
-A measurement that comes late enters as if it were current; its stamp is not used.
+What becomes of a measurement that comes late is the scenario's to say (filter.delay). With 'ignore' it enters as if it
+were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as if it
+were current; with 'replay' the stamps go to the filter, see late_measurements.py.
 """
 
 from collections.abc import Callable
@@ -15,9 +17,12 @@ from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.stats import chi2
 
-from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR, SENSORS
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR, SENSORS, STAMP
 from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
 from ortilo_drake.scenario import Noise
+
+MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes one, so none would leave no camera
 
 
 @njit(cache=True)
@@ -75,6 +80,15 @@ def stack_measurements(
     return out
 
 
+@njit(cache=True)
+def drop_late(measurement: np.ndarray, stamps: np.ndarray, k: int, h: float) -> None:
+    """Take out of a measurement (39) of tick k what is older than MAX_AGE ticks, by the stamps (3)."""
+    for j in range(3):
+        if k - tick_of(stamps[j], h) > MAX_AGE:
+            measurement[3 * j : 3 * j + 3] = 0.0
+            measurement[9 + j] = 0.0
+
+
 def arrival_matrix(delta: np.ndarray) -> np.ndarray:
     """Return Delta_k (9 x 9): each arrival repeated three times on the diagonal."""
     return np.diag(np.repeat(delta, 3))
@@ -102,16 +116,27 @@ class MeasurementHandler(LeafSystem):
         estimate (15): xhat_k|k-1; only if there is a gate.
         covariance (225): P_k row by row; only if there is a gate.
         measurement (39, output): y (9), delta (3), V2's three blocks row by row (27).
+        stamps (3, output): when each sensor's measurement was true [s], 0 where none arrived; only with 'replay'.
 
-    Memoryless. A sensor that does not fly never arrives.
+    Memoryless, but for the time that 'drop' reads. A sensor that does not fly never arrives. A gate judges a late fix
+    by the present prediction.
 
     Args:
         settings: gates.
         noise: V.
         sensors: which of uwb, camera and imu fly.
+        delay: 'ignore', 'drop' or 'replay': what becomes of a late measurement.
+        h: tick [s]; only 'drop' needs it.
     """
 
-    def __init__(self, settings: HandlerSettings, noise: Noise, sensors: tuple[str, ...] = SENSORS):
+    def __init__(
+        self,
+        settings: HandlerSettings,
+        noise: Noise,
+        sensors: tuple[str, ...] = SENSORS,
+        delay: str = "ignore",
+        h: float = 1.0,
+    ):
         super().__init__()
         self.set_name("measurement_handler")
         variances = (noise.uwb, noise.camera, noise.imu)
@@ -130,13 +155,29 @@ class MeasurementHandler(LeafSystem):
         self._inputs = [
             _always(zeros) if port is None else port.Eval for port, zeros in zip(ports, absent, strict=True)
         ]
-        self.DeclareVectorOutputPort(
-            "measurement",
-            MEASUREMENT_SIZE,
-            self._calc_measurement,
-            prerequisites_of_calc={port.ticket() for port in ports if port is not None} or {self.nothing_ticket()},
-        )
+        self._h, messages = h, ports[: len(SENSORS)]
+        needs = {port.ticket() for port in ports if port is not None} or {self.nothing_ticket()}
+        if delay == "drop":
+            calc, needs = self._calc_recent, needs | {self.time_ticket()}
+        else:
+            calc = self._calc_measurement
+        self.DeclareVectorOutputPort("measurement", MEASUREMENT_SIZE, calc, prerequisites_of_calc=needs)
+        if delay == "replay":
+            needs = {port.ticket() for port in messages if port is not None} or {self.nothing_ticket()}
+            self.DeclareVectorOutputPort("stamps", len(SENSORS), self._calc_stamps, prerequisites_of_calc=needs)
 
     def _calc_measurement(self, context: Context, output: BasicVector) -> None:
         inputs = [value(context) for value in self._inputs]
         output.SetFromVector(stack_measurements(*inputs, self._V, self._from_fix, self._gates))
+
+    def _stamps(self, context: Context) -> np.ndarray:
+        return np.array([value(context)[STAMP] for value in self._inputs[: len(SENSORS)]])
+
+    def _calc_recent(self, context: Context, output: BasicVector) -> None:
+        inputs = [value(context) for value in self._inputs]
+        measurement = stack_measurements(*inputs, self._V, self._from_fix, self._gates)
+        drop_late(measurement, self._stamps(context), tick_of(context.get_time(), self._h), self._h)
+        output.SetFromVector(measurement)
+
+    def _calc_stamps(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._stamps(context))

@@ -127,11 +127,17 @@ class KalmanFilter(Frozen):
         V: measurement noise.
         initial_sd: what the filter believes of its initial error in position [m], angles, velocity, Euler rates;
             flights start without one, so NEES starts at 0.
+        delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
+            uses none older than one tick, which a detector itself takes, and lets the others enter as current;
+            'replay' puts it into the tick of its stamp and runs the filter again from there.
+        horizon: how far back 'replay' goes [s]; what is older is not used.
     """
 
     W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
     V: Noise = Noise()
     initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
+    delay: Literal["ignore", "drop", "replay"] = "ignore"
+    horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
 
 
 class ServoWeights(Frozen):

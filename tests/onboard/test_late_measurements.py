@@ -1,0 +1,301 @@
+"""Replay against the filter that got everything in order, against the joint Gaussian, and over many flights."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.systems.framework import BasicVector
+from scipy.stats import chi2
+
+from ortilo_drake.experiments.flight import fly
+from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_HOLD, INTEGRATORS, filter_step
+from ortilo_drake.onboard.late_measurements import (
+    COVARIANCE,
+    MEASUREMENT,
+    SLOT_SIZE,
+    TICK,
+    XHAT,
+    empty_history,
+    history_ticks,
+    put_in,
+    replay_step,
+    row_of_past,
+)
+from ortilo_drake.onboard.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.past_estimate import PastEstimate
+from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
+from ortilo_drake.scenario import Noise, load_scenario
+
+H = 1.0 / 30.0
+PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
+C = output_C()
+W = disturbance_W(M100, H, 0.27, 0.005)
+P_0 = np.diag([*np.repeat(np.square([0.05, 0.02, 0.05, 0.05]), 3), 0.0, 0.0, 0.0])
+V2 = np.array([np.diag([0.01, 0.02, 0.03]), np.diag([0.02, 0.01, 0.04]), np.diag([1e-4, 2e-4, 3e-4])])
+TICKS = 24
+LOST = 99
+SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "uwb.link.blackouts=[]")
+
+Given = dict[tuple[int, int], int]  # (tick, sensor) of a measurement -> tick of its arrival
+
+
+class Data:
+    """What is measured, commanded and asked for in each tick, at random; row k of ys is y_k with everything there."""
+
+    def __init__(self, seed: int, ticks: int = TICKS):
+        rng = np.random.default_rng(seed)
+        self.ys, self.us, self.rs = (rng.normal(size=(ticks, n)) for n in (9, 4, 9))
+
+    def measurement(self, rows: dict[int, int]) -> np.ndarray:
+        """The handler's, each sensor's rows taken from the tick named."""
+        out = np.concatenate([np.zeros(12), V2.ravel()])
+        for sensor, j in rows.items():
+            out[3 * sensor : 3 * sensor + 3], out[9 + sensor] = self.ys[j, 3 * sensor : 3 * sensor + 3], 1.0
+        return out
+
+
+def in_order(data: Data, there: set[tuple[int, int]], k: int, integrator: int) -> np.ndarray:
+    """xhat_{k+1|k} and P_{k+1} of the plain filter that has those measurements in their own ticks."""
+    state = np.concatenate([np.zeros(15), P_0.ravel()])
+    for j in range(k + 1):
+        measurement = data.measurement({s: j for s in range(3) if (j, s) in there})
+        state = filter_step(
+            state[:15], state[15:], measurement, data.us[j], data.rs[j], PHI, GAMMA, W, integrator
+        )  # fmt: skip
+    return state
+
+
+def delivered(delays: list[int]) -> Given:
+    """Arrivals of the message of each tick and sensor; of two of a sensor in one tick the newer is delivered."""
+    last: dict[tuple[int, int], int] = {}
+    for n, d in enumerate(delays):
+        j, s = divmod(n, 3)
+        if d != LOST:
+            last[j + d, s] = j
+    return {(j, s): k for (k, s), j in last.items()}
+
+
+def replayed(data: Data, arrivals: Given, history: np.ndarray, integrator: int) -> list[np.ndarray]:
+    """The replaying filter's [xhat, P] after each tick."""
+    state, states = np.concatenate([np.zeros(15), P_0.ravel()]), []
+    for k in range(TICKS):
+        rows = {s: j for (j, s), when in arrivals.items() if when == k}
+        stamps = np.array([rows.get(s, 0) * H for s in range(3)])
+        state = replay_step(
+            history, state[:15], state[15:], k, data.measurement(rows), stamps, H, data.us[k], data.rs[k],
+            PHI, GAMMA, W, integrator,
+        )  # fmt: skip
+        states.append(state)
+    return states
+
+
+@given(
+    delays=st.lists(st.sampled_from([0, 0, 1, 2, 3, 5, 9, LOST]), min_size=3 * TICKS, max_size=3 * TICKS),
+    integrator=st.sampled_from(sorted(INTEGRATORS.values())),
+    kept=st.sampled_from([1, 2, 4, 7, 30]),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=60, deadline=None)
+def test_after_every_tick_replay_is_the_filter_that_got_it_all_in_order(
+    delays: list[int], integrator: int, kept: int, seed: int
+) -> None:
+    data, arrivals = Data(seed), delivered(delays)
+    states = replayed(data, arrivals, empty_history(kept), integrator)
+    for k in (*range(0, TICKS, 5), TICKS - 1):
+        in_time = {(j, s) for (j, s), when in arrivals.items() if when <= k and when - j < kept}
+        np.testing.assert_array_equal(states[k], in_order(data, in_time, k, integrator))  # bit for bit
+
+
+def test_replay_is_the_conditional_mean_of_the_joint_gaussian() -> None:
+    """x_{k+1} given all measurements, by conditioning the joint Gaussian of all states at once."""
+    k, rng = 9, np.random.default_rng(5)
+    data = Data(5)
+    arrivals = {(j, s): j + int(rng.integers(0, 4)) for j in range(k + 1) for s in range(3)}
+    arrivals = {key: when for key, when in arrivals.items() if list(arrivals.values()).count(when) and when <= k}
+    arrivals = {(j, s): when for (when, s), j in {(w, s): j for (j, s), w in arrivals.items()}.items()}
+    ours = replayed(data, arrivals, empty_history(20), INTEGRATOR_ESTIMATE)[k]
+    n = k + 2
+    mean, cov = np.zeros((n, 12)), np.zeros((n, 12, n, 12))
+    cov[0, :, 0] = P_0[:12, :12]
+    for j in range(n - 1):
+        mean[j + 1] = PHI @ mean[j] + GAMMA @ data.us[j]
+        for i in range(j + 1):
+            cov[j + 1, :, i] = PHI @ cov[j, :, i]
+            cov[i, :, j + 1] = cov[j + 1, :, i].T
+        cov[j + 1, :, j + 1] = PHI @ cov[j, :, j] @ PHI.T + W
+    H_all = np.zeros((3 * len(arrivals), n, 12))
+    y, R = np.zeros(len(H_all)), np.zeros((len(H_all), len(H_all)))
+    for row, (j, s) in enumerate(arrivals):
+        rows = slice(3 * row, 3 * row + 3)
+        H_all[rows, j], y[rows], R[rows, rows] = C[3 * s : 3 * s + 3], data.ys[j, 3 * s : 3 * s + 3], V2[s]
+    H_all, joint = H_all.reshape(len(y), -1), cov.reshape(12 * n, 12 * n)
+    gain = np.linalg.solve(H_all @ joint @ H_all.T + R, H_all @ joint).T
+    x = mean.ravel() + gain @ (y - H_all @ mean.ravel())
+    P = joint - gain @ H_all @ joint
+    assert len(arrivals) >= 15
+    assert any(when > j for (j, _), when in arrivals.items())
+    np.testing.assert_allclose(ours[:12], x[-12:], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(ours[15:].reshape(15, 15)[:12, :12], P[-12:, -12:], rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=INTEGRATORS)
+def test_a_second_message_for_a_filled_tick_is_not_applied(integrator: int) -> None:
+    data = Data(6)
+    once, twice = ([np.concatenate([np.zeros(15), P_0.ravel()]), empty_history(10)] for _ in range(2))
+    for k in range(12):
+        # The uwb of tick 4 comes in tick 5 and again, with another value, in ticks 6 and 7.
+        for run, late in ((once, k == 5), (twice, k in (5, 6, 7))):
+            measurement = data.measurement({2: k} | ({0: k - 1} if late else {}))
+            stamps = np.array([4 * H, 0.0, k * H])
+            state, history = run
+            run[0] = replay_step(
+                history, state[:15], state[15:], k, measurement, stamps, H, data.us[k], data.rs[k],
+                PHI, GAMMA, W, integrator,
+            )  # fmt: skip
+        np.testing.assert_array_equal(once[0], twice[0])
+    assert not put_in(once[1][7].copy(), data.measurement({2: 0}), 2)
+    assert put_in(once[1][7].copy(), data.measurement({0: 0}), 0)
+
+
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, -np.inf, 1e300, -5.0, 9 * H])
+def test_a_stamp_that_cannot_be_is_not_used(stamp: float) -> None:
+    data, history = Data(7), empty_history(6)
+    state = np.concatenate([np.zeros(15), P_0.ravel()])
+    for k in range(8):
+        rows = {0: k} if k == 7 else {}
+        stamps = np.array([stamp, 0.0, 0.0])
+        state = replay_step(
+            history, state[:15], state[15:], k, data.measurement(rows), stamps, H, data.us[k], data.rs[k],
+            PHI, GAMMA, W, INTEGRATOR_HOLD,
+        )  # fmt: skip
+    np.testing.assert_array_equal(state, in_order(data, set(), 7, INTEGRATOR_HOLD))
+
+
+def test_the_history_is_as_long_as_the_horizon() -> None:
+    assert [history_ticks(s, 1 / 30) for s in (0.5, 0.1, 1 / 30, 0.03, 1e-3)] == [16, 4, 2, 1, 1]
+    assert history_ticks(0.5, 0.01) == 51
+
+
+def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> None:
+    """The linear plant at 1 m/s, every message 1 to 3 ticks late: NEES of the position over independent flights."""
+    runs, rng = 150, np.random.default_rng(8)
+    size, axes = np.linalg.eigh(W)  # of rank 6
+    root_W, root_P, root_V = axes * np.sqrt(np.maximum(size, 0.0)), np.sqrt(P_0[:12, :12]), np.sqrt(V2)
+    nees = {"replay": np.zeros(runs), "ignore": np.zeros(runs)}
+    for run in range(runs):
+        start = np.zeros(15)
+        start[6:8] = 1.0, 0.5
+        x = start[:12] + root_P @ rng.normal(size=12)
+        replay = ignore = np.concatenate([start, P_0.ravel()])
+        history, data = empty_history(16), Data(0, 60)
+        data.us[:] = 0.0
+        arrivals = delivered([int(d) for d in rng.integers(1, 4, 180)])
+        for k in range(60):
+            v = np.concatenate([root_V[s] @ rng.normal(size=3) for s in range(3)])
+            data.ys[k] = C @ x + v
+            rows = {s: j for (j, s), when in arrivals.items() if when == k}
+            stamps = np.array([rows.get(s, 0) * H for s in range(3)])
+            m, u, r = data.measurement(rows), data.us[k], data.rs[k]
+            replay = replay_step(
+                history, replay[:15], replay[15:], k, m, stamps, H, u, r, PHI, GAMMA, W, INTEGRATOR_ESTIMATE
+            )
+            ignore = filter_step(ignore[:15], ignore[15:], m, u, r, PHI, GAMMA, W, INTEGRATOR_ESTIMATE)
+            x = PHI @ x + root_W @ rng.normal(size=12)
+        for mode, state in (("replay", replay), ("ignore", ignore)):
+            e = state[:3] - x[:3]
+            nees[mode][run] = e @ np.linalg.solve(state[15:].reshape(15, 15)[:3, :3], e)
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * runs) / runs
+    assert low < nees["replay"].mean() < high
+    assert nees["ignore"].mean() > 1.5 * high
+
+
+def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
+    flights = [
+        fly(load_scenario("imu_uwb", (*SHORT, f"filter.delay={mode}"), 3)) for mode in ("ignore", "replay", "drop")
+    ]
+    for name in ("truth", "estimate", "covariance", "control"):
+        for other in flights[1:]:
+            np.testing.assert_array_equal(flights[0][name].values, other[name].values)
+
+
+def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
+    """Everything two ticks late, nothing noisy: fixes and estimate are exact if all was put into its own tick."""
+    calm = (
+        *SHORT, "world={kinematics: linear, disturbance: {force_sd: 0, torque_sd: 0}}", "uwb.noise.fraction=0",
+        "imu.angle_sd=0", "uwb.link.delay=2", "imu.link.delay=2", "camera=projected", "camera_link.delay=1",
+        "projected_camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
+    )  # fmt: skip
+    worst = {}
+    for mode in ("ignore", "replay"):
+        flight = fly(load_scenario("imu_uwb_yolo", (*calm, f"filter.delay={mode}"), 0))
+        assert flight["arrival"].values.any(axis=0).all()
+        worst[mode] = np.abs(flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]).max()
+    assert worst["replay"] < 1e-12
+    assert worst["ignore"] > 0.01
+
+
+def test_past_estimate_finds_the_tick_of_the_stamp() -> None:
+    history = empty_history(4)
+    for k in range(3, 7):
+        history[k % 4, TICK] = k
+        history[k % 4, XHAT:COVARIANCE], history[k % 4, COVARIANCE:MEASUREMENT] = k, 10.0 * k
+    past = PastEstimate("camera", 5, 4, H)
+    for arrived, j, found in [(1, 5, 5), (1, 6, 6), (1, 3, 3), (1, 0, 3), (1, 7, 99), (1, 8, 99), (0, 5, 99)]:
+        context = past.CreateDefaultContext()
+        for name, value in [
+            ("message", np.array([arrived, j * H, 0.0, 0.0, 0.0])),
+            ("present_estimate", np.full(15, 99.0)),
+            ("present_covariance", np.full(225, 990.0)),
+            ("history", history.ravel()),
+        ]:
+            past.GetInputPort(name).FixValue(context, BasicVector(value))
+        np.testing.assert_array_equal(past.GetOutputPort("estimate").Eval(context), np.full(15, found))
+        np.testing.assert_array_equal(past.GetOutputPort("covariance").Eval(context), np.full(225, 10.0 * found))
+    assert row_of_past(empty_history(4), 0) == -1
+    assert history.shape[1] == SLOT_SIZE
+
+
+def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
+    """What the handler gives at tick k of messages that old, one for each sensor."""
+    handler = MeasurementHandler(HandlerSettings(), Noise(), SENSORS, delay, H)
+    context = handler.CreateDefaultContext()
+    context.SetTime(k * H)
+    for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
+        message = np.concatenate([[1.0, (k - age) * H, 1.0, 2.0, 3.0], np.ones(size - 5)])
+        handler.GetInputPort(name).FixValue(context, BasicVector(message))
+    ports = [handler.get_output_port(i) for i in range(handler.num_output_ports())]
+    return handler, {port.get_name(): port.Eval(context).copy() for port in ports}
+
+
+@pytest.mark.parametrize("ages", [(0, 1, 2), (2, 0, 1), (1, 5, 0), (3, 3, 3), (1, 1, 1)])
+def test_drop_uses_nothing_older_than_a_tick(ages: tuple[int, ...]) -> None:
+    measurement = handled("drop", ages)[1]["measurement"]
+    recent = np.array([float(age <= 1) for age in ages])
+    np.testing.assert_array_equal(measurement[9:12], recent)
+    np.testing.assert_array_equal(measurement[:9], np.repeat(recent, 3) * np.tile([1.0, 2.0, 3.0], 3))
+    kept = handled("ignore", ages)[1]
+    np.testing.assert_array_equal(kept["measurement"][9:12], np.ones(3))
+    assert set(kept) == {"measurement"}
+
+
+def test_stamps_are_given_to_replay() -> None:
+    found = handled("replay", (0, 4, 2))[1]
+    np.testing.assert_array_equal(found["stamps"], np.array([50, 46, 48]) * H)
+    np.testing.assert_array_equal(found["measurement"], handled("ignore", (0, 4, 2))[1]["measurement"])
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ("filter.horizon=0", "filter.horizon"),
+        ("filter.horizon=3", "filter.horizon"),
+        ("filter.delay=later", "filter.delay"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(setting: str, named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        load_scenario("imu_uwb", (setting,))
