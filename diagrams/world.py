@@ -5,10 +5,13 @@ from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, SHUTTER_SIZE, uwb_size
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Link, Scenario
+from ortilo_drake.settings.failsafe import Failsafe as FailsafeSettings
 from ortilo_drake.world.command_link import CommandLink
 from ortilo_drake.world.disturbance import DisturbanceSource
+from ortilo_drake.world.failsafe import Failsafe
 from ortilo_drake.world.image_delay import ImageDelay
 from ortilo_drake.world.imu import Imu
 from ortilo_drake.world.link import SensorLink
@@ -20,12 +23,19 @@ from ortilo_drake.world.true_velocity import TrueVelocity
 from ortilo_drake.world.uwb import UwbRanging
 
 
-def make_world(scenario: Scenario) -> Diagram:
+def make_world(
+    scenario: Scenario, command_period: float | None = None, failsafe: FailsafeSettings | None = None
+) -> Diagram:
     """Return the world as a Diagram.
+
+    In real time a command comes when it comes. With a command_period the world looks for one that often, through a
+    failsafe (the subsystem of that name, which also tells its mode), and Drake integrates the plant in between,
+    whatever world.plant says; all else keeps its tick h.
 
     Ports:
         control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get
             of it is the command link's affair, a perfect one adds nothing.
+        command (5): with a command_period, in place of control: u and the time at which it was received [s].
         state (12, output): the true x.
         uwb, detections, imu (outputs): the messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter (outputs): a rendered camera's picture and its message, in place of detections.
@@ -33,12 +43,23 @@ def make_world(scenario: Scenario) -> Diagram:
         velocity (output): the true velocities, only where the scenario lends them to the servo.
 
     Layouts of the messages: model/signals.py.
+
+    Args:
+        scenario: the scenario.
+        command_period: how often to look for a command [s]; by default there is one every tick.
+        failsafe: what flies while none comes; only with a command_period.
+
+    Raises:
+        InputError: if there is a command_period and a command link that is not perfect: whatever carries the commands
+            to this world loses and delays them.
     """
+    if command_period is not None and scenario.command_link != CommandLinkSettings():
+        raise InputError("command_link: must be left as it is where commands come from outside, in real time")
     h, seed, room = scenario.h, scenario.seed, scenario.load_room()
     builder = DiagramBuilder()
 
-    hold = builder.AddNamedSystem("hold", ZeroOrderHold(h, N_U))
-    sampled = scenario.world.plant == "sampled"
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or h, N_U))
+    sampled = scenario.world.plant == "sampled" and command_period is None
     plant = builder.AddSystem(
         QuadrotorPlant(scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
     )
@@ -48,8 +69,12 @@ def make_world(scenario: Scenario) -> Diagram:
     if scenario.world.rotors.kind == "first_order":
         actuator = builder.AddSystem(Rotors(scenario.vehicle))
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
-    command_link = None
-    if scenario.command_link == CommandLinkSettings():  # a perfect link
+    command_link = fallback = None
+    if command_period is not None:
+        fallback = builder.AddSystem(Failsafe(failsafe or FailsafeSettings(), scenario.vehicle, command_period))
+        builder.ExportInput(fallback.GetInputPort("command"), "command")
+        builder.Connect(fallback.GetOutputPort("control"), hold.get_input_port())
+    elif scenario.command_link == CommandLinkSettings():  # a perfect link
         control = builder.ExportInput(hold.get_input_port(), "control")
     else:
         command_link = builder.AddSystem(CommandLink(scenario.command_link, scenario.vehicle, seed, h))
@@ -67,6 +92,8 @@ def make_world(scenario: Scenario) -> Diagram:
         builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
     state = plant.GetOutputPort("state")
     builder.ExportOutput(state, "state")
+    if fallback is not None:
+        builder.Connect(state, fallback.GetInputPort("state"))
 
     def add_link(sensor: str, source: LeafSystem, size: int, message: str, latency: int = 0) -> OutputPort:
         if source.HasInputPort("state"):
