@@ -1,0 +1,1 @@
+"""The onboard estimate in the languages of other autopilots and tools."""
