@@ -1,0 +1,52 @@
+"""Pose and motion of the body as ROS has them: quaternions, and velocities in the body's own axes.
+
+REP 103 and 105: the map frame is W (east, north, up), base_link is B (forward, left, up).
+"""
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.equations import body_rates, rotation_matrix
+
+
+@njit(cache=True)
+def quaternion(rpy: np.ndarray) -> np.ndarray:
+    """Return q_WB = q_z(psi) q_y(theta) q_x(phi) as (x, y, z, w)."""
+    c_phi, s_phi = np.cos(rpy[0] / 2), np.sin(rpy[0] / 2)
+    c_theta, s_theta = np.cos(rpy[1] / 2), np.sin(rpy[1] / 2)
+    c_psi, s_psi = np.cos(rpy[2] / 2), np.sin(rpy[2] / 2)
+    return np.array(
+        [
+            s_phi * c_theta * c_psi - c_phi * s_theta * s_psi,
+            c_phi * s_theta * c_psi + s_phi * c_theta * s_psi,
+            c_phi * c_theta * s_psi - s_phi * s_theta * c_psi,
+            c_phi * c_theta * c_psi + s_phi * s_theta * s_psi,
+        ]
+    )
+
+
+@njit(cache=True)
+def pose_and_twist(x: np.ndarray) -> np.ndarray:
+    """Return p_WB (3), q_WB as (x, y, z, w) (4), v_WB in B (3), w_WB_B (3) from a state's first twelve entries."""
+    v_B = rotation_matrix(x[3:6]).T @ np.ascontiguousarray(x[6:9])
+    return np.concatenate((x[0:3], quaternion(x[3:6]), v_B, body_rates(x[3:6], x[9:12])))
+
+
+@njit(cache=True)
+def twist_covariance(x: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the covariance of (v_WB in B, w_WB_B) as T P_v T' with T = diag(R_BW, E(rpy)) (6, 6).
+
+    P_v is P's block of velocity and Euler rates. What the attitude's own error adds by turning the axes is left out:
+    it is the product of an angle's error and a speed.
+
+    Args:
+        x: the estimate (at least 12).
+        P: its covariance (at least 12, 12).
+    """
+    T = np.zeros((6, 6))
+    T[0:3, 0:3] = rotation_matrix(x[3:6]).T
+    for i in range(3):
+        unit = np.zeros(3)
+        unit[i] = 1.0
+        T[3:6, 3 + i] = body_rates(x[3:6], unit)
+    return T @ np.ascontiguousarray(P[6:12, 6:12]) @ T.T
