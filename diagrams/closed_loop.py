@@ -73,8 +73,13 @@ def set_hovering(diagram: Diagram, context: Context, scenario: Scenario) -> None
     """Put the vehicle of a closed loop hovering at rest at the start of its reference."""
     onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
     reference = onboard.GetOutputPort("reference").Eval(onboard.GetMyContextFromRoot(context))
+    set_world_hovering(world, context, scenario, reference[0:3])
+
+
+def set_world_hovering(world: Diagram, context: Context, scenario: Scenario, r_0: np.ndarray) -> None:
+    """Put the vehicle of a world hovering at rest at r_0, p_WB (3); the context is the root's."""
     x_0 = np.zeros(N_X)
-    x_0[0:3] = reference[0:3]
+    x_0[0:3] = r_0
     x_0[5] = scenario.servo.yaw
     quadrotor = world.GetSubsystemByName("quadrotor")
     quadrotor.SetState(quadrotor.GetMyMutableContextFromRoot(context), x_0)

@@ -48,13 +48,18 @@ def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
     whose error is far below any noise here; rotors, whose lag is shorter than a tick, get four.
     """
     simulator = Simulator(diagram)
+    fix_steps(simulator, scenario)
+    set_hovering(diagram, simulator.get_mutable_context(), scenario)
+    return simulator
+
+
+def fix_steps(simulator: Simulator, scenario: Scenario) -> None:
+    """Give a simulator its integrator; see make_simulator."""
     steps = 4 if scenario.world.rotors.kind == "first_order" else 1
     config = SimulatorConfig(
         integration_scheme="runge_kutta3", max_step_size=scenario.h / steps, use_error_control=False
     )
     ApplySimulatorConfig(config, simulator)
-    set_hovering(diagram, simulator.get_mutable_context(), scenario)
-    return simulator
 
 
 def _advance(
