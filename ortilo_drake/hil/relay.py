@@ -1,0 +1,107 @@
+"""A process between the halves that passes their packets on, with faults.
+
+Each half has a bus of its own; the relay listens on both. A packet of a half that is heard on the other's bus is the
+relay's own, and is not sent back: a channel, or the role in a hello, tells which half a packet comes from.
+"""
+
+import heapq
+import itertools
+import time
+from threading import Event
+from typing import Final
+
+from pydrake.lcm import DrakeLcm
+
+from ortilo_drake.hil.faults import Faults, Line
+from ortilo_drake.hil.packets import PORTS, lanes
+from ortilo_drake.hil.transport import DEFAULT_URL, open_lcm
+from ortilo_drake.hil.unpack import BadPacket, decode
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.world.noise import stream_id, uniforms
+
+ONBOARD_URL: Final = DEFAULT_URL.replace(":7667", ":7668")
+_FROM: Final = {"world": (*PORTS, "tick"), "onboard": ("command", "telemetry")}
+_WAIT = 1  # [ms]
+
+
+def _says_hello(role: str, data: bytes) -> bool:
+    try:
+        return bool(decode("hello", data, None).value.role == role)
+    except BadPacket:
+        return False
+
+
+class _Direction:
+    """Packets on their way from one half's bus to the other's, the next due first."""
+
+    def __init__(self, role: str, source: DrakeLcm, target: DrakeLcm, line: Line):
+        self._role, self._target, self.line = role, target, line
+        self._due: list[tuple[float, int, str, bytes]] = []
+        self._order = itertools.count()  # breaks ties, first come first served
+        for name in (*_FROM[role], "hello"):
+            for channel in lanes(name):
+                source.Subscribe(channel, lambda data, name=name, channel=channel: self._take(name, channel, data))
+
+    def _take(self, name: str, channel: str, data: bytes) -> None:
+        if name == "hello" and not _says_hello(self._role, data):
+            return
+        for due in self.line.take(name, time.monotonic()):
+            heapq.heappush(self._due, (due, next(self._order), channel, data))
+
+    def release(self, now: float) -> None:
+        """Publish what is due."""
+        while self._due and self._due[0][0] <= now:
+            _, _, channel, data = heapq.heappop(self._due)
+            self._target.Publish(channel, data)
+            self.line.counts["sent"] += 1
+
+
+def run_relay(
+    url_world: str = DEFAULT_URL,
+    url_onboard: str = ONBOARD_URL,
+    to_onboard: Faults | None = None,
+    to_world: Faults | None = None,
+    seed: int = 1,
+    seconds: float = float("inf"),
+    stop: Event | None = None,
+    ready: Event | None = None,
+) -> dict[str, dict[str, int]]:
+    """Pass packets on until the time is over, an event is set or Ctrl-C is pressed; then return what was counted.
+
+    Args:
+        url_world: the bus of the world.
+        url_onboard: the bus of the onboard half.
+        to_onboard: faults on the way to the onboard half; none by default.
+        to_world: faults on the way to the world; none by default.
+        seed: of all chances.
+        seconds: for how long [s].
+        stop: ends it.
+        ready: is set once it listens.
+
+    Returns:
+        For "to_onboard" and "to_world" how many packets were taken, lost, crowded (out of a full queue), duplicated
+        and sent. Those taken and not yet due at the end are not sent.
+
+    Raises:
+        InputError: if a bus cannot be opened or both are the same.
+    """
+    if url_world == url_onboard:
+        raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")
+    world, onboard = open_lcm(url_world), open_lcm(url_onboard)
+    directions = {
+        "to_onboard": _Direction("world", world, onboard, Line(to_onboard or Faults(), seed, "to_onboard")),
+        "to_world": _Direction("onboard", onboard, world, Line(to_world or Faults(), seed, "to_world")),
+    }
+    uniforms(seed, stream_id("compile now"), 0, 1)  # not at the first packet
+    if ready:
+        ready.set()
+    end = time.monotonic() + seconds
+    try:
+        while time.monotonic() < end and not (stop and stop.is_set()):
+            world.HandleSubscriptions(_WAIT)
+            onboard.HandleSubscriptions(0)
+            for each in directions.values():
+                each.release(time.monotonic())
+    except KeyboardInterrupt:
+        pass
+    return {name: dict(each.line.counts) for name, each in directions.items()}

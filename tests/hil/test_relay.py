@@ -1,0 +1,153 @@
+"""The relay's faults follow their laws and their seed, and packets pass both ways."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from pydrake.lcm import DrakeLcm
+from scipy.stats import binomtest, geom, kstest
+
+from ortilo_drake.hil.faults import Faults, Line
+from ortilo_drake.hil.packets import CHANNELS, Hello, encode_command, encode_hello, encode_vector
+from ortilo_drake.hil.relay import run_relay
+from ortilo_drake.hil.transport import Inbox, open_lcm
+from ortilo_drake.hil.unpack import Flight
+from ortilo_drake.model.typed_yaml import InputError
+
+N = 4000
+WORLD, ONBOARD = ("udpm://239.255.76.67:7694?ttl=0", "udpm://239.255.76.67:7695?ttl=0")
+FLIGHT = Flight(77, 1 / 30, 8)
+
+
+def fates(faults: Faults, seed: int = 1, n: int = N, period: float = 0.01) -> list[list[float]]:
+    """Return the delays of the copies of each of n packets."""
+    line = Line(faults, seed, "to_onboard")
+    return [[due - k * period for due in line.take("imu", k * period)] for k in range(n)]
+
+
+def test_without_faults_everything_passes_at_once() -> None:
+    assert fates(Faults()) == N * [[0.0]]
+
+
+def test_loss_and_duplication_are_binomial() -> None:
+    copies = [len(fate) for fate in fates(Faults(loss=0.2, duplicate=0.1))]
+    lost = copies.count(0)
+    assert binomtest(lost, N, 0.2).pvalue > 1e-3
+    assert binomtest(copies.count(2), N - lost, 0.1).pvalue > 1e-3
+    # Independent: as many pairs of losses as p^2 says.
+    pairs = sum(a == b == 0 for a, b in zip(copies[::2], copies[1::2], strict=True))
+    assert binomtest(pairs, N // 2, 0.04).pvalue > 1e-3
+
+
+def test_delays_are_uniform_and_overtake() -> None:
+    delays = np.array([fate[0] for fate in fates(Faults(delay=0.04, spread=0.02))])
+    assert kstest(delays, "uniform", args=(0.02, 0.04)).pvalue > 1e-3
+    arrivals = np.arange(N) * 0.01 + delays
+    # Two that start 10 ms apart overtake if their delays, uniform over 40 ms, differ by more: (1 - 1/4)^2 / 2.
+    overtaken = int((np.diff(arrivals)[::2] < 0.0).sum())
+    assert binomtest(overtaken, N // 2, 0.75**2 / 2).pvalue > 1e-3
+
+
+def test_bursts_are_geometric() -> None:
+    faults = Faults(into_burst=0.05, out_of_burst=0.25)
+    lost = np.array([not fate for fate in fates(faults)])
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], lost, [False]))))
+    lengths = edges[1::2] - edges[::2]
+    assert abs(lost.mean() - 0.05 / 0.30) < 0.03  # the chain's stationary law; its standard error is 0.014
+    # Mean 4, standard deviation sqrt(1 - p) / p.
+    assert abs(lengths.mean() - 4.0) < 3.3 * geom.std(0.25) / np.sqrt(lengths.size)
+
+
+def test_held_packets_come_later() -> None:
+    delays = [fate[0] for fate in fates(Faults(held=0.3, hold=0.5))]
+    np.testing.assert_allclose(np.unique(np.round(delays, 9)), [0.0, 0.5])
+    assert binomtest(sum(delay > 0.25 for delay in delays), N, 0.3).pvalue > 1e-3
+
+
+def test_a_rate_spaces_packets_and_a_full_queue_loses_them() -> None:
+    line = Line(Faults(rate=100.0, queue=10), 1, "to_world")
+    arrivals = [due for _ in range(50) for due in line.take("command", 2.0)]
+    np.testing.assert_allclose(arrivals, 2.0 + 0.01 * np.arange(11))  # one goes at once, ten wait
+    assert line.counts["crowded"] == 39
+    np.testing.assert_allclose(line.take("command", 3.0), [3.0])
+
+
+@given(seed=st.integers(0, 2**31), loss=st.floats(0, 1), other=st.integers(1, 5))
+def test_the_same_seed_gives_the_same_fate_whatever_else_is_sent(seed: int, loss: float, other: int) -> None:
+    faults = Faults(loss=loss, delay=0.04, spread=0.02, duplicate=0.2, into_burst=0.1)
+    mixed, fate = Line(faults, seed, "to_onboard"), []
+    for k in range(30):
+        for _ in range(k % other):
+            mixed.take("uwb", 0.0)
+        fate.append(mixed.take("imu", 0.0))
+    assert fate == fates(faults, seed, 30, 0.0)
+
+
+def test_seeds_directions_and_channels_differ() -> None:
+    faults = Faults(delay=0.04, spread=0.02)
+    lines = [("imu", Line(faults, 1, "a")), ("imu", Line(faults, 2, "a")), ("imu", Line(faults, 1, "b"))]
+    lines.append(("uwb", Line(faults, 1, "a")))
+    assert len({line.take(channel, 0.0)[0] for channel, line in lines}) == 4
+
+
+@pytest.mark.parametrize(
+    "bad", [{"loss": 1.1}, {"loss": -0.1}, {"delay": -1.0}, {"queue": 0}, {"losss": 0.1}, {"rate": -1.0}]
+)
+def test_bad_faults_are_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(ValidationError):
+        Faults(**bad)
+
+
+def test_one_bus_is_not_enough() -> None:
+    with pytest.raises(InputError, match="two different buses"):
+        run_relay(WORLD, WORLD)
+
+
+def buses() -> tuple[DrakeLcm, DrakeLcm]:
+    try:
+        return open_lcm(WORLD), open_lcm(ONBOARD)
+    except InputError as error:
+        pytest.skip(f"no multicast here: {error}")
+
+
+def gather(inbox: Inbox, seconds: float) -> list[tuple[str, int]]:
+    got, until = [], time.monotonic() + seconds
+    while time.monotonic() < until and not got:
+        got += [(arrival.packet.name, arrival.packet.tick) for arrival in inbox.poll(10)]
+    return got
+
+
+def test_a_relay_passes_both_ways_without_echo_and_with_its_faults() -> None:
+    world, onboard = buses()
+    stop, ready, result = threading.Event(), threading.Event(), {}
+    relay = threading.Thread(
+        target=lambda: result.update(run_relay(WORLD, ONBOARD, Faults(loss=0.5), None, 5, 30.0, stop, ready)),
+        daemon=True,
+    )
+    relay.start()
+    assert ready.wait(15.0)
+    at_world = Inbox(world, ["command", "hello"], FLIGHT)
+    at_onboard = Inbox(onboard, ["imu"], FLIGHT)
+    line = Line(Faults(loss=0.5), 5, "to_onboard")
+    passed = [tick for tick in range(12) if line.take("imu", 0.0)]
+    # One at a time: pydrake's LCM keeps one message per channel until it is handled.
+    came = []
+    for tick in range(12):
+        world.Publish(CHANNELS["imu"], encode_vector(77, tick, np.concatenate(([1.0, 0.0], np.zeros(9)))))
+        came += gather(at_onboard, 5.0 if tick in passed else 0.2)
+    assert came == [("imu", tick) for tick in passed]  # the very packets that the seed lets pass
+    for tick in range(3):
+        onboard.Publish(CHANNELS["command"], encode_command(77, tick, np.zeros(4)))
+        assert gather(at_world, 5.0) == [("command", tick)]
+    onboard.Publish(CHANNELS["hello"], encode_hello(Hello("onboard", "ab")))
+    assert gather(at_world, 5.0) == [("hello", -1)]
+    assert gather(at_world, 0.2) == []  # no echo
+    stop.set()
+    relay.join(5.0)
+    assert not relay.is_alive()
+    assert result["to_world"] == {"taken": 4, "lost": 0, "crowded": 0, "duplicated": 0, "sent": 4}
+    assert (result["to_onboard"]["taken"], result["to_onboard"]["sent"]) == (12, len(passed))

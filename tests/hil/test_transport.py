@@ -1,0 +1,142 @@
+"""A bus that is there or an error that mends it; an inbox that nothing upsets."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from pydrake.lcm import DrakeLcm
+
+from ortilo_drake.hil.packets import CHANNELS, Hello, encode_command, encode_hello, encode_vector
+from ortilo_drake.hil.transport import MEMORY_URL, MEND, Inbox, open_lcm
+from ortilo_drake.hil.unpack import Flight
+from ortilo_drake.model.typed_yaml import InputError
+
+FLIGHT = Flight(77, 1 / 30, 8, (6, 9))
+URL = "udpm://239.255.76.67:{port}?ttl=0"
+
+OPEN = """
+import sys
+from ortilo_drake.hil.transport import open_lcm
+from ortilo_drake.model.typed_yaml import InputError
+try:
+    open_lcm()
+except InputError as error:
+    print(error)
+    sys.exit(3)
+"""
+
+
+def bus(port: int) -> DrakeLcm:
+    try:
+        return open_lcm(URL.format(port=port))
+    except InputError as error:
+        pytest.skip(f"no multicast here: {error}")
+
+
+def u(value: float) -> np.ndarray:
+    return np.array([value, 0.0, 0.0, 0.0])
+
+
+def in_new_network(commands: str) -> subprocess.CompletedProcess[str]:
+    """Open the default bus in a network namespace of its own, after some commands."""
+    if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
+        pytest.skip("unshare -rn is not allowed here: no network namespace to try in")
+    if not shutil.which("ip"):
+        pytest.skip("the command ip (Debian: iproute2) is missing")
+    line = f'{commands} exec "$0" -c "$1"'
+    return subprocess.run(["unshare", "-rn", "sh", "-c", line, sys.executable, OPEN], capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("commands", ["", "ip link set lo up;"])
+def test_without_a_route_the_error_names_the_command_that_mends_it(commands: str) -> None:
+    done = in_new_network(commands)
+    assert done.returncode == 3
+    assert done.stdout.count("\n") == 1
+    assert "no multicast route" in done.stdout
+    assert MEND in done.stdout
+    assert done.stderr == ""  # ours comes before LCM's
+
+
+def test_the_command_mends_it() -> None:
+    done = in_new_network(f"{MEND};")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "", "lcm", "tcpq://127.0.0.1:7667", "udpm://", "udpm://nobody:7667", "udpm://10.0.0.1:7667", "udpm://239.255.76.67",
+        "udpm://239.255.76.67:0", "udpm://239.255.76.67:70000", "udpm://239.255.76.67:7667/x",
+        "udpm://239.255.76.67:7667?ttl=256", "udpm://239.255.76.67:7667?ttl=-1", "udpm://239.255.76.67:7667?ttl=x",
+        "udpm://239.255.76.67:7667?tll=0", "udpm://239.255.76.67:7667?recv_buf_size=0", "udpm://[::1]:7667", "udpm://[:7667",
+    ],
+)  # fmt: skip
+def test_a_bad_url_is_refused(url: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=r"^url: ") as caught:
+        open_lcm(url)
+    assert repr(url) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_port_that_nobody_shares_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    # LCM falls back on a queue in memory, which another instance does not hear.
+    monkeypatch.setattr("ortilo_drake.hil.transport.DrakeLcm", lambda url: DrakeLcm(MEMORY_URL))
+    with pytest.raises(InputError, match=r"no multicast route|nothing sent there is heard"):
+        open_lcm(URL.format(port=7690))
+
+
+def test_two_buses_hear_each_other_and_another_port_does_not() -> None:
+    a, b, other = bus(7691), bus(7691), bus(7692)
+    inbox, silent = Inbox(b, ["command"], FLIGHT), Inbox(other, ["command"], FLIGHT)
+    a.Publish(CHANNELS["command"], encode_command(77, 0, u(9.81)))
+    before = time.perf_counter()
+    (arrival,) = inbox.poll(1000)
+    assert arrival.packet.value[0] == 9.81
+    assert before - 1.0 < arrival.received <= time.perf_counter()
+    assert silent.poll(20) == []
+
+
+def test_counts() -> None:
+    lcm = open_lcm(MEMORY_URL)
+    inbox = Inbox(lcm, ["command", "hello"])
+    lcm.Publish(CHANNELS["command"], encode_command(77, 0, u(0.0)))  # before the handshake
+    lcm.Publish(CHANNELS["hello"], encode_hello(Hello("world", "ab", 77)))
+    assert [arrival.packet.name for arrival in inbox.poll()] == ["hello"]
+    inbox.flight = FLIGHT
+    for tick in (0, 1, 1, 5, 3, 3, 8):
+        lcm.Publish(CHANNELS["command"], encode_command(77, tick, u(tick)))
+    lcm.Publish(CHANNELS["command"], encode_command(78, 9, u(0.0)))
+    lcm.Publish(CHANNELS["command"], b"")
+    assert [arrival.packet.tick for arrival in inbox.poll()] == [0, 1, 5, 3, 8]
+    counts = inbox.counts("command")
+    assert counts == {
+        "accepted": 6, "late": 1, "duplicates": 2, "lost": 4, "rejected": 3, "refused": {"foreign": 2, "length": 1},
+    }  # fmt: skip
+    assert json.loads(json.dumps(counts)) == counts
+
+
+@pytest.mark.parametrize("udp", [False, True])
+def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(udp: bool) -> None:
+    lcm = bus(7693) if udp else open_lcm(MEMORY_URL)
+    inbox = Inbox(lcm, CHANNELS, FLIGHT)
+    rng, rounds, heard = np.random.default_rng(3), 300, 0
+    valid = bytearray(encode_vector(77, 3, np.concatenate(([1.0, 0.1], np.zeros(9)))))
+    for _ in range(rounds):
+        for channel in CHANNELS.values():
+            data = valid.copy()
+            data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+            lcm.Publish(channel, bytes(data) if rng.random() < 0.5 else rng.bytes(rng.integers(0, 200)))
+        heard += len(CHANNELS)
+        until = time.monotonic() + 2.0
+        while inbox.counts()["rejected"] < heard and time.monotonic() < until:
+            assert inbox.poll(10) == []
+    counts = inbox.counts()
+    assert counts["rejected"] == rounds * len(CHANNELS) == sum(counts["refused"].values())
+    assert counts["accepted"] == 0
+    lcm.Publish(CHANNELS["imu"], bytes(valid))  # and after all that it still listens
+    assert len(inbox.poll(1000)) == 1
