@@ -13,6 +13,7 @@ import typer
 from ortilo_drake.analyze_cli import analyze
 from ortilo_drake.detector_cli import detector_app
 from ortilo_drake.experiments.files import write_text
+from ortilo_drake.hil_cli import hil_app, replay
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, read_text, scenario_names
 from ortilo_drake.terminal import check_writable, err, out, progress_bar, say_written, write_json
@@ -29,6 +30,8 @@ app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")
 app.command()(analyze)
 app.command()(tune)
+app.add_typer(hil_app, name="hil")
+app.command()(replay)
 
 DEFAULT_SCENARIO = "imu_uwb_yolo"
 ScenarioArgument = Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")]
@@ -111,12 +114,17 @@ def fly(
         Path | None, typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, three times as fast.")
     ] = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Write everything as MCAP (rosbag2, for Foxglove) to this new folder.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Fly one scenario and print its errors, arrival rates and real-time factor."""
     chosen = load_scenario(scenario, _with_camera(settings, camera, detector), seed)
     if detector is not None and not chosen.is_rendered:
         raise InputError(f"--detector: {chosen.name} flies without a camera that it could look through")
+    if meshcat and log:
+        raise InputError("--log: is written by a flight that is not shown live; leave --meshcat out")
     check_writable(html, png, video, out_file, json_file)
     # Only now: Drake and numba take seconds to import, a typing error should not.
     from ortilo_drake.experiments.display import flight_page, fly_live
@@ -124,6 +132,7 @@ def fly(
     from ortilo_drake.experiments.flight import flight_ticks, save_flight
     from ortilo_drake.experiments.flight import fly as fly_once
     from ortilo_drake.experiments.metrics import summary
+    from ortilo_drake.hil.logged_flight import fly_logged
 
     if video:
         from ortilo_drake.experiments.video import check_video, flight_video
@@ -137,7 +146,10 @@ def fly(
         def show(ticks: int) -> None:
             progress.update(task, completed=ticks, description="flying")
 
-        flight = fly_live(chosen, err.print, show) if meshcat else fly_once(chosen, show)
+        if log:
+            flight = fly_logged(chosen, log, show)
+        else:
+            flight = fly_live(chosen, err.print, show) if meshcat else fly_once(chosen, show)
     result = summary(flight)
     if out_file:
         save_flight(flight, out_file)
@@ -151,7 +163,7 @@ def fly(
             flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
     write_json(json_file, result)
     _print_flight(result)
-    say_written(html, png, video, out_file, json_file)
+    say_written(html, png, video, out_file, log, json_file)
 
 
 @app.command()

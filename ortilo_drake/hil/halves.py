@@ -12,7 +12,7 @@ tick's *outputs* are a dict of the onboard half's logged signals, OUTPUTS.
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import PortDataType
+from pydrake.systems.framework import Context, Diagram, PortDataType
 from pydrake.systems.sensors import ImageRgba8U
 from pydrake.trajectories import Trajectory
 
@@ -20,9 +20,11 @@ from ortilo_drake.diagrams.closed_loop import LOGGED, set_world_hovering
 from ortilo_drake.diagrams.onboard import make_onboard
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.experiments.flight import fix_steps
-from ortilo_drake.model.signals import ARRIVED
+from ortilo_drake.hil.resume import about_reference, after_gap
+from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.failsafe import MODES
 
 Signals = dict[str, np.ndarray]
 
@@ -67,6 +69,15 @@ class WorldHalf:
         """The true x now (12)."""
         return np.array(self._state.Eval(self._simulator.get_context()))
 
+    @property
+    def failsafe_mode(self) -> str | None:
+        """What flies now, of world.failsafe.MODES; None where there is no failsafe, without a command_period."""
+        if not self._diagram.HasSubsystemNamed("failsafe"):
+            return None
+        failsafe = self._diagram.GetSubsystemByName("failsafe")
+        state = failsafe.GetMyContextFromRoot(self._simulator.get_context()).get_discrete_state()
+        return MODES[int(state.value()[0])]
+
     def sample(self) -> Signals:
         """Return the messages of this tick."""
         context = self._simulator.get_context()
@@ -107,11 +118,21 @@ class OnboardHalf:
             if port.get_data_type() == PortDataType.kVectorValued
         }
         self._outputs = {name: self._diagram.GetOutputPort(name) for name in OUTPUTS}
-        self._h, self._k = scenario.h, 0
+        self._h, self._k, self._yaw = scenario.h, 0, scenario.servo.yaw
         self.take({})
         if "image" in self._ports:
             self._ports["image"].FixValue(self._simulator.get_mutable_context(), AbstractValue.Make(ImageRgba8U()))
         self._simulator.Initialize()
+
+    @property
+    def diagram(self) -> Diagram:
+        """The Diagram of diagrams/onboard.py."""
+        return self._diagram
+
+    @property
+    def context(self) -> Context:
+        """Its context now."""
+        return self._simulator.get_context()
 
     def take(self, messages: Signals) -> None:
         """Put this tick's messages on the input ports."""
@@ -129,6 +150,39 @@ class OnboardHalf:
         """Return every logged signal of this tick, as the filter takes it."""
         context = self._simulator.get_context()
         return {name: np.array(port.Eval(context)) for name, port in self._outputs.items()}
+
+    def state(self) -> np.ndarray:
+        """Return the whole discrete state now, group after group."""
+        groups = self._simulator.get_context().get_discrete_state()
+        return np.concatenate([groups.value(i) for i in range(groups.num_groups())])
+
+    def resume(self, tick: int, state: np.ndarray | None, gap: float) -> None:
+        """Go on in a flight that is at a tick already, after an absence, see resume.py.
+
+        Args:
+            tick: the present one.
+            state: what state() was; None knows nothing.
+            gap: how long ago that was [s].
+        """
+        context = self._simulator.get_mutable_context()
+        context.SetTime(tick * self._h)
+        groups = context.get_mutable_discrete_state()
+        if state is not None:
+            edges = np.cumsum([groups.value(i).size for i in range(groups.num_groups())])
+            for i, part in enumerate(np.split(state, edges[:-1])):
+                groups.set_value(i, part)
+        kalman = self._diagram.GetSubsystemByName("kalman_filter")
+        its_context = kalman.GetMyMutableContextFromRoot(context)
+        its_state = its_context.get_mutable_discrete_state()
+        if state is None:
+            reference = self._outputs["reference"].Eval(self._simulator.get_context())
+            xbar, P = about_reference(reference, self._yaw)
+        else:
+            xbar, P = after_gap(its_state.value(0), its_state.value(1).reshape(N_XBAR, N_XBAR), gap)
+        its_state.set_value(0, xbar)
+        its_state.set_value(1, P.ravel())
+        self._k = tick
+        self._simulator.Initialize()
 
     def advance(self) -> None:
         """Go on to the next tick."""

@@ -1,0 +1,101 @@
+"""Who meets whom: the two halves agree on protocol, scenario and session before a flight.
+
+The world says hello ten times a second until the onboard half says it back with the world's session number. A half
+that speaks another version of the protocol, or flies another scenario, is refused by name.
+"""
+
+import hashlib
+import secrets
+import time
+from typing import Final
+
+from pydrake.lcm import DrakeLcm
+
+from ortilo_drake.hil.packets import CHANNELS, PROTOCOL, Hello, encode_hello
+from ortilo_drake.hil.transport import Inbox
+from ortilo_drake.hil.unpack import Flight
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+FINISHED: Final = "finished"  # the reason with which the world ends a flight
+_EVERY_MS: Final = 100
+
+
+def scenario_digest(scenario: Scenario) -> str:
+    """Return what both halves must have in common: a digest of the scenario with its seed, and of its room."""
+    text = scenario.model_dump_json() + scenario.load_room().model_dump_json()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def flight_of(scenario: Scenario, session: int) -> Flight:
+    """Return what packets of a flight are checked against."""
+    room = scenario.load_room()
+    shape = None
+    if scenario.is_rendered:
+        camera = room.camera.scaled_to(scenario.rendered_camera.width)
+        shape = camera.height, camera.width
+    return Flight(session, scenario.h, len(room.anchors), shape)
+
+
+def say_hello(lcm: DrakeLcm, hello: Hello) -> None:
+    """Publish a hello."""
+    lcm.Publish(CHANNELS["hello"], encode_hello(hello))
+
+
+def _refusal(hello: Hello, digest: str) -> str:
+    """Return why a hello is not from our other half; empty if it is."""
+    if hello.protocol != PROTOCOL:
+        return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
+    if hello.scenario_digest != digest:
+        return (
+            f"flies another scenario ({hello.scenario_digest}, this half {digest}): give both the same, seed included"
+        )
+    return ""
+
+
+def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool, wait: float) -> int:
+    """Find the onboard half; return the session that the world chose.
+
+    Args:
+        lcm: the bus.
+        inbox: hears hello; from now on it takes this flight's packets.
+        scenario: the scenario of this half.
+        lockstep: how the world wants to fly.
+        wait: how long to look for it [s].
+
+    Raises:
+        InputError: if the onboard half is not there, or is another's.
+    """
+    session, digest = secrets.randbelow(2**62) + 1, scenario_digest(scenario)
+    inbox.flight = flight_of(scenario, session)
+    until, said = time.monotonic() + wait, -1.0
+    while (now := time.monotonic()) < until:
+        if now > said + 1e-3 * _EVERY_MS:  # not whenever something is heard: it hears itself
+            say_hello(lcm, Hello("world", digest, session, lockstep))
+            said = now
+        for arrival in inbox.poll(_EVERY_MS):
+            hello = arrival.packet.value
+            if not isinstance(hello, Hello) or hello.role != "onboard" or hello.session != session:
+                continue
+            if refusal := hello.reason or _refusal(hello, digest):
+                raise InputError(f"onboard half: {refusal}")
+            return session
+    raise InputError(f"onboard half: not heard in {wait:g} s; start it with: ortilo hil onboard")
+
+
+def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> Hello:
+    """Wait for the world's hello and say it back; return the world's. Arguments and errors as meet_onboard."""
+    digest = scenario_digest(scenario)
+    until = time.monotonic() + wait
+    while time.monotonic() < until:
+        for arrival in inbox.poll(_EVERY_MS):
+            hello = arrival.packet.value
+            if not isinstance(hello, Hello) or hello.role != "world" or hello.reason:
+                continue
+            if refusal := _refusal(hello, digest):
+                say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, refusal))
+                raise InputError(f"world: {refusal}")
+            inbox.flight = flight_of(scenario, hello.session)
+            say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))
+            return hello
+    raise InputError(f"world: not heard in {wait:g} s; start it with: ortilo hil world")

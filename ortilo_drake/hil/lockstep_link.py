@@ -1,0 +1,97 @@
+"""Lockstep over a link that may lose packets: whoever hears nothing for a while says the last thing again.
+
+A repeated packet is the same packet, and the other half drops what it has already had. So loss, duplication and delay
+cost time, never a bit of the flight.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+from pydrake.lcm import DrakeLcm
+
+from ortilo_drake.hil.halves import OnboardHalf, Signals
+from ortilo_drake.hil.handshake import FINISHED, say_hello
+from ortilo_drake.hil.lockstep import Ask, Record
+from ortilo_drake.hil.packets import Hello
+from ortilo_drake.hil.transport import Inbox
+from ortilo_drake.hil.wire import TickInbox, publish_command, publish_messages, publish_telemetry
+from ortilo_drake.model.typed_yaml import InputError
+
+SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30
+PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
+
+
+def ask_over_link(lcm: DrakeLcm, inbox: Inbox, session: int) -> Ask:
+    """Return the onboard half on the other side of a link, to be asked by lockstep.fly_lockstep.
+
+    Asking raises InputError if the other half is silent for PATIENCE.
+    """
+
+    def ask(tick: int, messages: Signals) -> Signals:
+        publish_messages(lcm, session, tick, messages)
+        outputs: Signals = {}
+        heard = time.monotonic()
+        while len(outputs) < 5:  # the command and the four of the telemetry
+            arrivals = inbox.poll(SILENCE_MS)
+            for packet in (arrival.packet for arrival in arrivals if arrival.packet.tick == tick):
+                outputs |= {"control": packet.value} if packet.name == "command" else packet.value
+            if arrivals:
+                heard = time.monotonic()
+            elif time.monotonic() > heard + PATIENCE:
+                raise InputError(f"onboard half: silent for {PATIENCE:g} s at tick {tick}")
+            else:
+                publish_messages(lcm, session, tick, messages)
+        return outputs
+
+    return ask
+
+
+def answer_over_link(
+    onboard: OnboardHalf,
+    lcm: DrakeLcm,
+    inbox: Inbox,
+    session: int,
+    progress: Callable[[int], None] | None = None,
+    record: Record | None = None,
+) -> int:
+    """Be the onboard half until the world says that it has finished; return how many ticks were answered.
+
+    Raises:
+        InputError: if the world is silent for PATIENCE.
+    """
+    ticks = TickInbox()
+    k = 0
+    last: Signals | None = None
+    heard = time.monotonic()
+    while True:
+        arrivals = inbox.poll(SILENCE_MS)
+        for packet in (arrival.packet for arrival in arrivals):
+            if packet.name != "hello":
+                ticks.put(packet)
+            elif packet.value.role == "world" and packet.value.session == session:
+                if packet.value.reason == FINISHED:
+                    return k
+                say_hello(lcm, Hello("onboard", packet.value.scenario_digest, session, True))  # it missed the first
+        if ticks.is_complete(k):
+            messages = ticks.take(k)
+            onboard.take(messages)
+            last = onboard.outputs()
+            _answer(lcm, session, k, last)
+            onboard.advance()
+            if record:
+                record(k, None, messages, last)
+            k += 1
+            if progress:
+                progress(k)
+        if arrivals:
+            heard = time.monotonic()
+        elif time.monotonic() > heard + PATIENCE:
+            raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
+        elif last is not None:
+            _answer(lcm, session, k - 1, last)
+
+
+def _answer(lcm: DrakeLcm, session: int, tick: int, outputs: Signals) -> None:
+    publish_command(lcm, session, tick, outputs)
+    publish_telemetry(lcm, session, tick, outputs)

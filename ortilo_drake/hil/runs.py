@@ -1,0 +1,115 @@
+"""Each half as one call: what the commands `ortilo hil world` and `ortilo hil onboard` do."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from pydrake.lcm import DrakeLcm
+
+from ortilo_drake.hil.camera_process import CameraProcess
+from ortilo_drake.hil.detector_thread import DetectorThread
+from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
+from ortilo_drake.hil.handshake import FINISHED, meet_onboard, meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.lockstep import Record, fly_lockstep
+from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
+from ortilo_drake.hil.packets import PORTS, Hello
+from ortilo_drake.hil.real_time_onboard import answer_in_real_time
+from ortilo_drake.hil.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
+from ortilo_drake.hil.transport import Inbox, open_lcm
+from ortilo_drake.hil.warm_up import stop_collecting, warm_up
+from ortilo_drake.scenario import Scenario
+
+FAREWELLS = 5  # how often the world says that it has finished; each may be lost
+
+
+def run_world(
+    scenario: Scenario,
+    url: str,
+    lockstep: bool,
+    wait: float,
+    seconds: float | None = None,
+    progress: Callable[[int], None] | None = None,
+    record: Record | None = None,
+    watching: Callable[[Figures], None] | None = None,
+) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Fly a scenario's world against an onboard half over a link.
+
+    Args:
+        scenario: the scenario.
+        url: the bus, see transport.open_lcm.
+        lockstep: whether to wait for each answer.
+        wait: how long to look for the onboard half [s].
+        seconds: in real time, end after that much of the flight.
+        progress: called with the number of ticks flown.
+        record: called with everything of a tick.
+        watching: in real time, see fly_in_real_time.
+
+    Returns:
+        The flight, and a report: ticks, the packets' counts and in real time the watch's figures.
+
+    Raises:
+        InputError: if the bus does not work or the onboard half is missing, silent or another's.
+    """
+    lcm = open_lcm(url)
+    inbox = Inbox(lcm, ("hello", "command", "telemetry"))
+    with contextlib.ExitStack() as stack:
+        if lockstep:
+            session = meet_onboard(lcm, inbox, scenario, lockstep, wait)
+            stack.enter_context(_saying_farewell(lcm, scenario, session, lockstep))
+            flight = fly_lockstep(scenario, ask_over_link(lcm, inbox, session), progress, record)
+            report: dict[str, Any] = {"ticks": flight.sizes["tick"]}
+        else:
+            camera = stack.enter_context(CameraProcess(scenario, url)) if scenario.is_rendered else None
+            warm_up(scenario)
+            world = WorldHalf(scenario, COMMAND_PERIOD, draws=False)
+            if camera:
+                camera.wait_until_ready()
+            session = meet_onboard(lcm, inbox, scenario, lockstep, wait)
+            stack.enter_context(_saying_farewell(lcm, scenario, session, lockstep))
+            stop_collecting()
+            flight, watch = fly_in_real_time(
+                scenario, world, lcm, inbox, session, camera, seconds, progress, record, watching
+            )
+            report = watch.summary() | {"latencies_ms": watch.latencies_ms()}
+    return flight, report | {"packets": inbox.counts("command"), "rejected": inbox.counts()["rejected"]}
+
+
+@contextlib.contextmanager
+def _saying_farewell(lcm: DrakeLcm, scenario: Scenario, session: int, lockstep: bool) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        for _ in range(FAREWELLS):
+            say_hello(lcm, Hello("world", scenario_digest(scenario), session, lockstep, FINISHED))
+
+
+def run_onboard(
+    scenario: Scenario,
+    url: str,
+    wait: float,
+    progress: Callable[[int], None] | None = None,
+    record: Record | None = None,
+    checkpoint: Path | None = None,
+) -> dict[str, Any]:
+    """Be a scenario's onboard half for one flight; return a report.
+
+    Arguments and errors as run_world, and checkpoint as in real_time_onboard.py. Call warm_up before.
+    """
+    lcm = open_lcm(url)
+    inbox = Inbox(lcm, ("hello", "tick", *PORTS))
+    detector = DetectorThread(scenario) if scenario.is_rendered else None
+    onboard = OnboardHalf(scenario, detects=detector is None)
+    stop_collecting()
+    hello = meet_world(lcm, inbox, scenario, wait)
+    report: dict[str, Any] = {}
+    if hello.lockstep:
+        report["ticks"] = answer_over_link(OnboardHalf(scenario), lcm, inbox, hello.session, progress, record)
+    else:
+        report["ticks"], ages = answer_in_real_time(
+            scenario, onboard, lcm, inbox, hello.session, detector, progress, record, checkpoint
+        )
+        report["age_in_ticks"] = {str(age): count for age, count in sorted(ages.items())}
+    counts = inbox.counts("tick")
+    return report | {"packets": counts, "rejected": counts["rejected"]}

@@ -1,0 +1,22 @@
+"""What a process does before its first tick in real time, so that nothing is compiled or collected in flight."""
+
+import gc
+
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.experiments.flight import make_simulator
+from ortilo_drake.scenario import Scenario
+
+TICKS = 12  # every sensor has sent, and every message entered the filter
+
+
+def warm_up(scenario: Scenario) -> None:
+    """Fly a moment of the scenario in this process, which has numba compile or load all that either half calls."""
+    flown = scenario.model_copy(update={"camera": "projected"})
+    make_simulator(make_closed_loop(flown), flown).AdvanceTo((TICKS + 0.5) * flown.h)
+
+
+def stop_collecting() -> None:
+    """Switch off Python's search for reference cycles: a tick makes none, and looking takes many milliseconds."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()

@@ -1,0 +1,74 @@
+"""What a flight in real time did to time: latencies, deadlines, jitter."""
+
+from typing import Any
+
+import numpy as np
+
+
+def quantiles(values: np.ndarray) -> dict[str, float | None]:
+    """Return median, p99 and max, each None of no values."""
+    if not len(values):
+        return {"median": None, "p99": None, "max": None}
+    return {
+        "median": float(np.median(values)),
+        "p99": float(np.quantile(values, 0.99)),
+        "max": float(np.max(values)),
+    }
+
+
+class Watch:
+    """The world's record of its ticks and of the commands that answered them; times are time.perf_counter() [s].
+
+    Args:
+        h: tick [s].
+    """
+
+    def __init__(self, h: float):
+        self._h = h
+        self._due: list[float] = []
+        self._sent: list[float] = []
+        self._answered: dict[int, float] = {}
+
+    def sent(self, due: float, now: float) -> None:
+        """Note that the next tick, due at a time, was sent at a time."""
+        self._due.append(due)
+        self._sent.append(now)
+
+    def answered(self, tick: int, now: float) -> None:
+        """Note when a tick's command came; of several the first, and none of a tick that was not sent."""
+        if tick < len(self._sent):
+            self._answered.setdefault(tick, now)
+
+    def latencies_ms(self, ticks: int | None = None) -> np.ndarray:
+        """Return sense to command of every answered tick, from its messages sent to its command received [ms].
+
+        Args:
+            ticks: look at the first so many only.
+        """
+        answered = sorted(self._answered.items())
+        return np.array([1e3 * (now - self._sent[k]) for k, now in answered if ticks is None or k < ticks])
+
+    def summary(self, ticks: int | None = None) -> dict[str, Any]:
+        """Return the figures as plain data, for JSON.
+
+        A deadline is missed where the command of a tick is not there when the next tick begins; lateness_ms is how
+        far the worst was beyond it. longest_silence is the longest run of ticks without an answer [s]. jitter_ms is how late the world itself sent its ticks.
+
+        Args:
+            ticks: look at the first so many only; in flight those before the present one, which is not answered yet.
+                (Another thread may ask for these while the flight goes on.)
+        """
+        ticks = len(self._sent) if ticks is None else ticks
+        latencies, deadline = self.latencies_ms(ticks), 1e3 * self._h
+        sent, due = np.array(self._sent[:ticks]), np.array(self._due[:ticks])
+        simulated = (ticks - 1) * self._h
+        return {
+            "ticks": ticks,
+            "latency_ms": quantiles(latencies),
+            "missed_deadlines": int(np.sum(latencies > deadline)) + ticks - len(latencies),
+            "unanswered": ticks - len(latencies),
+            "longest_silence": self._h * int(np.max(np.diff([-1, *sorted(self._answered), ticks])) - 1),
+            "lateness_ms": float(max(0.0, np.max(latencies, initial=0.0) - deadline)),
+            "jitter_ms": quantiles(1e3 * (sent - due)),
+            "real_time_factor": simulated / float(sent[-1] - sent[0]) if ticks > 1 else None,
+        }
