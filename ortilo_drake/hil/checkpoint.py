@@ -36,7 +36,7 @@ def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) ->
         size: of the state.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             found = Checkpoint(int(file["session"]), int(file["tick"]), np.array(file["state"], dtype=float))
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None

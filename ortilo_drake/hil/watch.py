@@ -52,7 +52,8 @@ class Watch:
         """Return the figures as plain data, for JSON.
 
         A deadline is missed where the command of a tick is not there when the next tick begins; lateness_ms is how
-        far the worst was beyond it. longest_silence is the longest run of ticks without an answer [s]. jitter_ms is how late the world itself sent its ticks.
+        far the worst was beyond it. longest_silence is the longest run of ticks without an answer [s]. jitter_ms is how
+        late the world itself sent its ticks.
 
         Args:
             ticks: look at the first so many only; in flight those before the present one, which is not answered yet.
