@@ -19,6 +19,7 @@ from ortilo_drake.hil.wire import TickInbox, publish_command, publish_messages, 
 from ortilo_drake.model.typed_yaml import InputError
 
 SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30
+POLL_MS: Final = 10
 PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
 
 
@@ -31,17 +32,19 @@ def ask_over_link(lcm: DrakeLcm, inbox: Inbox, session: int) -> Ask:
     def ask(tick: int, messages: Signals) -> Signals:
         publish_messages(lcm, session, tick, messages)
         outputs: Signals = {}
-        heard = time.monotonic()
+        heard = said = time.monotonic()
         while len(outputs) < 5:  # the command and the four of the telemetry
-            arrivals = inbox.poll(SILENCE_MS)
+            arrivals = inbox.poll(POLL_MS)
             for packet in (arrival.packet for arrival in arrivals if arrival.packet.tick == tick):
                 outputs |= {"control": packet.value} if packet.name == "command" else packet.value
+            now = time.monotonic()
             if arrivals:
-                heard = time.monotonic()
-            elif time.monotonic() > heard + PATIENCE:
+                heard = said = now
+            elif now > heard + PATIENCE:
                 raise InputError(f"onboard half: silent for {PATIENCE:g} s at tick {tick}")
-            else:
+            elif now > said + 1e-3 * SILENCE_MS:  # a duplicate ends a poll early, and is no reason to repeat
                 publish_messages(lcm, session, tick, messages)
+                said = now
         return outputs
 
     return ask
@@ -63,9 +66,9 @@ def answer_over_link(
     ticks = TickInbox()
     k = 0
     last: Signals | None = None
-    heard = time.monotonic()
+    heard = said = time.monotonic()
     while True:
-        arrivals = inbox.poll(SILENCE_MS)
+        arrivals = inbox.poll(POLL_MS)
         for packet in (arrival.packet for arrival in arrivals):
             if packet.name != "hello":
                 ticks.put(packet)
@@ -84,12 +87,14 @@ def answer_over_link(
             k += 1
             if progress:
                 progress(k)
+        now = time.monotonic()
         if arrivals:
-            heard = time.monotonic()
-        elif time.monotonic() > heard + PATIENCE:
+            heard = said = now
+        elif now > heard + PATIENCE:
             raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
-        elif last is not None:
+        elif last is not None and now > said + 1e-3 * SILENCE_MS:
             _answer(lcm, session, k - 1, last)
+            said = now
 
 
 def _answer(lcm: DrakeLcm, session: int, tick: int, outputs: Signals) -> None:
