@@ -15,7 +15,12 @@ import ortilo_drake
 from ortilo_drake.model.equations import DYNAMICS
 
 PROJECT = Path(__file__).resolve().parents[1]
-NAMES = sorted(module.name for module in pkgutil.walk_packages(ortilo_drake.__path__, "ortilo_drake."))
+GENERATED = "ortilo_drake.hil.lcmtypes.ortilo."  # lcm-gen writes no docstrings
+NAMES = sorted(
+    module.name
+    for module in pkgutil.walk_packages(ortilo_drake.__path__, "ortilo_drake.")
+    if not module.name.startswith(GENERATED)
+)
 
 
 def source_of(name: str) -> ast.Module:

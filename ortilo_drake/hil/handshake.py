@@ -18,6 +18,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 FINISHED: Final = "finished"  # the reason with which the world ends a flight
+REFUSALS: Final = 6  # how often the onboard half says no before it ends: one may meet the world's own hello
 _EVERY_MS: Final = 100
 
 
@@ -93,7 +94,9 @@ def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> 
             if not isinstance(hello, Hello) or hello.role != "world" or hello.reason:
                 continue
             if refusal := _refusal(hello, digest):
-                say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, refusal))
+                for _ in range(REFUSALS):
+                    say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, refusal))
+                    time.sleep(5e-4 * _EVERY_MS)
                 raise InputError(f"world: {refusal}")
             inbox.flight = flight_of(scenario, hello.session)
             say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))

@@ -6,9 +6,12 @@ Wall time is never tested, but within bounds that a loaded machine keeps. Each t
 import contextlib
 import json
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -226,3 +229,27 @@ def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go() -> None:
         for code, _, errors in run_both(words, words, spaces):
             assert code == 2
             assert "not heard in 2 s" in errors
+
+
+def test_an_onboard_half_that_is_killed_twice_joins_the_flight_again(tmp_path: Path) -> None:
+    here = (*bus(7731), "--set", "settle=0", "--set", "planner={kind: hover, duration: 10}")
+    onboard = start("hil", "onboard", "imu_uwb", "--keep-alive", *here)
+    world = start("hil", "world", "imu_uwb", *here, *WAIT, "--json", str(tmp_path / "w.json"))
+    try:
+        assert onboard.stderr is not None
+        for wait in (4.0, 2.0):  # the first until it flies
+            process = re.fullmatch(r"onboard half: process (\d+)\n", onboard.stderr.readline())
+            assert process is not None
+            time.sleep(wait)
+            os.kill(int(process[1]), signal.SIGKILL)
+            assert "was killed by SIGKILL" in onboard.stderr.readline()
+        code, _, errors = end(world)
+        assert code == 0, errors
+        report = json.loads((tmp_path / "w.json").read_text())
+        assert report["lost"] == "null"
+        assert report["ticks"] == 301
+        assert 0 < report["unanswered"] < 150
+        assert end(onboard)[0] == 0
+    finally:
+        onboard.kill()
+        world.kill()

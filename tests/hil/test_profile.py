@@ -1,0 +1,89 @@
+"""The profile of the onboard half: what it looks at, and that evaluating block by block changes no value."""
+
+import numpy as np
+import pytest
+
+from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
+from ortilo_drake.hil.profile import (
+    REST,
+    WHOLE,
+    dataflow_order,
+    profile_onboard,
+    rows_of,
+    time_blocks,
+    updating_systems,
+)
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario
+
+LATE = ("camera=projected", "filter.delay=replay", "camera_link.delay=2")
+
+
+def scenario_of(*settings: str) -> Scenario:
+    return load_scenario("imu_uwb_yolo", settings)
+
+
+@pytest.mark.parametrize("settings", [("camera=projected",), LATE])
+def test_every_output_comes_after_what_it_depends_on(settings: tuple[str, ...]) -> None:
+    """Evaluating in the order, each port is the only one whose calculation Drake has still to do."""
+    onboard = OnboardHalf(scenario_of(*settings))
+    order = [(port.get_system().get_name(), port.get_name()) for port in dataflow_order(onboard.diagram)]
+    every = [(s.get_name(), s.get_output_port(j).get_name()) for s in onboard.diagram.GetSystems() for j in
+             range(s.num_output_ports())]  # fmt: skip
+    assert sorted(order) == sorted(every)
+    chain = [("multilateration", "fix"), ("measurement_handler", "measurement")]
+    assert [key for key in order if key in chain] == chain
+    assert order.index(("landmark_fix", "fix")) < order.index(("measurement_handler", "measurement"))
+    assert order.index(("planner", "y0")) < order.index(("lq_servo", "control"))
+    assert order.index(("kalman_filter", "estimate")) < order.index(("lq_servo", "control"))
+    assert [system.get_name() for system in updating_systems(onboard.diagram)] == ["kalman_filter"]
+    if "past_estimate_camera" in dict(order):
+        assert order.index(("kalman_filter", "history")) < order.index(("past_estimate_camera", "estimate"))
+        assert order.index(("past_estimate_camera", "covariance")) < order.index(("landmark_fix", "fix"))
+
+
+def test_block_by_block_the_flight_is_the_same() -> None:
+    scenario = scenario_of("camera=projected")
+    world, plain, timed = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
+    ports, updating = dataflow_order(timed.diagram), updating_systems(timed.diagram)
+    for _ in range(40):
+        messages = world.sample()
+        plain.take(messages)
+        timed.take(messages)
+        assert all(spent > 0.0 for spent in time_blocks(timed, ports, updating).values())
+        control = plain.answer()
+        np.testing.assert_array_equal(timed.answer(), control)
+        plain.advance()
+        timed.advance()
+        np.testing.assert_array_equal(timed.state(), plain.state())
+        world.advance(control)
+
+
+def test_rows_sum_to_the_whole() -> None:
+    spent = {"cheap": np.array([1e-6, 1e-6, 4e-6]), "dear": np.array([2e-6, 2e-6, 2e-6])}
+    rows = rows_of(spent, np.array([4e-6, 5e-6, 7e-6]))
+    assert [row["block"] for row in rows] == ["cheap", "dear", REST, WHOLE]
+    assert [row["median_us"] for row in rows] == pytest.approx([1.0, 2.0, 1.0, 5.0])
+    assert [row["share"] for row in rows] == pytest.approx([6 / 16, 6 / 16, 4 / 16, 1.0])
+    assert rows[0]["p99_us"] == pytest.approx(1.0 + 0.98 * 3.0)
+
+
+def test_a_profile_finds_the_tick_in_its_blocks() -> None:
+    """No limit in time: only that the blocks, timed apart, make up about the tick that was timed whole."""
+    scenario = scenario_of("camera=projected")
+    rows = {row["block"]: row for row in profile_onboard(scenario, 60)}
+    blocks = {system.get_name() for system in OnboardHalf(scenario).diagram.GetSystems()}
+    assert set(rows) == blocks | {REST, WHOLE}
+    assert sum(row["share"] for name, row in rows.items() if name != WHOLE) == pytest.approx(1.0)
+    assert 0.2 < sum(row["median_us"] for name, row in rows.items() if name in blocks) / rows[WHOLE]["median_us"] < 5.0
+
+
+@pytest.mark.egl
+def test_a_rendered_camera_s_detector_is_a_block() -> None:
+    rows = {row["block"]: row for row in profile_onboard(scenario_of(), 6)}
+    assert rows["detector"]["share"] == max(row["share"] for name, row in rows.items() if name != WHOLE)
+
+
+def test_no_ticks_are_refused() -> None:
+    with pytest.raises(InputError, match="ticks: 0"):
+        profile_onboard(scenario_of("camera=projected"), 0)
