@@ -1,0 +1,184 @@
+"""A listener on the bus: it puts the ticks of a flight together and hands them to other systems.
+
+It says nothing itself, so the halves fly as if it were not there. The session is the world's hello's: in real time the
+world repeats it in flight, in lockstep it is said only before, so there a bridge has to be started first.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from ortilo_drake.bridges.mavlink import MavlinkBridge
+from ortilo_drake.bridges.ros2 import Ros2Bridge
+from ortilo_drake.hil.halves import Signals
+from ortilo_drake.hil.handshake import FINISHED, flight_of, scenario_digest
+from ortilo_drake.hil.lockstep_link import PATIENCE
+from ortilo_drake.hil.packets import PORTS, PROTOCOL, TELEMETRY, Hello
+from ortilo_drake.hil.transport import Inbox, open_lcm
+from ortilo_drake.hil.unpack import Packet
+from ortilo_drake.hil.wire import TickInbox
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+Target = Callable[[float, Signals, Signals], None]  # t [s], messages, outputs; as in logs/ros_messages.py
+LAG: Final = 6  # ticks after which one is handed on without what is missing
+_POLL_MS: Final = 50
+_OUTPUTS: Final = {"control", *TELEMETRY}
+
+
+def mavlink_target(bridge: MavlinkBridge, control_rate: float) -> Target:
+    """Return a target that sends every estimate, and a heartbeat once a second of flight."""
+
+    def send(t: float, messages: Signals, outputs: Signals) -> None:
+        if round(t * control_rate) % max(1, round(control_rate)) == 0:
+            bridge.send_heartbeat()
+        if "estimate" in outputs:
+            bridge.send(t, outputs["estimate"], outputs["covariance"])
+
+    return send
+
+
+def ros2_target(bridge: Ros2Bridge) -> Target:
+    """Return a target that publishes every tick; of the true state the bus knows nothing."""
+    return lambda t, messages, outputs: bridge.send_tick(t, None, messages, outputs)
+
+
+class Ticks:
+    """Puts both halves' packets of each tick together and gives the ticks out in order."""
+
+    def __init__(self) -> None:
+        self._world = TickInbox()
+        self._outputs: dict[int, Signals] = {}
+        self._waiting: set[int] = set()
+        self._picture: Packet | None = None
+        self._first, self._last = -1, -1
+        self.given = self.without_world = self.without_answer = 0
+
+    @property
+    def lost(self) -> int:
+        """How many ticks between the first and the last given were never heard of."""
+        return self._last + 1 - self._first - self.given if self.given else 0
+
+    def put(self, packet: Packet) -> None:
+        """Take a packet; one of a tick that is given already is dropped, but a picture goes with the next tick.
+
+        In real time a picture takes longer than a tick to be drawn, and the list of a tick does not know it.
+        """
+        if packet.tick <= self._last:
+            if packet.name == "image":
+                self._picture = packet
+            return
+        self._waiting.add(packet.tick)
+        if packet.name == "command":
+            self._outputs.setdefault(packet.tick, {})["control"] = packet.value
+        elif packet.name == "telemetry":
+            self._outputs.setdefault(packet.tick, {}).update(packet.value)
+        else:
+            self._world.put(packet)
+
+    def ready(self, lag: int = LAG) -> Iterator[tuple[int, Signals, Signals]]:
+        """Give out what is complete, and what is older by a number of ticks than the newest as it is."""
+        while self._waiting:
+            k, newest = min(self._waiting), max(self._waiting)
+            world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= _OUTPUTS
+            if not (world and answer) and newest - k < lag:
+                return
+            self._waiting.remove(k)
+            self._first = k if self._first < 0 else self._first
+            self._last = k
+            self.given += 1
+            self.without_world += not world
+            self.without_answer += not answer
+            messages = self._world.take(k)
+            if self._picture and "image" not in messages:
+                messages |= {"shutter": np.array([1.0, self._picture.stamp]), "image": self._picture.value}
+                self._picture = None
+            yield k, messages, self._outputs.pop(k, {})
+
+
+def _find_world(inbox: Inbox, scenario: Scenario, until: float) -> int:
+    """Return the session of the flight that the world's hello tells of; InputError if it is another's or none."""
+    digest = scenario_digest(scenario)
+    while time.monotonic() < until:
+        for _, packet in inbox.poll(_POLL_MS):
+            hello: Hello = packet.value
+            if packet.name != "hello" or hello.role != "world" or hello.reason:
+                continue
+            if hello.protocol != PROTOCOL or hello.scenario_digest != digest:
+                raise InputError(
+                    f"world: protocol {hello.protocol}, scenario {hello.scenario_digest}; this bridge has "
+                    f"protocol {PROTOCOL}, scenario {digest}: give both the same, seed included"
+                )
+            return hello.session
+    raise InputError("world: not heard; start it with: ortilo hil world (a flight in lockstep after the bridge)")
+
+
+def run_bridge(
+    url: str,
+    scenario: Scenario,
+    targets: Mapping[str, Target],
+    seconds: float | None = None,
+    wait: float = 60.0,
+    say: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Hand every tick of one flight to targets, until the world says that it has finished.
+
+    Args:
+        url: the bus, see transport.open_lcm.
+        scenario: what is flown, the same as the halves'.
+        targets: what takes the ticks, by name. One that raises is told of in one line and given no more.
+        seconds: end after that long [s]; by default with the flight.
+        wait: how long to look for the world [s].
+        say: takes a line when it listens, and about a target that failed.
+
+    Returns:
+        A report: ticks given, how many between were lost, how many came without all of the world's messages (the
+        onboard half ticks on a little after the end) or all of the onboard half's; packets; why targets failed.
+
+    Raises:
+        InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
+            target has failed.
+    """
+    inbox = Inbox(open_lcm(url), ("hello", "tick", *PORTS, "command", "telemetry"))
+    say(f"listening on {url}")
+    session = _find_world(inbox, scenario, time.monotonic() + wait)
+    inbox.flight = flight_of(scenario, session)
+    ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()
+    heard = time.monotonic()
+    end = heard + seconds if seconds is not None else np.inf
+    finished = False
+    while not finished and time.monotonic() < end:
+        for _, packet in inbox.poll(_POLL_MS):
+            if packet.name != "hello":
+                ticks.put(packet)
+            elif packet.value.session == session:
+                finished |= packet.value.role == "world" and packet.value.reason == FINISHED
+            else:
+                continue
+            heard = time.monotonic()
+        for k, messages, outputs in ticks.ready(1 if finished else LAG):
+            failed |= _hand_on(alive, k * scenario.h, messages, outputs, say)
+        if not alive:
+            raise InputError(f"bridge: nothing left to send to ({'; '.join(failed)})")
+        if time.monotonic() > heard + PATIENCE:
+            raise InputError(f"world: silent for {PATIENCE:g} s")
+    counts = {name: getattr(ticks, name) for name in ("lost", "without_world", "without_answer")}
+    packets = {key: value for key, value in inbox.counts().items() if key != "lost"}
+    return {"ticks": ticks.given, **counts, "packets": packets, "failed": failed}
+
+
+def _hand_on(
+    targets: dict[str, Target], t: float, messages: Signals, outputs: Signals, say: Callable[[str], None]
+) -> dict[str, str]:
+    """Give a tick to each target; remove those that fail and return why."""
+    failed = {}
+    for name, target in list(targets.items()):
+        try:
+            target(t, messages, outputs)
+        except Exception as error:  # whatever another system's library raises, the others go on
+            del targets[name]
+            failed[name] = " ".join(str(error).split()) or type(error).__name__
+            say(f"{name}: failed at {t:.3f} s and gets no more: {failed[name]}")
+    return failed
