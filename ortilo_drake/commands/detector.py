@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands.options import JsonOption, WorkersOption
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
-from ortilo_drake.terminal import check_writable, out, progress_bar, say_written, write_json
 
 detector_app = typer.Typer(
     help="Render pictures, train, judge, export and calibrate the detector.", no_args_is_help=True
@@ -17,7 +18,6 @@ detector_app = typer.Typer(
 
 PicturesOption = Annotated[Path, typer.Option("--pictures", help="Folder of the rendered pictures.")]
 SeedOption = Annotated[int, typer.Option(min=0, max=999, help="Seed of everything random.")]
-WorkersOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")]
 NetworkOption = Annotated[
     tuple[Path, Path] | None,
     typer.Option("--detector", metavar="CFG WEIGHTS", help="Another network than ours; .weights or .safetensors."),
@@ -139,7 +139,7 @@ def evaluate(
     network: NetworkOption = None,
     worst: Annotated[Path | None, typer.Option(help="Draw the worst pictures to this PNG.")] = None,
     workers: WorkersOption = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")] = None,
+    json_file: JsonOption = None,
 ) -> None:
     """Judge the detector on pictures it has never seen; they are rendered first if they are not there."""
     check_writable(json_file, worst, pictures / "test" / "x.npz")

@@ -1,13 +1,13 @@
 """The command `ortilo tune`: W and V from recorded flights."""
 
-import logging
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from ortilo_drake.commands.options import JsonOption, quiet_drake
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.terminal import check_writable, out, progress_bar, say_written, write_json
 
 
 def _entry(found: dict[str, Any] | None) -> str:
@@ -56,7 +56,7 @@ def _print_check(check: dict[str, Any]) -> None:
 def tune(
     flights: Annotated[list[Path], typer.Argument(help="Flights (netCDF) of one scenario, or folders of them.")],
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")] = None,
+    json_file: JsonOption = None,
     figure: Annotated[Path | None, typer.Option(help="Draw numbers, NEES and NIS before and after.")] = None,
     check: Annotated[int, typer.Option(min=0, max=1000, help="Fly before and after on this many new seeds.")] = 0,
 ) -> None:
@@ -74,7 +74,7 @@ def tune(
     from ortilo_drake.experiments.tune import check_flights, find_flights, overlay_text, tuning_data
     from ortilo_drake.experiments.tune import tune as tune_flights
 
-    logging.getLogger("drake").setLevel(logging.WARNING)  # importing Drake has set it to INFO
+    quiet_drake()
     if figure is not None:
         check_picture(figure)
     files = find_flights(flights)

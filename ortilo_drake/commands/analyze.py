@@ -1,29 +1,34 @@
 """The command `ortilo analyze`: the theory of a scenario, checked by flights."""
 
-import logging
 import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    JsonOption,
+    ScenarioArgument,
+    SetOption,
+    WorkersOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.terminal import check_writable, err, out, progress_bar, say_written, write_json
 
 
 def analyze(
-    scenario: Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")] = "imu_uwb_yolo",
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
     flights: Annotated[
         int, typer.Option(min=0, max=10_000, help="Flights of the scenario, and of each pair of arrival rates.")
     ] = 20,
-    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
-    ] = None,
+    workers: WorkersOption = None,
+    settings: SetOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of report, figures and flights.")] = Path(
         "out/analysis"
     ),
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON to this file.")] = None,
+    json_file: JsonOption = None,
 ) -> None:
     """Linearise a scenario and check its Riccati equations, margins, arrival rates, delays, tube and honesty.
 
@@ -37,7 +42,7 @@ def analyze(
     from ortilo_drake.experiments.analyze import analyze as analyze_scenario
     from ortilo_drake.experiments.files import write_text
 
-    logging.getLogger("drake").setLevel(logging.WARNING)  # importing Drake has set it to INFO
+    quiet_drake()
     if chosen.is_rendered:
         err.print("the camera is projected here, not rendered")
         chosen = chosen.model_copy(update={"camera": "projected"})

@@ -1,0 +1,108 @@
+"""The command `ortilo fly`: one flight."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    CameraOption,
+    DetectorOption,
+    JsonOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+    with_camera,
+)
+from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.experiments.files import write_text
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+
+
+def _print_flight(result: dict[str, Any]) -> None:
+    lost = result["lost"]
+    out.print(f"[bold]{result['scenario']}[/bold], seed {result['seed']}")
+    if lost:
+        out.print(f"  [red]lost[/red] at {lost['time']:.2f} s: {lost['cause']}")
+    mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result["mse"].items())
+    out.print(f"  estimation MSE      {mse} m²")
+    farthest = result["max_path_distance"], result["max_reference_distance"]
+    out.print(f"  farthest from path  {farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m")
+    path = "not defined on this path" if result["path_mse"] is None else f"{result['path_mse']:.5f} m²"
+    out.print(f"  path MSE            {path}, by distance {result['path_distance_mse']:.5f} m²")
+    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result["arrivals"].items()]
+    out.print(f"  fixes used of due   {', '.join(rates)}")
+    for sensor, error in result["fix_errors"].items():
+        out.print(f"  error of {sensor:6} fixes  median {error['median']:.3f} m, 95 % within {error['p95']:.3f} m")
+    out.print(f"  position NEES       {result['nees']:.2f} (3 if consistent)")
+    if result["contacts"]:
+        out.print(f"  [yellow]touched[/yellow]             {', '.join(result['contacts'])}")
+    out.print(f"  real-time factor    {result['real_time_factor']:.3g}")
+
+
+def fly(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    camera: CameraOption = None,
+    detector: DetectorOption = None,
+    meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
+    html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw path, errors and arrivals to this file.")] = None,
+    video: Annotated[
+        Path | None, typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, three times as fast.")
+    ] = None,
+    out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Write everything as MCAP (rosbag2, for Foxglove) to this new folder.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Fly one scenario and print its errors, arrival rates and real-time factor."""
+    chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
+    if detector is not None and not chosen.is_rendered:
+        raise InputError(f"--detector: {chosen.name} flies without a camera that it could look through")
+    if meshcat and log:
+        raise InputError("--log: is written by a flight that is not shown live; leave --meshcat out")
+    check_writable(html, png, video, out_file, json_file)
+    # Only now: Drake and numba take seconds to import, a typing error should not.
+    from ortilo_drake.experiments.display import flight_page, fly_live
+    from ortilo_drake.experiments.figures import flight_figure
+    from ortilo_drake.experiments.flight import flight_ticks, save_flight
+    from ortilo_drake.experiments.flight import fly as fly_once
+    from ortilo_drake.experiments.metrics import summary
+    from ortilo_drake.hil.logged_flight import fly_logged
+
+    if video:
+        from ortilo_drake.experiments.video import check_video, flight_video
+
+        check_video(video)
+    quiet_drake()
+
+    with progress_bar() as progress:
+        task = progress.add_task("compiling" if not meshcat else "flying live", total=flight_ticks(chosen))
+
+        def show(ticks: int) -> None:
+            progress.update(task, completed=ticks, description="flying")
+
+        if log:
+            flight = fly_logged(chosen, log, show)
+        else:
+            flight = fly_live(chosen, err.print, show) if meshcat else fly_once(chosen, show)
+    result = summary(flight)
+    if out_file:
+        save_flight(flight, out_file)
+    if html:
+        write_text(html, flight_page(flight))
+    if png:
+        flight_figure(flight, png)
+    if video:
+        with progress_bar() as progress:
+            drawing = progress.add_task("drawing the video", total=None)
+            flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
+    write_json(json_file, result)
+    _print_flight(result)
+    say_written(html, png, video, out_file, log, json_file)

@@ -1,0 +1,59 @@
+"""The command `ortilo hil bridge`: a flight passed on to ROS 2 and MAVLink."""
+
+import contextlib
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.hil_options import (
+    DEFAULT_URL,
+    UrlOption,
+    WaitOption,
+    show_report,
+)
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    JsonOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import check_writable, say_written, write_json
+from ortilo_drake.scenario import InputError, load_scenario
+
+
+def bridge(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    ros2: Annotated[bool, typer.Option("--ros2", help="Publish as a ROS 2 node, on this machine.")] = False,
+    mavlink: Annotated[
+        str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 there.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    wait: WaitOption = 60.0,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after that long [s].")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot."""
+    chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    if not ros2 and mavlink is None:
+        raise InputError("--ros2, --mavlink: give one of them or both")
+    check_writable(json_file)
+    from ortilo_drake.bridges.mavlink import MavlinkBridge
+    from ortilo_drake.bridges.ros2 import Ros2Bridge
+    from ortilo_drake.hil.bridge import Target, mavlink_target, ros2_target, run_bridge
+
+    quiet_drake()
+    targets: dict[str, Target] = {}
+    with contextlib.ExitStack() as stack:
+        if mavlink is not None:
+            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
+            targets["mavlink"] = mavlink_target(sender, chosen.control_rate)
+        if ros2:
+            targets["ros2"] = ros2_target(stack.enter_context(Ros2Bridge(chosen)))
+        report = run_bridge(url, chosen, targets, seconds, wait, lambda line: print(line, flush=True))
+    write_json(json_file, report)
+    show_report(report)
+    say_written(json_file)

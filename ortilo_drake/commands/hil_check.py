@@ -1,0 +1,96 @@
+"""The command `ortilo hil check`: both halves on this machine, and what came of it."""
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.hil_options import (
+    DEFAULT_URL,
+    LockstepOption,
+    SecondsOption,
+    UrlOption,
+    WaitOption,
+    show_report,
+    showing_flight,
+)
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    JsonOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.scenario import InputError, Scenario, load_scenario
+
+
+@contextlib.contextmanager
+def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[None]:
+    """Run `ortilo hil onboard` beside this process."""
+    with tempfile.TemporaryDirectory() as folder:
+        import yaml
+
+        file = Path(folder) / f"{scenario.name}.yaml"
+        file.write_text(yaml.safe_dump(scenario.model_dump(mode="json")), encoding="utf-8")
+        words = ("hil", "onboard", str(file), "--url", url, "--wait", str(wait))
+        command = (sys.executable, "-m", "ortilo_drake.cli", *words)
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            try:
+                yield
+                process.wait(20.0)
+            except InputError as error:
+                process.terminate()
+                said = (process.communicate()[1] or "").strip()
+                raise InputError(f"{error}" + (f" (it said: {said.splitlines()[-1]})" if said else "")) from None
+            finally:
+                process.terminate()
+
+
+def check(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    lockstep: LockstepOption = False,
+    seconds: SecondsOption = None,
+    url: UrlOption = DEFAULT_URL,
+    wait: WaitOption = 60.0,
+    png: Annotated[Path | None, typer.Option(help="Draw the latencies' histogram to this file.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Run both halves on this machine, in two processes, and report what time and link did to the flight."""
+    chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    if lockstep and (seconds is not None or png is not None):
+        raise InputError("--seconds, --png: belong to a flight in real time, not to --lockstep")
+    check_writable(png, json_file)
+    from ortilo_drake.experiments.flight import flight_ticks, fly
+    from ortilo_drake.hil.latency_figure import latency_figure
+    from ortilo_drake.hil.runs import run_world
+
+    quiet_drake()
+    with showing_flight("flying", flight_ticks(chosen), lockstep) as shown, _other_half(chosen, url, wait):
+        flight, report = run_world(chosen, url, lockstep, wait, seconds, **shown)
+    identical = None
+    if lockstep:
+        import xarray as xr
+
+        alone = fly(chosen)
+        del alone.attrs["real_time_factor"]
+        identical = bool(xr.Dataset.identical(flight, alone))
+    if png:
+        latency_figure(report["latencies_ms"], chosen.h, png)
+    report.pop("latencies_ms", None)
+    none = {"median": None, "p99": None, "max": None}
+    report = {"identical": identical, "latency_ms": none, "missed_deadlines": None} | report
+    write_json(json_file, report)
+    out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
+    show_report(report)
+    say_written(png, json_file)
+    if identical is False:
+        raise InputError(f"{chosen.name}: the flight over LCM differs from the one in a single process")

@@ -1,0 +1,94 @@
+"""The command `ortilo hil onboard`: perception, filter, servo and planner as a process."""
+
+import contextlib
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.hil_options import (
+    DEFAULT_URL,
+    UrlOption,
+    WaitOption,
+    show_report,
+)
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    JsonOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.scenario import InputError, Scenario, load_scenario
+
+
+def _profile(scenario: Scenario, json_file: Path | None) -> None:
+    """Print, and write as JSON, which block of the onboard half spends the time."""
+    from ortilo_drake.hil.panel import profile_table
+    from ortilo_drake.hil.profile import PROFILE_TICKS, profile_onboard
+    from ortilo_drake.hil.warm_up import stop_collecting
+
+    stop_collecting()
+    rows = profile_onboard(scenario, PROFILE_TICKS)
+    write_json(json_file, rows)
+    out.print(profile_table(rows, scenario.name))
+    say_written(json_file)
+
+
+def onboard(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    url: UrlOption = DEFAULT_URL,
+    wait: WaitOption = 60.0,
+    log: Annotated[Path | None, typer.Option(help="Write what it took and made of it as MCAP to this folder.")] = None,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="Keep the filter's state in this file, to join a flight again after a kill.")
+    ] = None,
+    keep: Annotated[
+        bool, typer.Option("--keep-alive", help="Start again at once whenever the process that flies is killed.")
+    ] = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Time each block on this machine, without a world, and end.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Run perception, filter, servo and planner for one flight of a world; real time or lockstep as the world says."""
+    chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    if profile and (keep or log or checkpoint):
+        raise InputError("--profile: flies with no world; leave --keep-alive, --log and --checkpoint out")
+    if keep and log:
+        raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
+    check_writable(json_file, checkpoint)
+    from ortilo_drake.experiments.flight import flight_ticks
+    from ortilo_drake.hil.keep_alive import keep_alive
+    from ortilo_drake.hil.runs import run_onboard
+    from ortilo_drake.hil.warm_up import warm_up
+    from ortilo_drake.logs.writer import LogWriter
+
+    quiet_drake()
+    if profile:
+        _profile(chosen, json_file)
+        return
+    ticks = flight_ticks(chosen)
+    warm_up(chosen)
+
+    def fly_once() -> None:
+        with contextlib.ExitStack() as stack:
+            record = stack.enter_context(LogWriter(log, chosen)).write_tick if log else None
+            bar = stack.enter_context(progress_bar())
+            task = bar.add_task("onboard", total=ticks)
+            report = run_onboard(chosen, url, wait, lambda k: bar.update(task, completed=k), record, checkpoint)
+        write_json(json_file, report)
+        show_report(report)
+        say_written(log, json_file)
+
+    if not keep:
+        fly_once()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        checkpoint = checkpoint or Path(folder) / "checkpoint.npz"
+        keep_alive(fly_once, lambda line: err.print(line, markup=False))

@@ -1,0 +1,42 @@
+"""Options of `ortilo hil`, and how its commands show a flight and a report."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import typer
+
+from ortilo_drake.commands.terminal import err, out, progress_bar
+
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"  # as hil/transport.py, which imports Drake
+ONBOARD_URL = DEFAULT_URL.replace(":7667", ":7668")
+UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
+WaitOption = Annotated[float, typer.Option(min=1.0, help="How long to look for the other half [s].")]
+LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]
+SecondsOption = Annotated[float | None, typer.Option(min=0.1, help="In real time, end after that much [s].")]
+
+
+def show_report(lines: dict[str, Any]) -> None:
+    """Print a report, a line for each entry."""
+    for name, value in lines.items():
+        if isinstance(value, dict):
+            value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
+        out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)
+
+
+def _number(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+@contextlib.contextmanager
+def showing_flight(name: str, ticks: int, lockstep: bool) -> Iterator[dict[str, Any]]:
+    """Show a flight in the terminal, in real time its figures; yields what run_world wants for that."""
+    from ortilo_drake.hil.panel import live_panel
+
+    if lockstep:
+        with progress_bar() as bar:
+            task = bar.add_task(name, total=ticks)
+            yield {"progress": lambda k: bar.update(task, completed=k)}
+    else:
+        with live_panel(err) as watching:
+            yield {"watching": watching}

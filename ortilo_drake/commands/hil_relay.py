@@ -1,0 +1,41 @@
+"""The command `ortilo hil relay`: a bad link between the halves."""
+
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.hil_options import DEFAULT_URL, ONBOARD_URL, show_report
+from ortilo_drake.commands.options import JsonOption, quiet_drake
+from ortilo_drake.commands.terminal import check_writable, say_written, write_json
+
+
+def relay(
+    faults: Annotated[
+        str, typer.Option(help="Of both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
+    ] = "{}",
+    to_onboard: Annotated[str | None, typer.Option(help="Faults on the way to the onboard half, if others.")] = None,
+    to_world: Annotated[str | None, typer.Option(help="Faults on the way to the world, if others.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all chances.")] = 1,
+    url_world: Annotated[str, typer.Option(help="The world's bus.")] = DEFAULT_URL,
+    url_onboard: Annotated[str, typer.Option(help="The onboard half's bus.")] = ONBOARD_URL,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Stop after that long [s]; Ctrl-C stops it too.")] = 86400.0,
+    json_file: JsonOption = None,
+) -> None:
+    """Pass packets on between the halves, each on a bus of its own, with faults; the fields are in hil/faults.py."""
+    check_writable(json_file)
+    from ortilo_drake.hil.faults import Faults
+    from ortilo_drake.hil.relay import run_relay
+    from ortilo_drake.model.typed_yaml import parse_yaml, validate
+
+    quiet_drake()
+    there, back = (
+        validate(Faults, parse_yaml(text, option), option)
+        for option, text in (
+            ("--faults" if to_onboard is None else "--to-onboard", faults if to_onboard is None else to_onboard),
+            ("--faults" if to_world is None else "--to-world", faults if to_world is None else to_world),
+        )
+    )
+    counts = run_relay(url_world, url_onboard, there, back, seed, seconds)
+    write_json(json_file, counts)
+    show_report(counts)
+    say_written(json_file)

@@ -1,0 +1,63 @@
+"""The command `ortilo hil world`: plant, sensors, link and camera as a process."""
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.hil_options import (
+    DEFAULT_URL,
+    LockstepOption,
+    SecondsOption,
+    UrlOption,
+    WaitOption,
+    show_report,
+    showing_flight,
+)
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    JsonOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.scenario import InputError, load_scenario
+
+
+def world(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    lockstep: LockstepOption = False,
+    url: UrlOption = DEFAULT_URL,
+    wait: WaitOption = 60.0,
+    seconds: SecondsOption = None,
+    out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Write the flight as MCAP to this new folder.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Run plant, sensors, link and camera; wait for an onboard half and fly on its commands."""
+    chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    if seconds is not None and lockstep:
+        raise InputError("--seconds: ends a flight in real time, not in --lockstep")
+    check_writable(out_file, json_file)
+    from ortilo_drake.experiments.flight import flight_ticks, save_flight
+    from ortilo_drake.hil.runs import run_world
+    from ortilo_drake.logs.writer import LogWriter
+
+    quiet_drake()
+    with contextlib.ExitStack() as stack:
+        record = stack.enter_context(LogWriter(log, chosen)).write_tick if log else None
+        shown = stack.enter_context(showing_flight("world", flight_ticks(chosen), lockstep))
+        flight, report = run_world(chosen, url, lockstep, wait, seconds, record=record, **shown)
+    if out_file:
+        save_flight(flight, out_file)
+    report.pop("latencies_ms", None)
+    report["lost"] = flight.attrs["lost"]
+    write_json(json_file, report)
+    out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
+    show_report(report)
+    say_written(out_file, log, json_file)

@@ -1,0 +1,56 @@
+"""Options that several commands have, and what they do."""
+
+import json
+import logging
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.model.typed_yaml import InputError
+
+DEFAULT_SCENARIO = "imu_uwb_yolo"
+ScenarioArgument = Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
+]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of all noise, if not the scenario's own.")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
+
+
+def quiet_drake() -> None:
+    """Keep Drake from telling what is of no concern here; call it after importing Drake, which sets it to INFO."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
+
+
+class Camera(StrEnum):
+    """How the camera is simulated."""
+
+    rendered = "rendered"
+    projected = "projected"
+
+
+CameraOption = Annotated[
+    Camera | None, typer.Option(help="Draw pictures, or only the boxes; if not as the scenario has it.")
+]
+DetectorOption = Annotated[
+    tuple[Path, Path] | None,
+    typer.Option("--detector", metavar="CFG WEIGHTS", help="A Darknet network to look with in place of ours."),
+]
+
+
+def with_camera(
+    settings: list[str] | None, camera: Camera | None, detector: tuple[Path, Path] | None
+) -> tuple[str, ...]:
+    """Return the settings with the camera's laid over them; a detector needs pictures to look at."""
+    chosen = list(settings or ())
+    if camera is not None:
+        chosen.append(f"camera={camera.value}")
+    if detector is not None:
+        if camera is Camera.projected:
+            raise InputError("--detector: looks at pictures, which --camera projected does not draw")
+        cfg, weights = (json.dumps(str(path.absolute())) for path in detector)
+        chosen += ["camera=rendered", f"detector.cfg={cfg}", f"detector.weights={weights}"]
+    return tuple(chosen)

@@ -1,0 +1,88 @@
+"""The command `ortilo tables`: the paper's tables beside ours."""
+
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ortilo_drake.commands.options import (
+    CameraOption,
+    DetectorOption,
+    JsonOption,
+    SetOption,
+    WorkersOption,
+    with_camera,
+)
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, write_json
+from ortilo_drake.experiments.files import write_text
+from ortilo_drake.scenario import load_scenario
+
+
+class Preset(StrEnum):
+    """Which covariances and velocities the tables fly with."""
+
+    tuned = "tuned"
+    paper = "paper"
+
+
+def tables(
+    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights of each scenario, seeds from 0.")] = 20,
+    workers: WorkersOption = None,
+    preset: Annotated[Preset, typer.Option(help="Our tuning or the paper's printed covariances.")] = Preset.tuned,
+    settings: SetOption = None,
+    camera: CameraOption = None,
+    detector: DetectorOption = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
+        "out/tables"
+    ),
+    json_file: JsonOption = None,
+) -> None:
+    """Fly both of the paper's scenarios many times and print its tables I and II beside ours.
+
+    Flights already in the folder are kept, so an interrupted run goes on where it stopped.
+    """
+    from ortilo_drake.experiments.report import table_text
+    from ortilo_drake.experiments.tables import SCENARIOS, make_tables
+
+    prefix = "paper_" if preset is Preset.paper else ""
+    chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
+    laid_over = with_camera(settings, camera, detector)
+    for name, flown in chosen.items():
+        if "camera" in flown.sensors:  # so that the flights without one stay the same
+            chosen[name] = load_scenario(prefix + name, laid_over)
+    check_writable(json_file, out_folder / f"tables_{preset.value}.md")
+    from ortilo_drake.diagrams.closed_loop import make_closed_loop
+    from ortilo_drake.experiments.ensemble import flight_file, fly_many
+    from ortilo_drake.experiments.figures import arrival_figure, error_figure, trajectory_figure
+    from ortilo_drake.experiments.flight import load_flight
+
+    for flown in chosen.values():
+        make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
+    count = workers or os.cpu_count() or 1
+    summaries: dict[str, list[dict[str, Any]]] = {}
+    with progress_bar() as progress:
+        tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
+        for name, flown in chosen.items():
+
+            def show(_: dict[str, Any], name: str = name) -> None:
+                progress.advance(tasks[name])
+
+            summaries[name] = fly_many(flown, range(flights), out_folder / "flights", count, show)
+    result = make_tables(preset.value, summaries)
+    text = table_text(result)
+    first = {
+        name: [load_flight(flight_file(out_folder / "flights", flown, seed)) for seed in range(min(flights, 20))]
+        for name, flown in chosen.items()
+    }
+    written = [
+        trajectory_figure(first, out_folder / f"trajectories_{preset.value}.png"),
+        error_figure(summaries, out_folder / f"errors_{preset.value}.png"),
+        arrival_figure({n: rows[0] for n, rows in first.items()}, out_folder / f"arrivals_{preset.value}.png"),
+    ]
+    write_text(out_folder / f"tables_{preset.value}.md", text)
+    write_json(json_file, result)
+    out.print(text, markup=False, soft_wrap=True)
+    for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):
+        out.print(f"wrote {path}", markup=False, soft_wrap=True)
