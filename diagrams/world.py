@@ -8,7 +8,6 @@ from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, SHUTTER_S
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Link, Scenario
-from ortilo_drake.settings.failsafe import Failsafe as FailsafeSettings
 from ortilo_drake.world.command_link import CommandLink
 from ortilo_drake.world.disturbance import DisturbanceSource
 from ortilo_drake.world.failsafe import Failsafe
@@ -23,9 +22,7 @@ from ortilo_drake.world.true_velocity import TrueVelocity
 from ortilo_drake.world.uwb import UwbRanging
 
 
-def make_world(
-    scenario: Scenario, command_period: float | None = None, failsafe: FailsafeSettings | None = None
-) -> Diagram:
+def make_world(scenario: Scenario, command_period: float | None = None) -> Diagram:
     """Return the world as a Diagram.
 
     In real time a command comes when it comes. With a command_period the world looks for one that often, through a
@@ -47,7 +44,6 @@ def make_world(
     Args:
         scenario: the scenario.
         command_period: how often to look for a command [s]; by default there is one every tick.
-        failsafe: what flies while none comes; only with a command_period.
 
     Raises:
         InputError: if there is a command_period and a command link that is not perfect: whatever carries the commands
@@ -71,7 +67,7 @@ def make_world(
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
     command_link = fallback = None
     if command_period is not None:
-        fallback = builder.AddSystem(Failsafe(failsafe or FailsafeSettings(), scenario.vehicle, command_period))
+        fallback = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
         builder.ExportInput(fallback.GetInputPort("command"), "command")
         builder.Connect(fallback.GetOutputPort("control"), hold.get_input_port())
     elif scenario.command_link == CommandLinkSettings():  # a perfect link

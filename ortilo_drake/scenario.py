@@ -16,6 +16,7 @@ from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, read_text, validate
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.settings.failsafe import Failsafe
 from ortilo_drake.settings.link import (
     BernoulliLoss,
     Blackout,
@@ -65,6 +66,7 @@ __all__ = [
     "DiagonalW",
     "Disturbance",
     "DisturbanceW",
+    "Failsafe",
     "FirstOrderRotors",
     "GcsPlanner",
     "GilbertElliottLoss",
@@ -124,6 +126,7 @@ class Scenario(Frozen):
             boxes that a detector would have found from what was measured of it, eighty times as fast.
         camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
         command_link: delivery of the control packets; perfect by default.
+        failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
     """
 
     name: Annotated[str, Field(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$")] = "default"
@@ -148,6 +151,7 @@ class Scenario(Frozen):
     filter: KalmanFilter = KalmanFilter()
     servo: LqServo = LqServo()
     planner: Planner = GcsPlanner()
+    failsafe: Failsafe = Failsafe()
 
     @property
     def h(self) -> float:

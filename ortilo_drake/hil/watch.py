@@ -45,31 +45,34 @@ class Watch:
         Args:
             ticks: look at the first so many only.
         """
+        return self._after(self._sent, ticks)
+
+    def _after(self, times: list[float], ticks: int | None) -> np.ndarray:
         answered = sorted(self._answered.items())
-        return np.array([1e3 * (now - self._sent[k]) for k, now in answered if ticks is None or k < ticks])
+        return np.array([1e3 * (now - times[k]) for k, now in answered if ticks is None or k < ticks])
 
     def summary(self, ticks: int | None = None) -> dict[str, Any]:
         """Return the figures as plain data, for JSON.
 
-        A deadline is missed where the command of a tick is not there when the next tick begins; lateness_ms is how
-        far the worst was beyond it. longest_silence is the longest run of ticks without an answer [s]. jitter_ms is how
-        late the world itself sent its ticks.
+        A deadline is missed where the command of a tick is not there when the next tick is due; what the world itself
+        was late is in it. lateness_ms is how far the worst was beyond it. longest_silence is the longest run of ticks
+        without an answer [s]. jitter_ms is how late the world itself sent its ticks.
 
         Args:
             ticks: look at the first so many only; in flight those before the present one, which is not answered yet.
                 (Another thread may ask for these while the flight goes on.)
         """
         ticks = len(self._sent) if ticks is None else ticks
-        latencies, deadline = self.latencies_ms(ticks), 1e3 * self._h
+        latencies, beyond = self.latencies_ms(ticks), self._after(self._due, ticks) - 1e3 * self._h
         sent, due = np.array(self._sent[:ticks]), np.array(self._due[:ticks])
         simulated = (ticks - 1) * self._h
         return {
             "ticks": ticks,
             "latency_ms": quantiles(latencies),
-            "missed_deadlines": int(np.sum(latencies > deadline)) + ticks - len(latencies),
+            "missed_deadlines": int(np.sum(beyond > 0.0)) + ticks - len(latencies),
             "unanswered": ticks - len(latencies),
             "longest_silence": self._h * int(np.max(np.diff([-1, *sorted(self._answered), ticks])) - 1),
-            "lateness_ms": float(max(0.0, np.max(latencies, initial=0.0) - deadline)),
+            "lateness_ms": float(np.max(beyond, initial=0.0)),
             "jitter_ms": quantiles(1e3 * (sent - due)),
             "real_time_factor": simulated / float(sent[-1] - sent[0]) if ticks > 1 else None,
         }

@@ -50,6 +50,13 @@ def test_late_and_unanswered_ticks_miss_their_deadline() -> None:
     assert summary["latency_ms"]["median"] == pytest.approx(7.5)  # of those that were answered: 2, 4, 11, 13
 
 
+def test_a_deadline_counts_from_when_a_tick_was_due() -> None:
+    summary = watch_of([0.006, 0.006], late=[0.001, 0.005]).summary()  # 7 and 11 ms after they were due
+    assert summary["latency_ms"]["max"] == pytest.approx(6.0)
+    assert summary["missed_deadlines"] == 1
+    assert summary["lateness_ms"] == pytest.approx(1.0)
+
+
 def test_jitter_is_how_late_the_world_was() -> None:
     summary = watch_of([0.001] * 5, late=[0.0, 0.001, 0.004, 0.002, 0.003]).summary()
     assert summary["jitter_ms"] == pytest.approx({"median": 2.0, "p99": 3.96, "max": 4.0})

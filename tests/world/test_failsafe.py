@@ -243,6 +243,26 @@ def test_while_commands_come_the_plant_flies_as_without_a_failsafe() -> None:
     np.testing.assert_allclose(world.GetOutputPort("state").Eval(simulator.get_context()), expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("timeout", [0.1, 0.6])
+def test_the_scenario_says_when_it_takes_over(timeout: float) -> None:
+    world, simulator = make_flight(f"failsafe.timeout={timeout}", "failsafe.hold_for=0.5")
+    world.GetInputPort("command").FixValue(simulator.get_mutable_context(), [*HOVER, 0.0])
+    failsafe = world.GetSubsystemByName("failsafe")
+    took_over = {}
+    for t in np.arange(0.05, 1.5, 0.01):
+        simulator.AdvanceTo(t)
+        mode = failsafe.GetOutputPort("mode").Eval(failsafe.GetMyContextFromRoot(simulator.get_context()))[0]
+        took_over.setdefault(MODES[int(mode)], t)
+    assert took_over["hold"] == pytest.approx(timeout, abs=0.0101)
+    assert took_over["descend"] == pytest.approx(timeout + 0.5, abs=0.0201)
+
+
+@pytest.mark.parametrize("setting", ["failsafe.timeout=0", "failsafe.descent_rate=-1", "failsafe.max_tilt=1"])
+def test_settings_it_cannot_fly_are_refused_by_name(setting: str) -> None:
+    with pytest.raises(InputError, match=setting.partition("=")[0]):
+        load_scenario("imu_uwb", (setting,))
+
+
 def test_without_a_command_period_the_world_has_none_of_this() -> None:
     world = make_world(load_scenario("imu_uwb"))
     assert not world.HasSubsystemNamed("failsafe")
