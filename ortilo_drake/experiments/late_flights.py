@@ -143,7 +143,10 @@ def paired(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str
 
 
 def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
-    """Return the reports of late_flights as a Markdown table, a row for each scenario and mode."""
+    """Return the reports of late_flights as a Markdown table, a row for each scenario and mode.
+
+    A report without links is of flights through a relay.
+    """
     header = [
         "scenario",
         "filter.delay",
@@ -156,12 +159,19 @@ def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
     ]
     rows = []
     for report in reports:
+        what = f"{report['scenario']}, {report['control_rate']:g} Hz, " + _late(report.get("links"))
         for mode, found in report["modes"].items():
             against = report["against"].get(mode, {}).get("path_mse")
             rows.append(
-                [f"{report['scenario']}, {report['control_rate']:g} Hz", mode, f"{found['lost']} of {found['flights']}"]
+                [what, mode, f"{found['lost']} of {found['flights']}"]
                 + [f"{found[name]:.4f}" for name in ERRORS]
                 + [f"{found['nees']:.2f}"]
                 + [f"{against['better']} of {against['pairs']}, p = {against['p']:.1g}" if against else ""]
             )
     return table(header, rows)
+
+
+def _late(links: dict[str, float] | None) -> str:
+    if links is None:
+        return "relay both ways"
+    return "both ways" if links["command_loss"] or links["command_delay"] else "sensors only"
