@@ -1,6 +1,7 @@
 """The command `ortilo hil check`: both halves on this machine, and what came of it."""
 
 import contextlib
+import json
 import subprocess
 import sys
 import tempfile
@@ -30,6 +31,8 @@ from ortilo_drake.commands.options import (
 from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
+AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight [s]
+
 
 @contextlib.contextmanager
 def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[None]:
@@ -44,7 +47,9 @@ def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[None]:
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
             try:
                 yield
-                process.wait(20.0)
+                process.wait(AFTERWARDS)
+            except subprocess.TimeoutExpired:
+                raise InputError(f"onboard half: still running {AFTERWARDS:g} s after the flight") from None
             except InputError as error:
                 process.terminate()
                 said = (process.communicate()[1] or "").strip()
@@ -83,12 +88,13 @@ def check(
         alone = fly(chosen)
         del alone.attrs["real_time_factor"]
         identical = bool(xr.Dataset.identical(flight, alone))
-    if png:
-        latency_figure(report["latencies_ms"], chosen.h, png)
-    report.pop("latencies_ms", None)
+    latencies = report.pop("latencies_ms", None)
     none = {"median": None, "p99": None, "max": None}
     report = {"identical": identical, "latency_ms": none, "missed_deadlines": None} | report
+    report["lost"] = json.loads(flight.attrs["lost"])
     write_json(json_file, report)
+    if png:
+        latency_figure(latencies, chosen.h, png)
     out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
     show_report(report)
     say_written(png, json_file)

@@ -21,7 +21,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_error, say_written, write_json
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 
@@ -66,6 +66,7 @@ def onboard(
     from ortilo_drake.experiments.flight import flight_ticks
     from ortilo_drake.hil.keep_alive import keep_alive
     from ortilo_drake.hil.runs import run_onboard
+    from ortilo_drake.hil.spare import Spare
     from ortilo_drake.hil.warm_up import warm_up
     from ortilo_drake.logs.writer import LogWriter
 
@@ -78,12 +79,15 @@ def onboard(
 
     def fly_once() -> None:
         with contextlib.ExitStack() as stack:
-            record = stack.enter_context(LogWriter(log, chosen)).write_tick if log else None
+            writer = stack.enter_context(LogWriter(log, chosen)) if log else None
+            record = Spare(writer.write_tick, say_error) if writer else None
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("onboard", total=ticks)
             report = run_onboard(chosen, url, wait, lambda k: bar.update(task, completed=k), record, checkpoint)
-        write_json(json_file, report)
-        show_report(report)
+            write_json(json_file, report)
+            show_report(report)
+        if record and record.error:
+            raise record.error
         say_written(log, json_file)
 
     if not keep:
@@ -91,4 +95,4 @@ def onboard(
         return
     with tempfile.TemporaryDirectory() as folder:
         checkpoint = checkpoint or Path(folder) / "checkpoint.npz"
-        keep_alive(fly_once, lambda line: err.print(line, markup=False))
+        keep_alive(fly_once, say_error)

@@ -1,6 +1,7 @@
 """The command `ortilo hil world`: plant, sensors, link and camera as a process."""
 
 import contextlib
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -23,7 +24,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_error, say_written, write_json
 from ortilo_drake.scenario import InputError, load_scenario
 
 
@@ -46,18 +47,22 @@ def world(
     check_writable(out_file, json_file)
     from ortilo_drake.experiments.flight import flight_ticks, save_flight
     from ortilo_drake.hil.runs import run_world
+    from ortilo_drake.hil.spare import Spare
     from ortilo_drake.logs.writer import LogWriter
 
     quiet_drake()
     with contextlib.ExitStack() as stack:
-        record = stack.enter_context(LogWriter(log, chosen)).write_tick if log else None
+        writer = stack.enter_context(LogWriter(log, chosen)) if log else None
+        record = Spare(writer.write_tick, say_error) if writer else None
         shown = stack.enter_context(showing_flight("world", flight_ticks(chosen), lockstep))
         flight, report = run_world(chosen, url, lockstep, wait, seconds, record=record, **shown)
-    if out_file:
-        save_flight(flight, out_file)
-    report.pop("latencies_ms", None)
-    report["lost"] = flight.attrs["lost"]
-    write_json(json_file, report)
-    out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
-    show_report(report)
+        if out_file:
+            save_flight(flight, out_file)
+        report.pop("latencies_ms", None)
+        report["lost"] = json.loads(flight.attrs["lost"])
+        write_json(json_file, report)
+        out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
+        show_report(report)
+    if record and record.error:
+        raise record.error
     say_written(out_file, log, json_file)

@@ -49,3 +49,8 @@ def say_written(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             out.print(f"  wrote {path}", markup=False, soft_wrap=True)
+
+
+def say_error(line: str) -> None:
+    """Say a line on stderr, as it is."""
+    err.print(line, markup=False, soft_wrap=True)

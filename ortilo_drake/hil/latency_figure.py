@@ -9,13 +9,14 @@ from ortilo_drake.experiments.pictures import save_picture
 
 
 def latency_figure(latencies_ms: np.ndarray, h: float, path: Path) -> Path:
-    """Draw how long the commands took [ms], with the tick h [s] that is their deadline; return path."""
+    """Draw how long the commands took [ms], if any came, and one tick h [s] beside them; return path."""
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
-    bins = np.geomspace(max(latencies_ms.min(), 1e-2), latencies_ms.max() * 1.01, 60)
-    axes.hist(latencies_ms, bins=bins.tolist())
-    axes.axvline(1e3 * h, color="tab:red", label="deadline: one tick")
-    axes.axvline(np.quantile(latencies_ms, 0.99), color="black", linestyle="--", label="99th percentile")
+    if len(latencies_ms):
+        bins = np.geomspace(max(latencies_ms.min(), 1e-2), latencies_ms.max() * 1.01, 60)
+        axes.hist(latencies_ms, bins=bins.tolist())
+        axes.axvline(np.quantile(latencies_ms, 0.99), color="black", linestyle="--", label="99th percentile")
+    axes.axvline(1e3 * h, color="tab:red", label="one tick")
     axes.set(xscale="log", xlabel="sense to command [ms]", ylabel="ticks", title=f"{len(latencies_ms)} ticks")
     axes.legend()
     return save_picture(figure, path)

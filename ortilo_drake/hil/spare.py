@@ -1,0 +1,31 @@
+"""What a flight can do without: a log, a checkpoint. A full disk must not take the vehicle down."""
+
+from collections.abc import Callable
+from typing import Any
+
+from ortilo_drake.model.typed_yaml import InputError
+
+
+class Spare:
+    """A function called in flight until it fails the first time; then no more.
+
+    Args:
+        write: raises InputError where it cannot.
+        say: told the first failure, in one line.
+
+    Attributes:
+        error: that failure, to be raised once the flight is over; None if there was none.
+    """
+
+    def __init__(self, write: Callable[..., None], say: Callable[[str], None]):
+        self._write, self._say = write, say
+        self.error: InputError | None = None
+
+    def __call__(self, *arguments: Any) -> None:
+        """Call the function, if it has not failed yet."""
+        if self.error is None:
+            try:
+                self._write(*arguments)
+            except InputError as error:
+                self.error = error
+                self._say(f"{error}; flying on without it")
