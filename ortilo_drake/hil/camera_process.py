@@ -2,6 +2,7 @@
 
 import multiprocessing
 from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import Synchronized
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ import numpy as np
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.hil.packets import encode_picture, lane
 from ortilo_drake.hil.transport import open_lcm
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 
 class CameraProcess:
     """Draws and sends pictures on request; a context manager.
+
+    Of several requests that wait it draws the newest: an older picture is worth nothing once there is a newer one.
 
     Args:
         scenario: the scenario, whose camera renders.
@@ -23,10 +27,14 @@ class CameraProcess:
     def __init__(self, scenario: Scenario, url: str):
         spawn = multiprocessing.get_context("spawn")
         self._jobs, theirs = spawn.Pipe()
-        self._process = spawn.Process(target=_draw, args=(scenario.model_dump_json(), url, theirs), daemon=True)
+        self._skipped: Synchronized[int] = spawn.Value("q", 0)
+        text = scenario.model_dump_json()
+        self._process = spawn.Process(target=_draw, args=(text, url, theirs, self._skipped), daemon=True)
+        self._theirs = theirs
 
     def __enter__(self) -> "CameraProcess":
         self._process.start()
+        self._theirs.close()  # so that its end is known here
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -36,25 +44,54 @@ class CameraProcess:
             return  # it has gone already
         self._process.join(5.0)
 
+    @property
+    def skipped(self) -> int:
+        """How many pictures were asked for and not drawn."""
+        return self._skipped.value
+
     def wait_until_ready(self) -> None:
-        """Return once it has drawn a first picture."""
-        self._jobs.recv()
+        """Return once it has drawn a first picture; InputError with its reason if it cannot."""
+        try:
+            error = self._jobs.recv()
+        except EOFError:
+            self._process.join(5.0)
+            error = f"its process ended with code {self._process.exitcode}"
+        if error:
+            raise InputError(f"camera: {error}")
 
     def shoot(self, session: int, tick: int, stamp: float, x: np.ndarray) -> None:
-        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick."""
-        self._jobs.send((session, tick, stamp, x))
+        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick.
+
+        The flight goes on without pictures if the process has ended.
+        """
+        try:
+            self._jobs.send((session, tick, stamp, x))
+        except OSError:
+            with self._skipped.get_lock():
+                self._skipped.value += 1
 
 
-def _draw(scenario_json: str, url: str, jobs: Connection) -> None:
-    scenario = Scenario.model_validate_json(scenario_json)
-    diagram = make_rendered_camera(scenario.load_room(), scenario.rendered_camera.width)
-    context, lcm = diagram.CreateDefaultContext(), open_lcm(url)
+def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized[int]") -> None:
+    try:
+        scenario = Scenario.model_validate_json(scenario_json)
+        diagram = make_rendered_camera(scenario.load_room(), scenario.rendered_camera.width)
+        context, lcm = diagram.CreateDefaultContext(), open_lcm(url)
+    except InputError as error:
+        jobs.send(str(error))
+        return
     state, image = diagram.GetInputPort("state"), diagram.GetOutputPort("color_image")
     state.FixValue(context, np.zeros(12))
     image.Eval(context)
     try:
-        jobs.send("ready")
+        jobs.send("")
         while (job := jobs.recv()) is not None:
+            while jobs.poll():
+                newer = jobs.recv()
+                if newer is None:
+                    return
+                job = newer
+                with skipped.get_lock():
+                    skipped.value += 1
             session, tick, stamp, x = job
             state.FixValue(context, x)
             pixels = np.array(image.Eval(context).data)

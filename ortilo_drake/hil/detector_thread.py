@@ -10,10 +10,13 @@ from ortilo_drake.scenario import Scenario
 
 
 class DetectorThread:
-    """One worker: the network computes outside of Python's lock; a picture that finds it busy waits.
+    """One worker: the network computes outside of Python's lock. Of the pictures that find it busy the newest waits.
 
     Args:
         scenario: the scenario, whose camera renders.
+
+    Attributes:
+        skipped: how many pictures were not looked at, since a newer one came.
 
     Raises:
         InputError: if the detector's files are wrong.
@@ -25,12 +28,15 @@ class DetectorThread:
         self._detect = load_detector(scenario.detector, room, (camera.width, camera.height))
         self._pool = ThreadPoolExecutor(1)
         self._jobs: list[Future[np.ndarray]] = []
+        self.skipped = 0
         self.look(0.0, np.zeros((camera.height, camera.width, 4), dtype=np.uint8))  # the first takes longer
         self._jobs.pop().result()
 
     def look(self, stamp: float, image: np.ndarray) -> None:
         """Give it a picture (height, width, 4), uint8, taken at a stamp [s]."""
-        self._jobs.append(self._pool.submit(self._message, stamp, image))
+        looked_at = [job for job in self._jobs if not job.cancel()]
+        self.skipped += len(self._jobs) - len(looked_at)
+        self._jobs = [*looked_at, self._pool.submit(self._message, stamp, image)]
 
     def _message(self, stamp: float, image: np.ndarray) -> np.ndarray:
         return detections_message(stamp, *self._detect(image[..., :3]))

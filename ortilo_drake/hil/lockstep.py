@@ -12,12 +12,12 @@ import xarray as xr
 from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.experiments.flight import CHECK_EVERY, flight_dataset, flight_ticks
 from ortilo_drake.experiments.lost import find_loss
+from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 
 Ask = Callable[[int, Signals], Signals]  # a tick and its messages -> the onboard half's outputs
-Record = Callable[[int, np.ndarray | None, Signals, Signals], None]  # a tick, x, messages, outputs
 
 
 def in_this_process(scenario: Scenario) -> Ask:
@@ -38,6 +38,7 @@ def fly_lockstep(
     ask: Ask,
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
+    world: WorldHalf | None = None,
 ) -> xr.Dataset:
     """Fly the world of a scenario on another half's answers.
 
@@ -46,6 +47,7 @@ def fly_lockstep(
         ask: gives the onboard half's outputs of a tick.
         progress: called with the number of ticks flown.
         record: called with everything of a tick once it is known.
+        world: of the scenario, at its start, where building one here would keep the other half waiting.
 
     Returns:
         The Dataset of experiments.flight.fly, without its real_time_factor.
@@ -54,7 +56,7 @@ def fly_lockstep(
         InputError: as in fly.
     """
     ticks, room = flight_ticks(scenario), scenario.load_room()
-    world = WorldHalf(scenario)
+    world = world or WorldHalf(scenario)
     rows: list[np.ndarray] = []
     for k in range(ticks + 1):
         x, messages = world.state, world.sample()

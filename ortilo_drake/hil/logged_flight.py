@@ -6,6 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from ortilo_drake.hil.halves import WorldHalf
 from ortilo_drake.hil.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.logs.writer import LogWriter
 from ortilo_drake.scenario import Scenario
@@ -22,10 +23,10 @@ def fly_logged(scenario: Scenario, log: Path, progress: Callable[[int], None] | 
     Raises:
         InputError: if the log is there already or cannot be written, or as fly.
     """
-    ask = in_this_process(scenario)
+    ask, world = in_this_process(scenario), WorldHalf(scenario)
     with LogWriter(log, scenario) as writer:
         started = time.perf_counter()
-        flight = fly_lockstep(scenario, ask, progress, writer.write_tick)
+        flight = fly_lockstep(scenario, ask, progress, writer.write_tick, world)
         wall = time.perf_counter() - started
     flight.attrs["real_time_factor"] = float(flight["time"][-1]) / wall
     return flight

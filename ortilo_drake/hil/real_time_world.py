@@ -4,22 +4,24 @@ It sends its messages at every tick t_k and looks for a command every millisecon
 after it came. What flies while none comes is the failsafe's affair (world/failsafe.py).
 """
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 from pydrake.lcm import DrakeLcm
 
-from ortilo_drake.experiments.flight import flight_dataset, flight_ticks
+from ortilo_drake.experiments.flight import flight_ticks
 from ortilo_drake.experiments.lost import Lost, find_loss
 from ortilo_drake.hil.camera_process import CameraProcess
-from ortilo_drake.hil.halves import OUTPUTS, Signals, WorldHalf
+from ortilo_drake.hil.flight_record import FlightRecord, Record
+from ortilo_drake.hil.halves import WorldHalf
 from ortilo_drake.hil.handshake import say_hello, scenario_digest
-from ortilo_drake.hil.lockstep import Record
 from ortilo_drake.hil.packets import Hello
-from ortilo_drake.hil.transport import Inbox
+from ortilo_drake.hil.transport import Arrival, Inbox
+from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.watch import Watch
 from ortilo_drake.hil.wire import publish_messages
 from ortilo_drake.model.clock import tick_of
@@ -29,8 +31,9 @@ from ortilo_drake.scenario import Scenario
 Figures = Callable[[], dict[str, Any]]  # the figures of a flight so far
 
 COMMAND_PERIOD: Final = 1e-3  # [s]
+SPIN: Final = 1.5e-3  # where less than this is left, waiting for a packet might return too late [s]
 HEARTBEAT: Final = 0.1  # how often the world says hello in flight, for an onboard half that joins it then [s]
-LATE_TELEMETRY: Final = 0.5  # how long after the last tick telemetry is waited for [s]
+LATE_TELEMETRY: Final = 0.5  # how long the telemetry of a tick is waited for [s]
 
 
 def fly_in_real_time(
@@ -56,7 +59,7 @@ def fly_in_real_time(
         camera: draws the pictures, if there is a rendered camera.
         seconds: end after that much of the flight; by default at its end.
         progress: called at every tick with the number of it.
-        record: called with everything of a tick once it is over; outputs that were lost are NaN.
+        record: called with everything of a tick LATE_TELEMETRY after it; outputs that were lost are NaN.
         watching: called before the first tick with a function that gives the figures so far, in any thread:
             Watch.summary, simulated_s, packets and failsafe.
 
@@ -65,12 +68,9 @@ def fly_in_real_time(
     """
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
     room, h, watch = scenario.load_room(), scenario.h, Watch(scenario.h)
-    states: list[np.ndarray] = []
-    sent: list[Signals] = []
-    telemetry: dict[int, Signals] = {}
-    command, command_tick = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0]), -1
+    flown, command = FlightRecord(record), _Command(scenario.vehicle.hover_thrust)
     hello = Hello("world", scenario_digest(scenario), session)
-    heartbeat = max(1, round(HEARTBEAT * scenario.control_rate))
+    heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
     if watching:
         watching(
@@ -79,63 +79,73 @@ def fly_in_real_time(
     start = time.perf_counter()
 
     def listen(until: float) -> None:
-        """Take what comes until a time on the clock, and return then."""
-        nonlocal command_tick
-        while True:
-            left = until - time.perf_counter()
-            for received, packet in inbox.poll(1 if left > 1.5e-3 else 0):
-                if packet.name == "telemetry":
-                    telemetry.setdefault(packet.tick, {}).update(packet.value)
-                elif packet.name == "command":
-                    watch.answered(packet.tick, received)
-                    telemetry.setdefault(packet.tick, {})["control"] = packet.value
-                    if packet.tick > command_tick:  # an older one that was overtaken is of no use
-                        command_tick = packet.tick
-                        command[:4], command[4] = packet.value, min(received - start, simulated)
-            if left <= 0.0:
-                return
-            if left < 1.5e-3:
-                time.sleep(min(left, 2e-4))
+        """Take what comes until a time of the flight, and return then."""
+        for received, packet in _polled(inbox, start + until):
+            if packet.name == "hello" or packet.tick > k + lag:
+                continue  # no onboard half is that far ahead, not even of a world that was held up
+            flown.hear(packet)
+            if packet.name == "command":
+                watch.answered(packet.tick, received)
+                command.hear(packet, min(received - start, until))
 
     lost: Lost | None = None
-    simulated, step = 0.0, 0
     for k in range(ticks + 1):
-        due, mode = start + k * h, world.failsafe_mode
+        mode = world.failsafe_mode
         x, messages = world.state, world.sample()
-        states.append(x)
-        if camera and (shutter := messages.pop("shutter", None)) is not None:
-            camera.shoot(session, k, shutter[STAMP], states[tick_of(shutter[STAMP], h)])
+        flown.send(x, messages)
+        shutter = messages.pop("shutter", None)
+        if camera and shutter is not None:
+            camera.shoot(session, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
         publish_messages(lcm, session, k, messages)
-        watch.sent(due, time.perf_counter())
+        watch.sent(start + k * h, time.perf_counter())
         if k % heartbeat == 0:
             say_hello(lcm, hello)
-        sent.append(messages)
         if progress:
             progress(k)
-        lost = find_loss(x[np.newaxis], h, room, scenario.vehicle)
-        if lost:
-            lost = Lost(k, k * h, lost.cause)
+        found = find_loss(x[np.newaxis], h, room, scenario.vehicle)
+        if found:
+            lost = Lost(k, k * h, found.cause)
         if lost or k == ticks:
             break
-        while simulated < (k + 1) * h:
-            step += 1
-            while step * COMMAND_PERIOD <= simulated:
-                step += 1
-            simulated = min(step * COMMAND_PERIOD, (k + 1) * h)
-            if simulated < step * COMMAND_PERIOD:
-                step -= 1
-            listen(start + simulated)
-            world.advance_to(simulated, command)
-    simulated = np.inf
-    listen(time.perf_counter() + LATE_TELEMETRY)
-    outputs = [telemetry.get(k, {}) for k in range(len(states))]
-    for k, known in enumerate(outputs):
-        outputs[k] = {name: known.get(name, np.full(size, np.nan)) for name, size in OUTPUTS.items()}
-        if record:
-            record(k, states[k], sent[k], outputs[k])
-    logged = np.array(
-        [np.concatenate([x, *(known[name] for name in OUTPUTS)]) for x, known in zip(states, outputs, strict=True)]
-    )
-    flight = flight_dataset(scenario, np.arange(len(states)) * h, logged, lost)
+        moments = looks(k * h, (k + 1) * h)
+        for i, moment in enumerate(moments):
+            listen(moment)
+            world.advance_to(moment, command.value)
+            if i == len(moments) // 2:  # midway, where neither this tick's command nor the next tick waits for it
+                flown.record_until(k - lag)
+    listen(time.perf_counter() - start + LATE_TELEMETRY)
+    flown.record_until(k + 1)
+    flight = flown.dataset(scenario, lost)
     flight.attrs["real_time_factor"] = watch.summary()["real_time_factor"]
     return flight, watch
+
+
+def looks(begin: float, end: float) -> list[float]:
+    """Return when the world looks for a command in a tick: the multiples of COMMAND_PERIOD within it, and its end."""
+    first, last = math.floor(begin / COMMAND_PERIOD + 1e-6) + 1, math.ceil(end / COMMAND_PERIOD - 1e-6)
+    return [*(n * COMMAND_PERIOD for n in range(first, last)), end]
+
+
+class _Command:
+    """The newest command: u (4) and when it was received [s of the flight]; hovering before the first."""
+
+    def __init__(self, hover_thrust: float):
+        self.value = np.array([hover_thrust, 0.0, 0.0, 0.0, 0.0])
+        self._tick = -1
+
+    def hear(self, packet: Packet, received: float) -> None:
+        """Take a command, unless a newer one has overtaken it."""
+        if packet.tick > self._tick:
+            self._tick = packet.tick
+            self.value[:4], self.value[4] = packet.value, received
+
+
+def _polled(inbox: Inbox, until: float) -> Iterator[Arrival]:
+    """Yield what comes until a time of time.perf_counter(), and return then."""
+    while True:
+        left = until - time.perf_counter()
+        yield from inbox.poll(1 if left > SPIN else 0)
+        if left <= 0.0:
+            return
+        if left < SPIN:
+            time.sleep(min(left, 2e-4))
