@@ -1,9 +1,10 @@
 """What flies onboard: perception, the filter, the servo and the planner."""
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.trajectories import Trajectory
 
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, N_XBAR
 from ortilo_drake.onboard.detector import Detector
 from ortilo_drake.onboard.detector_network import load_detector
@@ -31,7 +32,7 @@ def initial_estimate(scenario: Scenario, r_0: np.ndarray) -> np.ndarray:
 
 
 def add_past_estimate(
-    builder: DiagramBuilder, kalman: ReplayKalmanFilter, sensor: str, size: int, scenario: Scenario
+    builder: DiagramBuilder, kalman: LeafSystem, sensor: str, size: int, scenario: Scenario
 ) -> PastEstimate:
     """Add what looks a sensor's late messages (of that size) up in the filter's history; its message is left open."""
     ticks = history_ticks(scenario.filter.horizon, scenario.h)
@@ -40,6 +41,45 @@ def add_past_estimate(
     builder.Connect(kalman.GetOutputPort("covariance"), past.GetInputPort("present_covariance"))
     builder.Connect(kalman.GetOutputPort("history"), past.GetInputPort("history"))
     return past
+
+
+def add_uwb(builder: DiagramBuilder, kalman: LeafSystem, room: Room, scenario: Scenario) -> OutputPort:
+    """Add what turns uwb messages into fixes, about the estimate of their own tick where the filter replays."""
+    multilateration = builder.AddSystem(Multilateration(scenario.multilateration, room.anchor_positions))
+    message = multilateration.GetInputPort("uwb")
+    uwb, about = builder.ExportInput(message, "uwb"), kalman
+    if scenario.filter.delay == "replay":
+        about = add_past_estimate(builder, kalman, "uwb", message.size(), scenario)
+        builder.ConnectInput(uwb, about.GetInputPort("message"))
+    builder.Connect(about.GetOutputPort("estimate"), multilateration.GetInputPort("estimate"))
+    return multilateration.get_output_port()
+
+
+def add_camera(
+    builder: DiagramBuilder, kalman: LeafSystem, room: Room, scenario: Scenario, detects: bool
+) -> OutputPort:
+    """Add what turns detections, or pictures where it detects, into fixes; as add_uwb."""
+    fix, about = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.image_width)), kalman
+    readers = [fix.GetInputPort("detections")]
+    if scenario.filter.delay == "replay":
+        about = add_past_estimate(builder, kalman, "camera", DETECTIONS_SIZE, scenario)
+        readers.append(about.GetInputPort("message"))
+    if scenario.is_rendered and detects:
+        camera = room.camera.scaled_to(scenario.rendered_camera.width)
+        size = camera.width, camera.height
+        detect = load_detector(scenario.detector, room, size)
+        detector = builder.AddSystem(Detector(detect, size, scenario.rendered_camera.latency, scenario.h))
+        builder.ExportInput(detector.GetInputPort("image"), "image")
+        builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
+        for reader in readers:
+            builder.Connect(detector.get_output_port(), reader)
+    else:
+        detections = builder.ExportInput(readers[0], "detections")
+        for reader in readers[1:]:
+            builder.ConnectInput(detections, reader)
+    builder.Connect(about.GetOutputPort("estimate"), fix.GetInputPort("estimate"))
+    builder.Connect(about.GetOutputPort("covariance"), fix.GetInputPort("covariance"))
+    return fix.get_output_port()
 
 
 def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True) -> Diagram:
@@ -70,7 +110,7 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detec
     builder = DiagramBuilder()
     planner = builder.AddSystem(make_planner(trajectory))
     delay = scenario.filter.delay
-    handler = builder.AddSystem(MeasurementHandler(scenario.handler, scenario.filter.V, scenario.sensors, delay, h))
+    handler = builder.AddSystem(MeasurementHandler(scenario.handler, scenario.filter.V, h, scenario.sensors, delay))
     xbar_0 = initial_estimate(scenario, r_0)
     Filter = ReplayKalmanFilter if delay == "replay" else KalmanFilter
     kalman = builder.AddSystem(Filter(scenario.filter, scenario.vehicle, scenario.servo.integrator, xbar_0, h))
@@ -78,38 +118,9 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detec
     estimate, covariance = kalman.GetOutputPort("estimate"), kalman.GetOutputPort("covariance")
 
     if "uwb" in scenario.sensors:
-        multilateration = builder.AddSystem(Multilateration(scenario.multilateration, room.anchor_positions))
-        uwb = builder.ExportInput(multilateration.GetInputPort("uwb"), "uwb")
-        then = estimate
-        if delay == "replay":
-            past = add_past_estimate(builder, kalman, "uwb", multilateration.GetInputPort("uwb").size(), scenario)
-            builder.ConnectInput(uwb, past.GetInputPort("message"))
-            then = past.GetOutputPort("estimate")
-        builder.Connect(then, multilateration.GetInputPort("estimate"))
-        builder.Connect(multilateration.get_output_port(), handler.GetInputPort("uwb"))
+        builder.Connect(add_uwb(builder, kalman, room, scenario), handler.GetInputPort("uwb"))
     if "camera" in scenario.sensors:
-        fix = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.image_width))
-        then, its_covariance, readers = estimate, covariance, [fix.GetInputPort("detections")]
-        if delay == "replay":
-            past = add_past_estimate(builder, kalman, "camera", DETECTIONS_SIZE, scenario)
-            then, its_covariance = past.GetOutputPort("estimate"), past.GetOutputPort("covariance")
-            readers.append(past.GetInputPort("message"))
-        if scenario.is_rendered and detects:
-            camera = room.camera.scaled_to(scenario.rendered_camera.width)
-            size = camera.width, camera.height
-            detect = load_detector(scenario.detector, room, size)
-            detector = builder.AddSystem(Detector(detect, size, scenario.rendered_camera.latency, h))
-            builder.ExportInput(detector.GetInputPort("image"), "image")
-            builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
-            for reader in readers:
-                builder.Connect(detector.get_output_port(), reader)
-        else:
-            detections = builder.ExportInput(readers[0], "detections")
-            for reader in readers[1:]:
-                builder.ConnectInput(detections, reader)
-        builder.Connect(then, fix.GetInputPort("estimate"))
-        builder.Connect(its_covariance, fix.GetInputPort("covariance"))
-        builder.Connect(fix.get_output_port(), handler.GetInputPort("camera"))
+        builder.Connect(add_camera(builder, kalman, room, scenario, detects), handler.GetInputPort("camera"))
     if "imu" in scenario.sensors:
         builder.ExportInput(handler.GetInputPort("imu"), "imu")
     if scenario.servo.velocities == "truth":

@@ -62,7 +62,7 @@ def _systems(scenario: Scenario) -> tuple[Multilateration, LandmarkFix, Measurem
     return (
         Multilateration(scenario.multilateration, room.anchor_positions),
         LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
-        MeasurementHandler(scenario.handler, scenario.filter.V, SENSORS),
+        MeasurementHandler(scenario.handler, scenario.filter.V, scenario.h, SENSORS),
     )
 
 

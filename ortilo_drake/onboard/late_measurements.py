@@ -60,6 +60,15 @@ def put_in(slot: np.ndarray, measurement: np.ndarray, sensor: int) -> bool:
 
 
 @njit(cache=True)
+def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
+    """Return whether the history holds every tick from j to k; after a restart it has a gap."""
+    if not 0 <= j <= k or k - j >= history.shape[0]:
+        return False
+    ticks = np.arange(j, k + 1)
+    return bool(np.all(history[ticks % history.shape[0], TICK] == ticks))
+
+
+@njit(cache=True)
 def replay_step(
     history: np.ndarray,
     xhat: np.ndarray,
@@ -77,8 +86,8 @@ def replay_step(
 ) -> np.ndarray:
     """Return [xhat_{k+1|k}, P_{k+1} row by row] (240) from all that has arrived up to tick k; changes the history.
 
-    Not used are measurements older than the history, ones stamped later than t_k, and a second one of the same sensor
-    and tick.
+    Not used are measurements older than the history or than a gap in it, ones stamped later than t_k, and a second one
+    of the same sensor and tick.
 
     Args:
         history: the last ticks (N, SLOT_SIZE).
@@ -106,8 +115,8 @@ def replay_step(
     first = k
     for sensor in range(3):
         j = tick_of(stamps[sensor], h)
-        there = measurement[9 + sensor] != 0.0 and 0 <= j <= k and history[j % N, TICK] == j
-        if there and put_in(history[j % N], measurement, sensor):
+        there = measurement[9 + sensor] != 0.0
+        if there and reaches_back(history, j, k) and put_in(history[j % N], measurement, sensor):
             first = min(first, j)
     out = np.empty(N_XBAR + N_XBAR * N_XBAR)
     for j in range(first, k + 1):

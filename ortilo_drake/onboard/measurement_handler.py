@@ -124,18 +124,18 @@ class MeasurementHandler(LeafSystem):
     Args:
         settings: gates.
         noise: V.
+        h: tick [s], by which 'drop' judges.
         sensors: which of uwb, camera and imu fly.
         delay: 'ignore', 'drop' or 'replay': what becomes of a late measurement.
-        h: tick [s]; only 'drop' needs it.
     """
 
     def __init__(
         self,
         settings: HandlerSettings,
         noise: Noise,
+        h: float,
         sensors: tuple[str, ...] = SENSORS,
         delay: str = "ignore",
-        h: float = 1.0,
     ):
         super().__init__()
         self.set_name("measurement_handler")

@@ -71,7 +71,7 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
     builder = DiagramBuilder()
     plant = builder.AddSystem(QuadrotorPlant(vehicle=M100, kinematics="linear"))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(H, 4))
-    handler = builder.AddSystem(MeasurementHandler(HandlerSettings(), VARIANCES))
+    handler = builder.AddSystem(MeasurementHandler(HandlerSettings(), VARIANCES, H))
     kalman = builder.AddSystem(KalmanFilter(FILTER, M100, integrator, np.zeros(15), H))
     servo = builder.AddSystem(LqServo(ServoSettings(form=form, integrator=integrator), M100, H))
     planner = builder.AddSystem(TrajectorySource(per_tick(reference())))

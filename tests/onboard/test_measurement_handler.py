@@ -20,6 +20,7 @@ from ortilo_drake.onboard.measurement_handler import (
 from ortilo_drake.scenario import MeasurementHandler as Settings
 from ortilo_drake.scenario import Noise
 
+TICK = 1.0 / 30.0  # [s]
 PATTERNS = [np.array(p) for p in product([0.0, 1.0], repeat=3)]
 P_UWB, P_CAMERA, RPY = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.9, 3.2]), np.array([0.1, -0.2, 0.3])
 V_UWB = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.16]])
@@ -40,7 +41,7 @@ def handle(
     sensors: tuple[str, ...] = SENSORS,
 ) -> np.ndarray:
     """What the handler makes of the fixes above, each there or not."""
-    handler = MeasurementHandler(settings, noise, sensors)
+    handler = MeasurementHandler(settings, noise, TICK, sensors)
     context = handler.CreateDefaultContext()
     imu = np.concatenate([[delta[2], 0.0], RPY, np.zeros(3), [0.0, 0.0, 9.81]])
     inputs = {
@@ -146,7 +147,7 @@ def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray)
 
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
     def inputs(settings: Settings, sensors: tuple[str, ...]) -> list[str]:
-        handler = MeasurementHandler(settings, Noise(), sensors)
+        handler = MeasurementHandler(settings, Noise(), TICK, sensors)
         ports = range(handler.num_input_ports())
         assert all(handler.HasDirectFeedthrough(i, 0) for i in ports)
         return [handler.get_input_port(i).get_name() for i in ports]
