@@ -25,7 +25,7 @@ tables: setup
 	@$(BIN)/ortilo tables --flights 20 --out out/tables --json out/tables/tables.json
 
 test: setup
-	@$(BIN)/python -m pytest -n 2 --dist loadfile $(TESTS)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 check: setup
 	$(BIN)/ruff check .

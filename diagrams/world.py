@@ -26,14 +26,14 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
     """Return the world as a Diagram.
 
     In real time a command comes when it comes. With a command_period the world looks for one that often, through a
-    failsafe (the subsystem of that name, which also tells its mode), and Drake integrates the plant in between,
-    whatever world.plant says; all else keeps its tick h.
+    failsafe, and Drake integrates the plant in between, whatever world.plant says; all else keeps its tick h.
 
     Ports:
         control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get
             of it is the command link's affair, a perfect one adds nothing.
         command (5): with a command_period, in place of control: u and the time at which it was received [s].
         state (12, output): the true x.
+        failsafe_mode (output): with a command_period, who flies: an index in world.failsafe.MODES.
         uwb, detections, imu (outputs): the messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter (outputs): a rendered camera's picture and its message, in place of detections.
         depth_image, label_image (outputs): see diagrams/rendered_camera.py; drawn only if asked for.
@@ -90,6 +90,7 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
     builder.ExportOutput(state, "state")
     if fallback is not None:
         builder.Connect(state, fallback.GetInputPort("state"))
+        builder.ExportOutput(fallback.GetOutputPort("mode"), "failsafe_mode")
 
     def add_link(sensor: str, source: LeafSystem, size: int, message: str, latency: int = 0) -> OutputPort:
         if source.HasInputPort("state"):

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.model.equations import body_rates, rotation_matrix
+from ortilo_drake.logs.body_motion import quaternion
+from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
@@ -43,24 +44,10 @@ def euler_ned(rpy: np.ndarray) -> np.ndarray:
     return np.array([rpy[0], -rpy[1], math.pi - (math.pi - yaw) % (2.0 * math.pi)])
 
 
-def quaternion_of(rpy: np.ndarray) -> np.ndarray:
-    """Return q = (w, x, y, z), w >= 0, of R_z(yaw) R_y(pitch) R_x(roll)."""
-    c_r, c_p, c_y = np.cos(rpy / 2.0)
-    s_r, s_p, s_y = np.sin(rpy / 2.0)
-    q = np.array(
-        [
-            c_r * c_p * c_y + s_r * s_p * s_y,
-            s_r * c_p * c_y - c_r * s_p * s_y,
-            c_r * s_p * c_y + s_r * c_p * s_y,
-            c_r * c_p * s_y - s_r * s_p * c_y,
-        ]
-    )
+def quaternion_ned(rpy: np.ndarray) -> np.ndarray:
+    """Return q_NF = (w, x, y, z), w >= 0, from roll, pitch, yaw of F in N."""
+    q = np.roll(quaternion(rpy), 1)
     return q if q[0] >= 0.0 else -q
-
-
-def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
-    """Return E with w_WB_B = E rpy_dot (3 x 3)."""
-    return np.column_stack([body_rates(rpy, axis) for axis in np.eye(3)])
 
 
 def odometry_jacobian(x: np.ndarray) -> np.ndarray:
@@ -105,7 +92,7 @@ def odometry_fields(
         quality: in percent, 0 if not known, -1 if the estimate failed.
     """
     x, P = estimate[:N_X], covariance.reshape(N_XBAR, N_XBAR)[:N_X, :N_X]
-    p_N, q = T @ x[0:3], quaternion_of(euler_ned(x[3:6]))
+    p_N, q = T @ x[0:3], quaternion_ned(euler_ned(x[3:6]))
     v_F = F @ rotation_matrix(x[3:6]).T @ x[6:9]
     w_F = F @ body_rates(x[3:6], x[9:12])
     J = odometry_jacobian(x)

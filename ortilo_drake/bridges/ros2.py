@@ -15,6 +15,7 @@ import numpy as np
 
 from ortilo_drake.logs.ros_fields import Fields, RosMessage
 from ortilo_drake.logs.ros_messages import LATCHED, start_messages, tick_messages
+from ortilo_drake.logs.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.logs.ros_sensors import IMAGE_TOPIC
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.signals import N_U, N_XBAR, REFERENCE_SIZE
@@ -22,7 +23,6 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 NODE: Final = "ortilo"
-GOAL_TOPIC: Final = "/goal_pose"  # where RViz's tool for a goal sends it
 FRAME: Final = "map"
 _DEPTH: Final = 10
 _SPINS: Final = 4  # the newest goal is there after one; the rest are for ROS's own events
@@ -98,7 +98,7 @@ class Ros2Bridge:
             self._node = rclpy.create_node(NODE, context=self._context, start_parameter_services=False)
             self._executor = executors.SingleThreadedExecutor(context=self._context)
             self._executor.add_node(self._node)
-            self._node.create_subscription(message_class("geometry_msgs/PoseStamped"), GOAL_TOPIC, self._take_goal, 1)
+            self._node.create_subscription(message_class(GOAL_TYPE), GOAL_TOPIC, self._take_goal, 1)
         except (ImportError, RuntimeError) as error:
             raise InputError(f"rclpy: does not work here: {' '.join(str(error).split())}") from None
         for message in first:

@@ -36,24 +36,29 @@ def bridge(
     seconds: Annotated[float | None, typer.Option(min=0.1, help="End after that long [s].")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot."""
+    """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot.
+
+    With --ros2 a goal on /goal_pose is flown to, in real time: its x and y, at the height that is flown.
+    """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if not ros2 and mavlink is None:
         raise InputError("--ros2, --mavlink: give one of them or both")
     check_writable(json_file)
     from ortilo_drake.bridges.mavlink import MavlinkBridge
     from ortilo_drake.bridges.ros2 import Ros2Bridge
-    from ortilo_drake.hil.bridge import Target, mavlink_target, ros2_target, run_bridge
+    from ortilo_drake.hil.bridge import Goals, Target, mavlink_target, ros2_target, run_bridge
 
     quiet_drake()
     targets: dict[str, Target] = {}
+    goals: Goals | None = None
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
             sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
             targets["mavlink"] = mavlink_target(sender, chosen.control_rate)
         if ros2:
-            targets["ros2"] = ros2_target(stack.enter_context(Ros2Bridge(chosen)))
-        report = run_bridge(url, chosen, targets, seconds, wait, lambda line: print(line, flush=True))
+            node = stack.enter_context(Ros2Bridge(chosen))
+            targets["ros2"], goals = ros2_target(node), node.goal
+        report = run_bridge(url, chosen, targets, seconds, wait, lambda line: print(line, flush=True), goals)
     write_json(json_file, report)
     show_report(report)
     say_written(json_file)

@@ -1,10 +1,12 @@
 """A listener on the bus: it puts the ticks of a flight together and hands them to other systems.
 
-It says nothing itself, so the halves fly as if it were not there. The session is the world's hello's: in real time the
-world repeats it in flight, in lockstep it is said only before, so there a bridge has to be started first.
+It says nothing itself but a user's goals, so else the halves fly as if it were not there. The session is the world's
+hello's: in real time the world repeats it in flight, in lockstep it is said only before, so there a bridge has to be
+started first.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
@@ -12,10 +14,11 @@ import numpy as np
 
 from ortilo_drake.bridges.mavlink import MavlinkBridge
 from ortilo_drake.bridges.ros2 import Ros2Bridge
+from ortilo_drake.hil.goal_link import GoalLink, goal_text
 from ortilo_drake.hil.halves import Signals
-from ortilo_drake.hil.handshake import FINISHED, flight_of, scenario_digest
+from ortilo_drake.hil.handshake import FINISHED, find_world, flight_of
 from ortilo_drake.hil.lockstep_link import PATIENCE
-from ortilo_drake.hil.packets import PORTS, PROTOCOL, TELEMETRY, Hello
+from ortilo_drake.hil.packets import PORTS, TELEMETRY, Goal
 from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.wire import TickInbox
@@ -23,8 +26,10 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 Target = Callable[[float, Signals, Signals], None]  # t [s], messages, outputs; as in logs/ros_messages.py
+Goals = Callable[[], np.ndarray | None]
 LAG: Final = 6  # ticks after which one is handed on without what is missing
 _POLL_MS: Final = 50
+_ANSWERS: Final = 100
 _OUTPUTS: Final = {"control", *TELEMETRY}
 
 
@@ -98,21 +103,29 @@ class Ticks:
             yield k, messages, self._outputs.pop(k, {})
 
 
-def _find_world(inbox: Inbox, scenario: Scenario, until: float) -> int:
-    """Return the session of the flight that the world's hello tells of; InputError if it is another's or none."""
-    digest = scenario_digest(scenario)
-    while time.monotonic() < until:
-        for _, packet in inbox.poll(_POLL_MS):
-            hello: Hello = packet.value
-            if packet.name != "hello" or hello.role != "world" or hello.reason:
-                continue
-            if hello.protocol != PROTOCOL or hello.scenario_digest != digest:
-                raise InputError(
-                    f"world: protocol {hello.protocol}, scenario {hello.scenario_digest}; this bridge has "
-                    f"protocol {PROTOCOL}, scenario {digest}: give both the same, seed included"
-                )
-            return hello.session
-    raise InputError("world: not heard; start it with: ortilo hil world (a flight in lockstep after the bridge)")
+def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callable[[str], None]) -> Target:
+    """Return a target that has nothing to do with a tick but its moment: it passes goals on to the onboard half.
+
+    Args:
+        goals: gives the newest wish p_W (2 or more) [m] since it was called last, of which x and y are taken, or None.
+        link: to the onboard half.
+        answers: what was heard on the goals' channel; emptied here.
+        say: takes a line about what became of a wish.
+    """
+
+    def pass_on(t: float, messages: Signals, outputs: Signals) -> None:
+        p_W = goals()
+        if p_W is not None:
+            try:
+                link.ask(p_W[0], p_W[1])
+            except InputError as problem:
+                say(str(problem))
+        answer = link.turn(answers)
+        answers.clear()
+        if answer:
+            say(f"{goal_text(answer)}: {answer.reason or 'flies there'}")
+
+    return pass_on
 
 
 def run_bridge(
@@ -122,6 +135,7 @@ def run_bridge(
     seconds: float | None = None,
     wait: float = 60.0,
     say: Callable[[str], None] = print,
+    goals: Goals | None = None,
 ) -> dict[str, Any]:
     """Hand every tick of one flight to targets, until the world says that it has finished.
 
@@ -131,7 +145,8 @@ def run_bridge(
         targets: what takes the ticks, by name. One that raises is told of in one line and given no more.
         seconds: end after that long [s]; by default with the flight.
         wait: how long to look for the world [s].
-        say: takes a line when it listens, and about a target that failed.
+        say: takes a line when it listens, about a target that failed, and about a goal.
+        goals: gives the user's goals, see goals_target; by default there are none.
 
     Returns:
         A report: ticks given, how many between were lost, how many came without all of the world's messages (the
@@ -141,16 +156,23 @@ def run_bridge(
         InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
             target has failed.
     """
-    inbox = Inbox(open_lcm(url), ("hello", "tick", *PORTS, "command", "telemetry"))
+    lcm = open_lcm(url)
+    inbox = Inbox(lcm, ("hello", "tick", *PORTS, "command", "telemetry", "goal"))
     say(f"listening on {url}")
-    session = _find_world(inbox, scenario, time.monotonic() + wait)
-    inbox.flight = flight_of(scenario, session)
+    session = find_world(inbox, scenario, wait).session
+    inbox.begin(flight_of(scenario, session))
     ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()
+    answers: deque[Goal] = deque(maxlen=_ANSWERS)
+    if goals:
+        alive["goals"] = goals_target(goals, GoalLink(lcm, session), answers, say)
     heard = time.monotonic()
     end = heard + seconds if seconds is not None else np.inf
     finished = False
     while not finished and time.monotonic() < end:
         for _, packet in inbox.poll(_POLL_MS):
+            if packet.name == "goal":
+                answers.append(packet.value)
+                continue  # its sender is not a half, or may be this bridge
             if packet.name != "hello":
                 ticks.put(packet)
             elif packet.value.session == session:
@@ -160,7 +182,7 @@ def run_bridge(
             heard = time.monotonic()
         for k, messages, outputs in ticks.ready(1 if finished else LAG):
             failed |= _hand_on(alive, k * scenario.h, messages, outputs, say)
-        if not alive:
+        if not alive.keys() - {"goals"}:
             raise InputError(f"bridge: nothing left to send to ({'; '.join(failed)})")
         if time.monotonic() > heard + PATIENCE:
             raise InputError(f"world: silent for {PATIENCE:g} s")

@@ -1,12 +1,18 @@
-"""What an onboard process needs to go on where a killed one stopped, in a file that is replaced at every tick."""
+"""What an onboard process needs to go on where a killed one stopped.
+
+The state is in a file that is replaced at every tick; the path flown, where it is not the scenario's, in one beside it
+that is replaced when it changes.
+"""
 
 import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
 
 from ortilo_drake.experiments.files import replacing
+from ortilo_drake.onboard.goal_path import knots, through
 
 MAX_AGE = 5.0  # an older checkpoint tells nothing of where the vehicle is [s]
 
@@ -42,3 +48,26 @@ def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) ->
         return None
     fits = found.session == session and found.state.shape == (size,) and bool(np.isfinite(found.state).all())
     return found if fits and 0 <= tick - found.tick <= MAX_AGE / h else None
+
+
+def path_file(checkpoint: Path) -> Path:
+    """Return the file of the path that belongs to a checkpoint."""
+    return checkpoint.with_suffix(".path.npz")
+
+
+def save_path(checkpoint: Path, session: int, path: PiecewisePolynomial) -> None:
+    """Write the path that a session flies from now on, beside its checkpoint. InputError if that fails."""
+    with replacing(path_file(checkpoint)) as partial, partial.open("wb") as file:
+        np.savez(file, session=session, knots=knots(path))
+
+
+def load_path(checkpoint: Path, session: int) -> PiecewisePolynomial | None:
+    """Return the path that a session flew last; None if it is the scenario's, or the file is damaged."""
+    try:
+        with path_file(checkpoint).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            found, its_knots = int(file["session"]), np.array(file["knots"], dtype=float)
+        if found != session or its_knots.shape[0] != 7 or not np.isfinite(its_knots).all():
+            return None
+        return through(its_knots)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, IndexError, zipfile.BadZipFile):
+        return None  # RuntimeError: Drake's, for times that do not increase

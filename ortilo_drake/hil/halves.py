@@ -43,17 +43,17 @@ class WorldHalf:
     def __init__(self, scenario: Scenario, command_period: float | None = None, draws: bool = True):
         self._diagram = make_world(scenario, command_period)
         ports = [self._diagram.get_output_port(i) for i in range(self._diagram.num_output_ports())]
-        views = ("state", "image", "depth_image", "label_image")
+        views = ("state", "failsafe_mode", "image", "depth_image", "label_image")
         self._messages = {port.get_name(): port for port in ports if port.get_name() not in views}
         self._image = self._diagram.GetOutputPort("image") if scenario.is_rendered and draws else None
         self._state, self._h = self._diagram.GetOutputPort("state"), scenario.h
         self._control = self._diagram.GetInputPort("control" if command_period is None else "command")
+        self._hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0])[: self._control.size()]
         # A throwaway start, as in experiments/flight.py: numba compiles, and VTK, whose very first picture of a scene
         # differs from the later ones in the last bits of a few pixels, has drawn one.
         self._start(scenario)
-        hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0])
         self.sample()
-        self.advance(hover[: self._control.size()])
+        self.advance_to(self._h, self._hover)
         self._start(scenario)
 
     def _start(self, scenario: Scenario) -> None:
@@ -62,6 +62,7 @@ class WorldHalf:
         trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
         set_world_hovering(self._diagram, self._simulator.get_mutable_context(), scenario, r_0)
+        self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
         self._simulator.Initialize()
 
     @property
@@ -72,11 +73,10 @@ class WorldHalf:
     @property
     def failsafe_mode(self) -> str | None:
         """What flies now, of world.failsafe.MODES; None where there is no failsafe, without a command_period."""
-        if not self._diagram.HasSubsystemNamed("failsafe"):
+        if not self._diagram.HasOutputPort("failsafe_mode"):
             return None
-        failsafe = self._diagram.GetSubsystemByName("failsafe")
-        state = failsafe.GetMyContextFromRoot(self._simulator.get_context()).get_discrete_state()
-        return MODES[int(state.value()[0])]
+        mode = self._diagram.GetOutputPort("failsafe_mode").Eval(self._simulator.get_context())
+        return MODES[int(mode[0])]
 
     def sample(self) -> Signals:
         """Return the messages of this tick."""
@@ -108,7 +108,8 @@ class OnboardHalf:
     """
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True):
-        self._diagram = make_onboard(scenario, trajectory, detects)
+        self._path = trajectory or plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+        self._diagram = make_onboard(scenario, self._path, detects)
         self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
         self._ports = {port.get_name(): port for port in ports}
@@ -133,6 +134,18 @@ class OnboardHalf:
     def context(self) -> Context:
         """Its context now."""
         return self._simulator.get_context()
+
+    @property
+    def path(self) -> Trajectory:
+        """What it flies, p_WB(t) (3 rows) [m]."""
+        return self._path
+
+    def fly_path(self, path: Trajectory) -> None:
+        """Fly another path, p_WB(t) (3 rows) [m], from this tick on, which has not been taken yet."""
+        self._path = path
+        self._diagram.GetSubsystemByName("planner").UpdateTrajectory(path)
+        context = self._simulator.get_mutable_context()
+        context.SetTime(context.get_time())  # what was computed of the old path at this time is out of date
 
     def take(self, messages: Signals) -> None:
         """Put this tick's messages on the input ports."""

@@ -11,9 +11,9 @@ from typing import Final
 
 from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, PROTOCOL, Hello, encode_hello
 from ortilo_drake.hil.transport import Inbox
-from ortilo_drake.hil.unpack import Flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -35,7 +35,7 @@ def flight_of(scenario: Scenario, session: int) -> Flight:
     if scenario.is_rendered:
         camera = room.camera.scaled_to(scenario.rendered_camera.width)
         shape = camera.height, camera.width
-    return Flight(session, scenario.h, len(room.anchors), shape)
+    return Flight(session, scenario.h, len(room.anchors), shape, len(room.classes))
 
 
 def say_hello(lcm: DrakeLcm, hello: Hello) -> None:
@@ -43,7 +43,7 @@ def say_hello(lcm: DrakeLcm, hello: Hello) -> None:
     lcm.Publish(CHANNELS["hello"], encode_hello(hello))
 
 
-def _refusal(hello: Hello, digest: str) -> str:
+def refusal(hello: Hello, digest: str) -> str:
     """Return why a hello is not from our other half; empty if it is."""
     if hello.protocol != PROTOCOL:
         return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
@@ -68,7 +68,7 @@ def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool
         InputError: if the onboard half is not there, or is another's.
     """
     session, digest = secrets.randbelow(2**62) + 1, scenario_digest(scenario)
-    inbox.flight = flight_of(scenario, session)
+    inbox.begin(flight_of(scenario, session))
     until, said = time.monotonic() + wait, -1.0
     while (now := time.monotonic()) < until:
         if now > said + 1e-3 * _EVERY_MS:  # not whenever something is heard: it hears itself
@@ -78,27 +78,46 @@ def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool
             hello = arrival.packet.value
             if not isinstance(hello, Hello) or hello.role != "onboard" or hello.session != session:
                 continue
-            if refusal := hello.reason or _refusal(hello, digest):
-                raise InputError(f"onboard half: {refusal}")
+            if why := hello.reason or refusal(hello, digest):
+                raise InputError(f"onboard half: {why}")
             return session
     raise InputError(f"onboard half: not heard in {wait:g} s; start it with: ortilo hil onboard")
+
+
+def _hear_world(inbox: Inbox, wait: float) -> Hello:
+    """Return the first hello of a world whose flight is not over; InputError if none comes."""
+    until = time.monotonic() + wait
+    while time.monotonic() < until:
+        for arrival in inbox.poll(_EVERY_MS):
+            hello = arrival.packet.value
+            if isinstance(hello, Hello) and hello.role == "world" and not hello.reason:
+                return hello
+    raise InputError(f"world: not heard in {wait:g} s; start it with: ortilo hil world")
 
 
 def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> Hello:
     """Wait for the world's hello and say it back; return the world's. Arguments and errors as meet_onboard."""
     digest = scenario_digest(scenario)
-    until = time.monotonic() + wait
-    while time.monotonic() < until:
-        for arrival in inbox.poll(_EVERY_MS):
-            hello = arrival.packet.value
-            if not isinstance(hello, Hello) or hello.role != "world" or hello.reason:
-                continue
-            if refusal := _refusal(hello, digest):
-                for _ in range(REFUSALS):
-                    say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, refusal))
-                    time.sleep(5e-4 * _EVERY_MS)
-                raise InputError(f"world: {refusal}")
-            inbox.flight = flight_of(scenario, hello.session)
-            say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))
-            return hello
-    raise InputError(f"world: not heard in {wait:g} s; start it with: ortilo hil world")
+    hello = _hear_world(inbox, wait)
+    if why := refusal(hello, digest):
+        for _ in range(REFUSALS):
+            say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, why))
+            time.sleep(5e-4 * _EVERY_MS)
+        raise InputError(f"world: {why}")
+    inbox.begin(flight_of(scenario, hello.session))
+    say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))
+    return hello
+
+
+def find_world(inbox: Inbox, scenario: Scenario, wait: float) -> Hello:
+    """Wait for the world's hello without a word, as who is neither half; return it.
+
+    In real time the world repeats it in flight, in lockstep it is said only before.
+
+    Raises:
+        InputError: if the world is not heard or flies another scenario.
+    """
+    hello = _hear_world(inbox, wait)
+    if why := refusal(hello, scenario_digest(scenario)):
+        raise InputError(f"world: {why}")
+    return hello

@@ -10,10 +10,11 @@ from typing import Final
 
 from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, answer_to
 from ortilo_drake.hil.halves import OnboardHalf, Signals
 from ortilo_drake.hil.handshake import FINISHED, say_hello
 from ortilo_drake.hil.lockstep import Ask, Record
-from ortilo_drake.hil.packets import Hello
+from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_goal
 from ortilo_drake.hil.transport import Inbox
 from ortilo_drake.hil.wire import TickInbox, publish_command, publish_messages, publish_telemetry
 from ortilo_drake.model.typed_yaml import InputError
@@ -68,9 +69,11 @@ def answer_over_link(
     last: Signals | None = None
     heard = said = time.monotonic()
     while True:
-        arrivals = inbox.poll(POLL_MS)
-        for packet in (arrival.packet for arrival in arrivals):
-            if packet.name != "hello":
+        packets = [arrival.packet for arrival in inbox.poll(POLL_MS)]
+        for packet in packets:
+            if packet.name == "goal":
+                _refuse(lcm, packet.value)
+            elif packet.name != "hello":
                 ticks.put(packet)
             elif packet.value.role == "world" and packet.value.session == session:
                 if packet.value.reason == FINISHED:
@@ -88,13 +91,18 @@ def answer_over_link(
             if progress:
                 progress(k)
         now = time.monotonic()
-        if arrivals:
+        if any(packet.name != "goal" for packet in packets):
             heard = said = now
         elif now > heard + PATIENCE:
             raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
         elif last is not None and now > said + 1e-3 * SILENCE_MS:
             _answer(lcm, session, k - 1, last)
             said = now
+
+
+def _refuse(lcm: DrakeLcm, goal: Goal) -> None:
+    if goal.role == "user":  # else it is our own refusal
+        lcm.Publish(CHANNELS["goal"], encode_goal(answer_to(goal, LOCKSTEP_REFUSAL)))
 
 
 def _answer(lcm: DrakeLcm, session: int, tick: int, outputs: Signals) -> None:

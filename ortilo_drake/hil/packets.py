@@ -12,6 +12,7 @@ import numpy as np
 
 from ortilo_drake.hil.lcmtypes.ortilo import (
     lcmt_command,
+    lcmt_goal,
     lcmt_hello,
     lcmt_picture,
     lcmt_telemetry,
@@ -23,7 +24,7 @@ from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_XBAR, REFERENCE_SIZE
 
 PROTOCOL: Final = 1
 PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick
-CHANNELS: Final = {name: f"ORTILO_{name.upper()}" for name in (*PORTS, "tick", "command", "telemetry", "hello")}
+CHANNELS: Final = {name: f"ORTILO_{name.upper()}" for name in (*PORTS, "tick", "command", "telemetry", "hello", "goal")}
 LANES: Final = 8  # pydrake keeps one packet a channel until it is handled: so successive ticks take several in turn
 TELEMETRY: Final = {
     "measurement": MEASUREMENT_SIZE,
@@ -31,6 +32,7 @@ TELEMETRY: Final = {
     "covariance": N_XBAR * N_XBAR,
     "reference": REFERENCE_SIZE,
 }
+NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
 MAX_TEXT: Final = 500  # bytes of a text
 
 
@@ -54,6 +56,26 @@ class Hello(NamedTuple):
     protocol: int = PROTOCOL
 
 
+class Goal(NamedTuple):
+    """A wish of where to fly, or the answer to it.
+
+    Attributes:
+        session: the flight's number.
+        number: of the wish, positive, chosen at random by who asks; an answer has the wish's.
+        role: "user" asks, "onboard" answers.
+        x: east [m], in W.
+        y: north [m], in W.
+        reason: in an answer why the goal is refused; empty otherwise.
+    """
+
+    session: int
+    number: int
+    role: str
+    x: float
+    y: float
+    reason: str = ""
+
+
 def lane(name: str, tick: int) -> str:
     """Return the LCM channel of a name of CHANNELS for a tick: ORTILO_IMU, ORTILO_IMU_1, ... in turn."""
     return CHANNELS[name] + (f"_{tick % LANES}" if tick % LANES else "")
@@ -61,12 +83,16 @@ def lane(name: str, tick: int) -> str:
 
 def lanes(name: str) -> tuple[str, ...]:
     """Return all LCM channels of a name of CHANNELS."""
-    return tuple(lane(name, tick) for tick in range(1 if name == "hello" else LANES))
+    return tuple(lane(name, tick) for tick in range(1 if name in NO_TICK else LANES))
 
 
 def _seal(message: Any) -> bytes:
     body = message.encode()[:-8]
     return body + struct.pack(">q", zlib.crc32(body))
+
+
+def _cut(text: str) -> str:
+    return text.encode()[:MAX_TEXT].decode(errors="ignore")
 
 
 def encode_vector(session: int, tick: int, values: np.ndarray) -> bytes:
@@ -114,5 +140,13 @@ def encode_hello(hello: Hello) -> bytes:
     message = lcmt_hello()
     for name, value in hello._asdict().items():
         setattr(message, name, value)
-    message.reason = hello.reason.encode()[:MAX_TEXT].decode(errors="ignore")
+    message.reason = _cut(hello.reason)
+    return _seal(message)
+
+
+def encode_goal(goal: Goal) -> bytes:
+    """Return the bytes of a wish or an answer; a reason is cut to MAX_TEXT bytes."""
+    message = lcmt_goal()
+    message.session, message.number, message.role = goal.session, goal.number, goal.role
+    message.p_W, message.reason = [goal.x, goal.y], _cut(goal.reason)
     return _seal(message)

@@ -15,13 +15,14 @@ from typing import Final
 import numpy as np
 from pydrake.lcm import DrakeLcm
 
-from ortilo_drake.hil.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from ortilo_drake.hil.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
 from ortilo_drake.hil.detector_thread import DetectorThread
+from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf, Signals
 from ortilo_drake.hil.handshake import FINISHED, say_hello
 from ortilo_drake.hil.lockstep import Record
 from ortilo_drake.hil.lockstep_link import PATIENCE
-from ortilo_drake.hil.packets import Hello
+from ortilo_drake.hil.packets import CHANNELS, Hello, encode_goal
 from ortilo_drake.hil.transport import Inbox
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.wire import publish_command, publish_telemetry
@@ -85,6 +86,7 @@ def answer_in_real_time(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
     checkpoint: Path | None = None,
+    goals: Goals | None = None,
 ) -> tuple[int, dict[int, int]]:
     """Be the onboard half until the world says that it has finished.
 
@@ -92,12 +94,13 @@ def answer_in_real_time(
         scenario: the scenario.
         onboard: its onboard half, at the start.
         lcm: the bus.
-        inbox: hears hello, tick and the sensors' messages of this flight.
+        inbox: hears hello, goal, tick and the sensors' messages of this flight.
         session: of this flight.
         detector: looks at the pictures, if there is a rendered camera; onboard then takes detections.
         progress: called at every tick with the number of it.
         record: called with what was taken and made of it in every tick; of the true state it knows nothing.
         checkpoint: a file to write at every tick, and to go on from where the flight has begun already.
+        goals: takes the goals of a user; by default they are not heard.
 
     Returns:
         How many ticks were answered, and how many messages came late by how many ticks.
@@ -109,10 +112,15 @@ def answer_in_real_time(
     late: dict[int, int] = {}
     first = k = 0
     joined, heard = False, time.perf_counter()
+    goal: np.ndarray | None = None
     while True:
         now = time.perf_counter()
         due = clock.expected(k) + scenario.h / 2.0
         for received, packet in inbox.poll(1 if due > now + 1e-3 else 0):
+            if packet.name == "goal":
+                if goals:
+                    goals.hear(packet.value)
+                continue
             heard = received
             if packet.name == "hello":
                 hello = packet.value
@@ -127,7 +135,7 @@ def answer_in_real_time(
                     joined, first = True, packet.tick
                     k = first
                     if first > 0:
-                        _resume(onboard, checkpoint, session, first, scenario.h)
+                        join_flight(onboard, checkpoint, session, first, scenario.h)
             if packet.name == "image":
                 if detector:
                     detector.look(packet.stamp, packet.value)
@@ -140,6 +148,8 @@ def answer_in_real_time(
             for message in messages.values():
                 age = round(k - message[STAMP] * scenario.control_rate)
                 late[age] = late.get(age, 0) + 1
+            if goal is not None:
+                messages["goal"] = goal
             onboard.take(messages)
             publish_command(lcm, session, k, {"control": onboard.answer()})
             outputs = onboard.outputs()
@@ -148,6 +158,8 @@ def answer_in_real_time(
             if record:
                 record(k, None, messages, outputs)
             k += 1
+            if goals:  # after the tick's command, which nothing here holds up
+                goal = _fly_goals(goals, onboard, lcm, k * scenario.h, session, checkpoint)
             if checkpoint:
                 save_checkpoint(checkpoint, Checkpoint(session, k, onboard.state()))
             if progress:
@@ -156,7 +168,24 @@ def answer_in_real_time(
             raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
 
 
-def _resume(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:
-    """Go on in a flight that is at a tick already, from the checkpoint if there is one that fits."""
+def _fly_goals(
+    goals: Goals, onboard: OnboardHalf, lcm: DrakeLcm, t: float, session: int, checkpoint: Path | None
+) -> np.ndarray | None:
+    """Do what the goals ask for from the tick at t on; return x, y (2) of one that is taken."""
+    step = goals.step(t, onboard.path)
+    if step.path:
+        onboard.fly_path(step.path)
+        if checkpoint:
+            save_path(checkpoint, session, step.path)
+    for answer in step.answers:
+        lcm.Publish(CHANNELS["goal"], encode_goal(answer))
+    return step.taken
+
+
+def join_flight(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:
+    """Go on in a flight that is at a tick already, from the checkpoint and its path if they are there and fit."""
+    path = load_path(checkpoint, session) if checkpoint else None
+    if path:
+        onboard.fly_path(path)
     found = load_checkpoint(checkpoint, session, tick, h, onboard.state().size) if checkpoint else None
     onboard.resume(tick, found.state if found else None, (tick - found.tick) * h if found else np.inf)

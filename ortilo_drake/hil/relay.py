@@ -1,7 +1,8 @@
 """A process between the halves that passes their packets on, with faults.
 
 Each half has a bus of its own; the relay listens on both. A packet of a half that is heard on the other's bus is the
-relay's own, and is not sent back: a channel, or the role in a hello, tells which half a packet comes from.
+relay's own, and is not sent back: a channel, or the role in a hello, tells which half a packet comes from. A goal
+is wished for on the world's side.
 """
 
 import heapq
@@ -13,37 +14,41 @@ from typing import Final
 from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.faults import Faults, Line
-from ortilo_drake.hil.packets import PORTS, lanes
+from ortilo_drake.hil.packet_checks import BadPacket, Flight
+from ortilo_drake.hil.packets import NO_TICK, PORTS, lanes
 from ortilo_drake.hil.transport import DEFAULT_URL, open_lcm
-from ortilo_drake.hil.unpack import BadPacket, decode
+from ortilo_drake.hil.unpack import decode
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.noise import stream_id, uniforms
 
 ONBOARD_URL: Final = DEFAULT_URL.replace(":7667", ":7668")
 _FROM: Final = {"world": (*PORTS, "tick"), "onboard": ("command", "telemetry")}
+_ROLES: Final = {"world": ("world", "user"), "onboard": ("onboard",)}  # that a packet without a tick states
 _WAIT = 1  # [ms]
 
 
-def _says_hello(role: str, data: bytes) -> bool:
+def _role(name: str, data: bytes) -> str:
+    """Return the role that a hello or a goal states; none if it is no such packet, of whatever flight."""
+    session = int.from_bytes(data[8:16], "big", signed=True)  # of a goal, after its fingerprint
     try:
-        return bool(decode("hello", data, None).value.role == role)
+        return str(decode(name, data, Flight(session, 1.0, 0)).value.role)
     except BadPacket:
-        return False
+        return ""
 
 
 class _Direction:
     """Packets on their way from one half's bus to the other's, the next due first."""
 
-    def __init__(self, role: str, source: DrakeLcm, target: DrakeLcm, line: Line):
-        self._role, self._target, self.line = role, target, line
+    def __init__(self, half: str, source: DrakeLcm, target: DrakeLcm, line: Line):
+        self._half, self._target, self.line = half, target, line
         self._due: list[tuple[float, int, str, bytes]] = []
         self._order = itertools.count()  # breaks ties, first come first served
-        for name in (*_FROM[role], "hello"):
+        for name in (*_FROM[half], *NO_TICK):
             for channel in lanes(name):
                 source.Subscribe(channel, lambda data, name=name, channel=channel: self._take(name, channel, data))
 
     def _take(self, name: str, channel: str, data: bytes) -> None:
-        if name == "hello" and not _says_hello(self._role, data):
+        if name in NO_TICK and _role(name, data) not in _ROLES[self._half]:
             return
         for due in self.line.take(name, time.monotonic()):
             heapq.heappush(self._due, (due, next(self._order), channel, data))

@@ -10,6 +10,8 @@ from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.detector_thread import DetectorThread
+from ortilo_drake.hil.goal_planner import GoalPlanner
+from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.handshake import FINISHED, meet_onboard, meet_world, say_hello, scenario_digest
 from ortilo_drake.hil.lockstep import Record, fly_lockstep
@@ -98,18 +100,23 @@ def run_onboard(
     Arguments and errors as run_world, and checkpoint as in real_time_onboard.py. Call warm_up before.
     """
     lcm = open_lcm(url)
-    inbox = Inbox(lcm, ("hello", "tick", *PORTS))
-    detector = DetectorThread(scenario) if scenario.is_rendered else None
-    onboard = OnboardHalf(scenario, detects=detector is None)
-    stop_collecting()
-    hello = meet_world(lcm, inbox, scenario, wait)
+    inbox = Inbox(lcm, ("hello", "goal", "tick", *PORTS))
     report: dict[str, Any] = {}
-    if hello.lockstep:
-        report["ticks"] = answer_over_link(OnboardHalf(scenario), lcm, inbox, hello.session, progress, record)
-    else:
-        report["ticks"], ages = answer_in_real_time(
-            scenario, onboard, lcm, inbox, hello.session, detector, progress, record, checkpoint
-        )
-        report["age_in_ticks"] = {str(age): count for age, count in sorted(ages.items())}
+    with GoalPlanner(scenario) as planner:
+        detector = DetectorThread(scenario) if scenario.is_rendered else None
+        onboard = OnboardHalf(scenario, detects=detector is None)
+        if not (checkpoint and checkpoint.exists()):  # else a flight may be waiting to be joined again
+            planner.wait_until_ready()
+        stop_collecting()
+        hello = meet_world(lcm, inbox, scenario, wait)
+        if hello.lockstep:
+            onboard = OnboardHalf(scenario)
+            report["ticks"] = answer_over_link(onboard, lcm, inbox, hello.session, progress, record)
+        else:
+            goals = Goals(scenario, planner)
+            report["ticks"], ages = answer_in_real_time(
+                scenario, onboard, lcm, inbox, hello.session, detector, progress, record, checkpoint, goals
+            )
+            report["age_in_ticks"] = {str(age): count for age, count in sorted(ages.items())}
     counts = inbox.counts("tick")
     return report | {"packets": counts, "rejected": counts["rejected"]}

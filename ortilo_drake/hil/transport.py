@@ -9,14 +9,16 @@ from urllib.parse import parse_qs, urlsplit
 
 from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.packets import lanes
-from ortilo_drake.hil.unpack import BadPacket, Flight, Packet, decode
+from ortilo_drake.hil.unpack import Packet, decode
 from ortilo_drake.model.typed_yaml import InputError
 
 DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"  # ttl 0: this machine only; 1: the local network as well
 MEMORY_URL: Final = "memq://"  # one process with itself
 MEND: Final = "ip link set lo up; ip route add 224.0.0.0/4 dev lo"
 _RECEIVE_BUFFER: Final = 2**21  # [bytes], several pictures
+REMEMBERED: Final = 4096  # ticks of a channel by which a duplicate is known: more than a link holds a packet back
 _PROBE: Final = "ORTILO_PROBE"
 
 
@@ -102,7 +104,7 @@ class Inbox:
     Args:
         lcm: the bus; only poll handles its subscriptions.
         names: the channels to listen on, keys of CHANNELS.
-        flight: what packets are checked against; None lets only a hello pass. May be set later.
+        flight: what packets are checked against; None lets only a hello pass, until begin.
     """
 
     def __init__(self, lcm: DrakeLcm, names: Iterable[str], flight: Flight | None = None):
@@ -110,17 +112,26 @@ class Inbox:
         self._lcm = lcm
         self._raw: deque[tuple[str, float, bytes]] = deque()
         self._newest = dict.fromkeys(names, -1)
-        self._seen: dict[str, set[int]] = {name: set() for name in self._newest}
+        self._seen: dict[str, dict[int, None]] = {name: {} for name in self._newest}  # a set that keeps its order
+        self._distinct: Counter[str] = Counter()
+        self._first: dict[str, int] = {}
         self._count: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
         for name in self._newest:
             for channel in lanes(name):
                 lcm.Subscribe(channel, lambda data, name=name: self._raw.append((name, time.perf_counter(), data)))
 
+    def begin(self, flight: Flight) -> None:
+        """Take the packets of a flight from now on, and count anew."""
+        self.flight = flight
+        self._count.clear()
+        self._refused.clear()
+
     def poll(self, timeout_ms: int = 0) -> list[Arrival]:
         """Return what has come and passed, in order of arrival; wait for the first as long as given.
 
-        A duplicate is dropped. A late one, of an older tick than the newest of its channel, is returned.
+        A duplicate of one of the last REMEMBERED ticks of its channel is dropped. A late one, of an older tick than
+        the newest of its channel, is returned.
         """
         self._lcm.HandleSubscriptions(timeout_ms)
         arrivals = []
@@ -130,6 +141,9 @@ class Inbox:
                 packet = decode(name, data, self.flight)
             except BadPacket as problem:
                 self._refused[problem.reason] += 1
+                continue
+            if packet.name == "hello" and self.flight and packet.value.session != self.flight.session:
+                self._refused["foreign"] += 1
                 continue
             if packet.tick >= 0 and not self._is_new(name, packet.tick):
                 continue
@@ -143,16 +157,21 @@ class Inbox:
         if tick in seen:
             self._count["duplicates"] += 1
             return False
-        seen.add(tick)
+        seen[tick] = None
+        if len(seen) > REMEMBERED:
+            del seen[next(iter(seen))]
+        self._distinct[name] += 1
         self._count["late"] += tick < newest
         self._newest[name] = max(newest, tick)
+        self._first[name] = min(self._first.get(name, tick), tick)
         return True
 
     def counts(self, name: str = "") -> dict[str, Any]:
         """Return how many packets were accepted, of these late, duplicates, refused by reason, and lost, for JSON.
 
-        Lost are the gaps in a channel's ticks, of the channel named or of none: a sensor does not speak in every tick.
+        Lost are the gaps in a channel's ticks since the first heard, of the channel named or of none: a sensor does
+        not speak in every tick.
         """
-        lost = self._newest[name] + 1 - len(self._seen[name]) if name else 0
+        lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
         plain = {key: self._count[key] for key in ("accepted", "late", "duplicates")}
         return plain | {"lost": lost, "rejected": self._refused.total(), "refused": dict(sorted(self._refused.items()))}

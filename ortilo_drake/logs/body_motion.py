@@ -6,7 +6,7 @@ REP 103 and 105: the map frame is W (east, north, up), base_link is B (forward, 
 import numpy as np
 from numba import njit
 
-from ortilo_drake.model.equations import body_rates, rotation_matrix
+from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
 
 
 @njit(cache=True)
@@ -45,8 +45,5 @@ def twist_covariance(x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """
     T = np.zeros((6, 6))
     T[0:3, 0:3] = rotation_matrix(x[3:6]).T
-    for i in range(3):
-        unit = np.zeros(3)
-        unit[i] = 1.0
-        T[3:6, 3 + i] = body_rates(x[3:6], unit)
+    T[3:6, 3:6] = euler_rate_matrix(x[3:6])
     return T @ np.ascontiguousarray(P[6:12, 6:12]) @ T.T

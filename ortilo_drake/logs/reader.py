@@ -14,6 +14,7 @@ from ortilo_drake.experiments.flight import flight_dataset
 from ortilo_drake.experiments.lost import find_loss
 from ortilo_drake.logs.mcap_records import LoggedMessage, read_logged
 from ortilo_drake.logs.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SIGNAL_PREFIX, STRING_TYPE
+from ortilo_drake.logs.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.logs.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
 from ortilo_drake.logs.ros_types import from_cdr
 from ortilo_drake.model.typed_yaml import InputError, validate
@@ -73,6 +74,9 @@ def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
     try:
         if message.topic == IMAGE_TOPIC and message.type_name == IMAGE_TYPE:
             return "image", image_of(from_cdr(IMAGE_TYPE, message.data).data)
+        if (message.topic, message.type_name) == (GOAL_TOPIC, GOAL_TYPE):
+            p_W = from_cdr(GOAL_TYPE, message.data).pose.position
+            return "goal", np.array([p_W.x, p_W.y])
         if message.type_name == ARRAY_TYPE:
             return message.topic.removeprefix(SIGNAL_PREFIX), np.array(from_cdr(ARRAY_TYPE, message.data).data)
     except Exception as error:  # the decoders raise whatever happens to them
@@ -93,7 +97,9 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     file, scenario = log_file(path), log_scenario(path)
 
     def wanted(topic: str) -> bool:
-        return (topic.startswith(SIGNAL_PREFIX) and topic != SCENARIO_TOPIC) or (images and topic == IMAGE_TOPIC)
+        if topic in (IMAGE_TOPIC, SCENARIO_TOPIC):
+            return images and topic == IMAGE_TOPIC
+        return topic == GOAL_TOPIC or topic.startswith(SIGNAL_PREFIX)
 
     for log_time, group in groupby(read_logged(file, wanted), key=lambda message: message.log_time):
         signals = dict(_decode(file, message) for message in group)

@@ -7,6 +7,7 @@ the same ones; what is absent is zero. Frames after REP 103 and 105: map is W (e
     /truth/pose, /truth/odometry        the true state, where it is known
     /estimate/pose, /estimate/odometry  the filter's prediction and its covariance
     /reference/pose, /reference/path    where it should be now; the planned path, once
+    /goal_pose                          a goal from which on the vehicle flies there
     /imu/data, /uwb/anchor_<i>, /camera/image/compressed, /camera/detections   what arrived in this tick
     /tf, /tf_static                     map -> base_link, of the truth where known, else of the estimate; fixed frames
     /ortilo/scenario                    the scenario and the software's version as JSON, once
@@ -21,7 +22,14 @@ import numpy as np
 from ortilo_drake import __version__
 from ortilo_drake.experiments.flight import XBAR_NAMES
 from ortilo_drake.logs.ros_fields import Fields, RosMessage
-from ortilo_drake.logs.ros_motion import estimate_messages, path_message, reference_message, tf_message, truth_messages
+from ortilo_drake.logs.ros_motion import (
+    estimate_messages,
+    goal_message,
+    path_message,
+    reference_message,
+    tf_message,
+    truth_messages,
+)
 from ortilo_drake.logs.ros_sensors import fixed_frames_message, sensor_messages
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, OUTPUT_NAMES, STATE_NAMES
@@ -71,12 +79,12 @@ def tick_messages(
     Args:
         t: t_k = k h [s].
         state: the true x (12), if it is known.
-        messages: what crossed to the onboard half in this tick: message vectors by port, and 'image'.
+        messages: what crossed to the onboard half in this tick: message vectors by port, 'image', and 'goal' (2) [m].
         outputs: what the onboard half has at t_k: control, measurement, estimate, covariance, reference.
         scenario: the scenario.
         room: its room.
     """
-    sent = [signal_message(name, value) for name, value in messages.items() if name != "image"]
+    sent = [signal_message(name, value) for name, value in messages.items() if name not in ("image", "goal")]
     sent += [signal_message(name, value) for name, value in outputs.items()]
     if state is not None:
         sent += [signal_message("state", state), *truth_messages(t, state), tf_message(t, state)]
@@ -86,6 +94,8 @@ def tick_messages(
             sent.append(tf_message(t, outputs["estimate"]))
     if "reference" in outputs:
         sent.append(reference_message(t, outputs["reference"], scenario.servo.yaw))
+    if "goal" in messages:
+        sent.append(goal_message(t, messages["goal"]))
     return sent + sensor_messages(t, messages, scenario, room)
 
 

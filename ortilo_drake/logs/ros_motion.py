@@ -7,6 +7,8 @@ from ortilo_drake.logs.body_motion import pose_and_twist, quaternion, twist_cova
 from ortilo_drake.logs.ros_fields import RosMessage, header_fields, pose_fields, transform_fields, twist_fields
 from ortilo_drake.model.signals import N_XBAR
 
+GOAL_TYPE = "geometry_msgs/msg/PoseStamped"
+GOAL_TOPIC = "/goal_pose"  # where RViz's and Foxglove's tools for a 2D goal send it
 PATH_STEP = 0.1  # between two poses of the planned path [s]
 
 
@@ -77,3 +79,9 @@ def path_message(trajectory: Trajectory, yaw: float) -> RosMessage:
     times = np.linspace(start, end, max(2, 1 + round((end - start) / PATH_STEP))).tolist()
     poses = [reference_message(t, trajectory.value(t)[:, 0], yaw)[2] for t in times]
     return "/reference/path", "nav_msgs/msg/Path", {"header": header_fields(0.0, "map"), "poses": poses}
+
+
+def goal_message(t: float, goal: np.ndarray) -> RosMessage:
+    """Return a goal p_W (2) taken at t [s]; as from a tool for a 2D goal, at z = 0, and here without a heading."""
+    motion = [*goal.tolist(), 0.0, 0.0, 0.0, 0.0, 1.0]
+    return GOAL_TOPIC, GOAL_TYPE, {"header": header_fields(t, "map"), "pose": pose_fields(motion)}

@@ -10,6 +10,7 @@ from mcap.writer import CompressionType, Writer
 
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import LOGGED
+from ortilo_drake.experiments.files import write_text
 from ortilo_drake.logs.bag_metadata import bag_metadata, quality_of_service
 from ortilo_drake.logs.ros_fields import RosMessage, to_ns
 from ortilo_drake.logs.ros_messages import start_messages, tick_messages
@@ -99,7 +100,8 @@ class LogWriter:
         Args:
             k: the tick.
             state: the true x (12), if it is known.
-            messages: what crossed to the onboard half: message vectors by port, and 'image' (height, width, 4).
+            messages: what crossed to the onboard half: message vectors by port, 'image' (height, width, 4),
+                and 'goal' (2), where it flies to from now on [m].
             outputs: the onboard half's signals: control, measurement, estimate, covariance, reference.
 
         Raises:
@@ -138,7 +140,12 @@ class LogWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the log, also when the flight went wrong: what was written stays."""
+        """Close the log, also when the flight went wrong: what was written stays. Of no tick at all nothing does."""
+        if error is not None and self._last < 0:
+            self._file.close()
+            self.file.unlink()
+            self.path.rmdir()
+            return
         try:
             with self._file:
                 text = bag_metadata(
@@ -147,10 +154,10 @@ class LogWriter:
                 self._writer.flush()
                 self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
                 self._writer.finish()
-            (self.path / "metadata.yaml").write_text(text, encoding="utf-8")
-        except OSError as failure:
+            write_text(self.path / "metadata.yaml", text)
+        except (OSError, InputError) as failure:
             if error is None:
-                raise self._cannot(failure) from None
+                raise (failure if isinstance(failure, InputError) else self._cannot(failure)) from None
 
     def _cannot(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

@@ -108,6 +108,15 @@ def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
+def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
+    """Return E(rpy) of body_rates (3, 3)."""
+    E = np.zeros((3, 3))
+    for i in range(3):
+        E[:, i] = body_rates(rpy, np.eye(3)[i])
+    return E
+
+
+@register_jitable
 def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
     """Return x_dot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
 

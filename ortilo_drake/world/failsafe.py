@@ -164,8 +164,9 @@ class Failsafe(LeafSystem):
         self._x = self.DeclareVectorInputPort("state", N_X)
         self.DeclareDiscreteState(_STATE_SIZE)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-        self.DeclareVectorOutputPort("control", N_U, self._calc_control)
-        self.DeclareVectorOutputPort("mode", 1, self._calc_mode)
+        needs = {self._command.ticket(), self._x.ticket(), self.time_ticket(), self.xd_ticket()}
+        self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
+        self.DeclareVectorOutputPort("mode", 1, self._calc_mode, prerequisites_of_calc=needs)
 
     def _state_now(self, context: Context) -> np.ndarray:
         s = context.get_discrete_state().value()

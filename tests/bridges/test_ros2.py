@@ -23,11 +23,12 @@ from scipy.spatial.transform import Rotation
 
 from ortilo_drake.bridges.ros2 import Ros2Bridge, fill
 from ortilo_drake.hil.bridge import LAG, Ticks, run_bridge
+from ortilo_drake.hil.goal_link import answer_to
 from ortilo_drake.hil.halves import OnboardHalf, Signals
-from ortilo_drake.hil.handshake import FINISHED, meet_onboard, meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.handshake import FINISHED, flight_of, meet_onboard, meet_world, say_hello, scenario_digest
 from ortilo_drake.hil.lockstep import fly_lockstep
 from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
-from ortilo_drake.hil.packets import PORTS, TELEMETRY, Hello
+from ortilo_drake.hil.packets import CHANNELS, PORTS, TELEMETRY, Hello, encode_goal
 from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.warm_up import warm_up
@@ -152,9 +153,13 @@ def test_a_picture_that_took_longer_goes_with_the_next_tick() -> None:
 
 
 def play_world(url: str, scenario: Scenario, stop: threading.Event) -> None:
-    """Send a flight that is already under way, with the hello of its heartbeat, until told to stop."""
+    """Be both halves of a flight under way, with the world's heartbeat, until told to stop; refuse goals with x > 2."""
     lcm, digest, k = open_lcm(url), scenario_digest(scenario), 100
+    inbox = Inbox(lcm, ["goal"], flight_of(scenario, 5))
     while not stop.is_set():
+        for goal in (arrival.packet.value for arrival in inbox.poll()):
+            if goal.role == "user":
+                lcm.Publish(CHANNELS["goal"], encode_goal(answer_to(goal, "too far" if goal.x > 2.0 else "")))
         say_hello(lcm, Hello("world", digest, 5))
         publish_messages(lcm, 5, k, {})
         publish_command(lcm, 5, k, {"control": np.full(4, float(k))})
@@ -213,6 +218,37 @@ def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line() -> N
         with_world(url, scenario, lambda stop: run_bridge(url, other, {}, say=lambda line: None))
     with pytest.raises(InputError, match="not heard"):
         run_bridge(url, scenario, {}, wait=0.1, say=lambda line: None)
+
+
+def test_goals_are_passed_on_and_their_answers_said() -> None:
+    scenario, url = load_scenario("imu_uwb", SETTINGS), BUS.format(port=7785)
+    lines: list[str] = []
+
+    def listen(stop: threading.Event) -> Any:
+        wishes = iter([[1.5, -2.0, 9.0], [3.0, 0.0, 0.0], [np.nan, 0.0, 0.0]])
+        said = 0
+
+        def goals() -> np.ndarray | None:
+            """Wish for something once the line about the wish before is there."""
+            nonlocal said
+            if len(lines) == 4:
+                stop.set()
+                raise RuntimeError("node\nis gone")
+            if len(lines) == said:
+                return None
+            said = len(lines)
+            return np.array(next(wishes))
+
+        return run_bridge(url, scenario, {"ros2": lambda *tick: None}, 20.0, 10.0, lines.append, goals)
+
+    report = with_world(url, scenario, listen)
+    assert lines[1:4] == [
+        "goal (1.5, -2): flies there",
+        "goal (3, 0): too far",
+        "goal (nan, 0): must be two finite numbers of at most 1e+12",
+    ]
+    assert report["failed"] == {"goals": "node is gone"}
+    assert lines[4].startswith("goals: failed at ")
 
 
 # --- a flight ----------------------------------------------------------------------------------------------------
@@ -384,6 +420,33 @@ with Ros2Bridge(load_scenario("imu_uwb")) as bridge:
     sender.stdin.close()
     sender.wait()
 """
+
+
+@needs_ros
+def test_a_goal_from_ros_crosses_to_the_onboard_half() -> None:
+    scenario, url = load_scenario("imu_uwb", SETTINGS), BUS.format(port=7786)
+    command = [sys.executable, "-u", "-m", "ortilo_drake.cli", "hil", "bridge", "imu_uwb", "--url", url, "--ros2"]
+    command += [part for setting in SETTINGS for part in ("--set", setting)]
+    sender = [sys.executable, "-c", _SENDER]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": LOCAL}
+
+    def pass_on(stop: threading.Event) -> list[str]:
+        with subprocess.Popen(command, **pipes) as bridge, subprocess.Popen(sender, **pipes) as ros:
+            try:
+                assert ros.stdout.readline() == "ready\n"
+                lines = [bridge.stdout.readline()]
+                for goal in ("map 1.5 -2 0", "map 3 0 0"):
+                    print(goal, file=ros.stdin, flush=True)
+                    lines.append(bridge.stdout.readline())
+                stop.set()
+                bridge.wait(20.0)
+            finally:
+                bridge.kill()
+                ros.kill()
+        return lines
+
+    lines = with_world(url, scenario, pass_on)
+    assert [line.strip() for line in lines[1:]] == ["goal (1.5, -2): flies there", "goal (3, 0): too far"]
 
 
 @needs_ros

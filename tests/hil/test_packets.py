@@ -9,22 +9,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ortilo_drake.hil.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.packets import (
     CHANNELS,
+    NO_TICK,
     TELEMETRY,
+    Goal,
     Hello,
     encode_command,
+    encode_goal,
     encode_hello,
     encode_picture,
     encode_telemetry,
     encode_tick,
     encode_vector,
 )
-from ortilo_drake.hil.unpack import BadPacket, Flight, decode
+from ortilo_drake.hil.unpack import decode
 from ortilo_drake.model.signals import IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
 
-SESSION, TICK, ANCHORS, SHAPE = 77, 30, 8, (6, 9)
-FLIGHT = Flight(SESSION, 1 / 30, ANCHORS, SHAPE)
+SESSION, TICK, ANCHORS, SHAPE, CLASSES = 77, 30, 8, (6, 9), 12
+FLIGHT = Flight(SESSION, 1 / 30, ANCHORS, SHAPE, CLASSES)
 RNG = np.random.default_rng(5)
 
 finite = st.floats(-1e6, 1e6)
@@ -40,7 +44,7 @@ def uwb() -> np.ndarray:
 
 def detections() -> np.ndarray:
     boxes = RNG.uniform(0, 600, (MAX_DETECTIONS, 6))
-    boxes[:, 0] = RNG.integers(-1, 80, MAX_DETECTIONS)
+    boxes[:, 0] = RNG.integers(-1, CLASSES, MAX_DETECTIONS)
     return np.concatenate(([1.0, 0.5], boxes.ravel()))
 
 
@@ -57,6 +61,7 @@ VALID = {
     "command": encode_command(SESSION, TICK, RNG.normal(size=4)),
     "telemetry": encode_telemetry(SESSION, TICK, OUTPUTS),
     "hello": encode_hello(Hello("world", "0123abcd", SESSION, True, "ä")),
+    "goal": encode_goal(Goal(SESSION, 2**61 + 1, "onboard", -1.5, 2.25, "ä")),
 }
 
 
@@ -121,7 +126,8 @@ def test_lies_with_a_right_crc_are_decided_without_another_error(name: str, at: 
 
 @pytest.mark.parametrize("size", [-(2**31), -1, 0, 10, 2**27, 2**31 - 1])
 @pytest.mark.parametrize(
-    ("name", "at"), [("imu", 24), ("uwb", 24), ("image", 32), ("tick", 24), ("tick", 28), ("hello", 12)]
+    ("name", "at"),
+    [("imu", 24), ("uwb", 24), ("image", 32), ("tick", 24), ("tick", 28), ("hello", 12), ("goal", 24), ("goal", 52)],
 )
 def test_sizes_that_lie_allocate_nothing(name: str, at: int, size: int) -> None:
     data = changed(VALID[name], at, struct.pack(">i", size))
@@ -137,12 +143,12 @@ def test_sizes_that_lie_allocate_nothing(name: str, at: int, size: int) -> None:
     ("name", "at", "field", "why"),
     [
         *[(name, 8, struct.pack(">q", SESSION + 1), "foreign") for name in CHANNELS if name != "hello"],
-        *[(name, 16, struct.pack(">q", -1), "tick") for name in CHANNELS if name != "hello"],
+        *[(name, 16, struct.pack(">q", -1), "tick") for name in CHANNELS if name not in NO_TICK],
         *[("imu", 28, struct.pack(">d", flag), "value") for flag in (2.0, 0.5, -1.0, np.nan)],
         *[("imu", 36, struct.pack(">d", stamp), "stamp") for stamp in (-0.1, 1.1)],
         *[("imu", 44, struct.pack(">d", value), "value") for value in (np.nan, np.inf, -np.inf, 1e13)],
         ("uwb", 28 + 8 * (2 + ANCHORS), struct.pack(">d", 0.5), "value"),
-        *[("detections", 44, struct.pack(">d", label), "value") for label in (0.5, -2.0, 1e6)],
+        *[("detections", 44, struct.pack(">d", label), "value") for label in (0.5, -2.0, float(CLASSES))],
         *[("image", 24, struct.pack(">d", stamp), "stamp") for stamp in (-0.1, 1.1, np.nan)],
         *[("image", 36 + at, b"\x7f", "picture") for at in (0, 12, 16, 20, 24, 25, 28, 45, 60)],
         ("tick", 32, b"abc", "text"),
@@ -152,6 +158,13 @@ def test_sizes_that_lie_allocate_nothing(name: str, at: int, size: int) -> None:
         ("telemetry", 24, struct.pack(">d", np.inf), "value"),
         ("hello", 16, b"w\xffrld", "text"),
         ("hello", 16, b"wurld", "text"),
+        *[("goal", 16, struct.pack(">q", number), "value") for number in (0, -1, -(2**63))],
+        ("goal", 28, b"onb\xffard", "text"),
+        ("goal", 28, b"onbuard", "text"),
+        *[("goal", 36 + 8 * i, struct.pack(">d", p), "value") for i in (0, 1) for p in (np.nan, np.inf, -1e13)],
+        ("goal", 36, bytes.fromhex("7ff0000000000001"), "value"),  # a signalling NaN
+        ("goal", 56, b"\xff", "text"),
+        ("goal", 58, b"x", "text"),  # no end
     ],
 )
 def test_each_lie_is_refused_for_its_reason(name: str, at: int, field: bytes, why: str) -> None:
@@ -239,6 +252,21 @@ def test_hello_comes_back(digest: str, why: str, session: int, lockstep: bool) -
     assert decode("hello", encode_hello(hello), None).value == hello
 
 
+@given(
+    session=st.integers(1, 2**63 - 1),
+    number=st.integers(1, 2**63 - 1),
+    role=st.sampled_from(["user", "onboard"]),
+    p_W=st.tuples(finite, finite),
+    why=st.text(max_size=120),
+)
+def test_goals_come_back_bit_for_bit(session: int, number: int, role: str, p_W: tuple[float, float], why: str) -> None:
+    goal = Goal(session, number, role, *p_W, why)
+    packet = decode("goal", encode_goal(goal), FLIGHT._replace(session=session))
+    assert (packet.name, packet.tick, packet.value) == ("goal", -1, goal)
+
+
 def test_a_long_reason_is_cut() -> None:
+    goal = Goal(SESSION, 1, "onboard", 0.0, 0.0, 3000 * "ä")
+    assert decode("goal", encode_goal(goal), FLIGHT).value.reason == 250 * "ä"
     hello = Hello("world", "", reason=3000 * "ä")
     assert decode("hello", encode_hello(hello), None).value.reason == 250 * "ä"

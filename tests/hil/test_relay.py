@@ -12,10 +12,10 @@ from pydrake.lcm import DrakeLcm
 from scipy.stats import binomtest, geom, kstest
 
 from ortilo_drake.hil.faults import Faults, Line
-from ortilo_drake.hil.packets import CHANNELS, Hello, encode_command, encode_hello, encode_vector
+from ortilo_drake.hil.packet_checks import Flight
+from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_goal, encode_hello, encode_vector
 from ortilo_drake.hil.relay import run_relay
 from ortilo_drake.hil.transport import Inbox, open_lcm
-from ortilo_drake.hil.unpack import Flight
 from ortilo_drake.model.typed_yaml import InputError
 
 N = 4000
@@ -121,6 +121,14 @@ def gather(inbox: Inbox, seconds: float) -> list[tuple[str, int]]:
     return got
 
 
+def goals(inbox: Inbox, seconds: float) -> list[Goal]:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        if arrivals := inbox.poll(10):
+            return [arrival.packet.value for arrival in arrivals]
+    return []
+
+
 def test_a_relay_passes_both_ways_without_echo_and_with_its_faults() -> None:
     world, onboard = buses()
     stop, ready, result = threading.Event(), threading.Event(), {}
@@ -130,8 +138,8 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults() -> None:
     )
     relay.start()
     assert ready.wait(15.0)
-    at_world = Inbox(world, ["command", "hello"], FLIGHT)
-    at_onboard = Inbox(onboard, ["imu"], FLIGHT)
+    at_world = Inbox(world, ["command", "hello", "goal"], FLIGHT)
+    at_onboard = Inbox(onboard, ["imu", "goal"], FLIGHT)
     line = Line(Faults(loss=0.5), 5, "to_onboard")
     passed = [tick for tick in range(12) if line.take("imu", 0.0)]
     # One at a time: pydrake's LCM keeps one message per channel until it is handled.
@@ -143,11 +151,22 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults() -> None:
     for tick in range(3):
         onboard.Publish(CHANNELS["command"], encode_command(77, tick, np.zeros(4)))
         assert gather(at_world, 5.0) == [("command", tick)]
-    onboard.Publish(CHANNELS["hello"], encode_hello(Hello("onboard", "ab")))
+    onboard.Publish(CHANNELS["hello"], encode_hello(Hello("onboard", "ab", 77)))
     assert gather(at_world, 5.0) == [("hello", -1)]
     assert gather(at_world, 0.2) == []  # no echo
+    wish = Goal(77, 2**61 + 1, "user", 1.5, -2.0)
+    answer = wish._replace(role="onboard", reason="no way")
+    fate = [bool(line.take("goal", 0.0)) for _ in range(8)]
+    for passes in fate:
+        world.Publish(CHANNELS["goal"], encode_goal(wish))
+        assert goals(at_world, 5.0) == [wish]  # hears itself
+        assert goals(at_onboard, 5.0 if passes else 0.2) == ([wish] if passes else [])
+    onboard.Publish(CHANNELS["goal"], encode_goal(answer))
+    assert goals(at_onboard, 5.0) == goals(at_world, 5.0) == [answer]
+    onboard.Publish(CHANNELS["goal"], b"damaged")
+    assert goals(at_world, 0.2) == goals(at_onboard, 0.2) == []
     stop.set()
     relay.join(5.0)
     assert not relay.is_alive()
-    assert result["to_world"] == {"taken": 4, "lost": 0, "crowded": 0, "duplicated": 0, "sent": 4}
-    assert (result["to_onboard"]["taken"], result["to_onboard"]["sent"]) == (12, len(passed))
+    assert result["to_world"] == {"taken": 5, "lost": 0, "crowded": 0, "duplicated": 0, "sent": 5}
+    assert (result["to_onboard"]["taken"], result["to_onboard"]["sent"]) == (12 + 8, len(passed) + sum(fate))

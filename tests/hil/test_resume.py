@@ -7,11 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ortilo_drake.hil.checkpoint import MAX_AGE, Checkpoint, load_checkpoint, save_checkpoint
+from ortilo_drake.hil.checkpoint import (
+    MAX_AGE,
+    Checkpoint,
+    load_checkpoint,
+    load_path,
+    path_file,
+    save_checkpoint,
+    save_path,
+)
 from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.keep_alive import keep_alive
+from ortilo_drake.hil.real_time_onboard import join_flight
 from ortilo_drake.hil.resume import ANGLE_SD, RATE_SD, SPEED, VELOCITY_SD, after_gap
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.onboard.goal_path import brake, then
+from ortilo_drake.onboard.planner import plan
+from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
 H = 1.0 / 30.0
 KEPT = Checkpoint(session=7, tick=100, state=np.arange(240.0))
@@ -88,6 +99,53 @@ def test_a_half_that_was_away_finds_the_vehicle_again(scenario: Scenario, rememb
     new.resume(66, state if remembers else None, 6 * H if remembers else np.inf)
     assert np.linalg.norm(fly(world, new, 120)) < 0.15  # UWB fixes err by up to a decimetre
     assert np.linalg.norm(world.state[:3] - new.outputs()["reference"][:3]) < 0.3
+
+
+def test_a_path_comes_back_for_its_own_session_only(tmp_path: Path) -> None:
+    scenario = load_scenario("imu_uwb")
+    path = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+    save_path(tmp_path / "c.npz", 7, path)
+    found = load_path(tmp_path / "c.npz", 7)
+    assert found is not None
+    times = np.linspace(0.0, path.end_time(), 2001)
+    np.testing.assert_allclose(found.vector_values(times), path.vector_values(times), rtol=0, atol=1e-12)
+    assert load_path(tmp_path / "c.npz", 8) is None
+    assert load_path(tmp_path / "other.npz", 7) is None
+
+
+@pytest.mark.parametrize(
+    "knots", [np.zeros((7, 3)), np.zeros((6, 3)), np.zeros(7), np.full((7, 2), np.nan), np.zeros((7, 0)), np.array("x")]
+)
+def test_a_path_that_cannot_be_flown_is_none(tmp_path: Path, knots: np.ndarray) -> None:
+    np.savez(path_file(tmp_path / "c.npz"), session=7, knots=knots)
+    assert load_path(tmp_path / "c.npz", 7) is None
+    path_file(tmp_path / "c.npz").write_bytes(b"not an archive")
+    assert load_path(tmp_path / "c.npz", 7) is None
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_half_that_is_killed_on_its_way_to_a_goal_goes_on_to_it(tmp_path: Path, keeps: bool) -> None:
+    scenario = load_scenario("imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.5], duration: 20.0}",))
+    world, old = WorldHalf(scenario), OnboardHalf(scenario)
+    fly(world, old, 60)
+    settings = GcsPlanner(start=(7.5, 1.0), goal=(9.5, 0.0))
+    way = plan(settings, scenario.load_room(), scenario.vehicle)
+    path = then(brake(old.path, 2.0, 0.2), way, 2.0)
+    old.fly_path(path)
+    fly(world, old, 90)
+    checkpoint = tmp_path / "c.npz"
+    save_path(checkpoint, 7 if keeps else 6, path)
+    save_checkpoint(checkpoint, Checkpoint(7, 150, old.state()))
+    hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])
+    for _ in range(4):
+        world.advance(hover)
+    new = OnboardHalf(scenario)
+    join_flight(new, checkpoint, 7, 154, scenario.h)
+    expected = path.value(154 * scenario.h)[:, 0] if keeps else [7.5, 1.0, 1.5]
+    np.testing.assert_allclose(new.outputs()["reference"][:3], expected, atol=1e-12)
+    fly(world, new, 300)
+    goal = [9.5, 0.0, 1.5] if keeps else [7.5, 1.0, 1.5]  # without the file the scenario's own path is what it knows
+    assert np.linalg.norm(world.state[:3] - goal) < 0.3
 
 
 def test_a_killed_process_is_started_again(tmp_path: Path) -> None:

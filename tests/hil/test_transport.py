@@ -5,14 +5,15 @@ import shutil
 import subprocess
 import sys
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
 from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Hello, encode_command, encode_hello, encode_vector
 from ortilo_drake.hil.transport import MEMORY_URL, MEND, Inbox, open_lcm
-from ortilo_drake.hil.unpack import Flight
 from ortilo_drake.model.typed_yaml import InputError
 
 FLIGHT = Flight(77, 1 / 30, 8, (6, 9))
@@ -107,17 +108,42 @@ def test_counts() -> None:
     lcm.Publish(CHANNELS["command"], encode_command(77, 0, u(0.0)))  # before the handshake
     lcm.Publish(CHANNELS["hello"], encode_hello(Hello("world", "ab", 77)))
     assert [arrival.packet.name for arrival in inbox.poll()] == ["hello"]
-    inbox.flight = FLIGHT
-    for tick in (0, 1, 1, 5, 3, 3, 8):
+    inbox.begin(FLIGHT)
+    lcm.Publish(CHANNELS["hello"], encode_hello(Hello("world", "ab", 78)))  # another flight's
+    for tick in (2, 3, 3, 7, 5, 5, 10):  # it joined in flight: 0 and 1 are nobody's loss
         lcm.Publish(CHANNELS["command"], encode_command(77, tick, u(tick)))
     lcm.Publish(CHANNELS["command"], encode_command(78, 9, u(0.0)))
     lcm.Publish(CHANNELS["command"], b"")
-    assert [arrival.packet.tick for arrival in inbox.poll()] == [0, 1, 5, 3, 8]
+    assert [arrival.packet.tick for arrival in inbox.poll()] == [2, 3, 7, 5, 10]
     counts = inbox.counts("command")
     assert counts == {
-        "accepted": 6, "late": 1, "duplicates": 2, "lost": 4, "rejected": 3, "refused": {"foreign": 2, "length": 1},
+        "accepted": 5, "late": 1, "duplicates": 2, "lost": 4, "rejected": 3, "refused": {"foreign": 2, "length": 1},
     }  # fmt: skip
     assert json.loads(json.dumps(counts)) == counts
+
+
+def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ortilo_drake.hil.transport.REMEMBERED", 64)
+    lcm = open_lcm(MEMORY_URL)
+    inbox = Inbox(lcm, ["command"], FLIGHT)
+
+    def send(*ticks: int) -> int:
+        for tick in ticks:
+            lcm.Publish(CHANNELS["command"], encode_command(77, tick, u(0.0)))
+        return sum(len(inbox.poll()) for _ in ticks)
+
+    assert send(*range(100)) == 100
+    tracemalloc.start()
+    for tick in range(100, 3000):
+        assert send(tick) == 1
+    assert tracemalloc.get_traced_memory()[0] < 20_000  # a set of 2900 numbers takes 200 kB
+    tracemalloc.stop()
+    assert send(*range(2936, 3000)) == 0  # the last 64 are known
+    assert send(*range(3000, 3064, 2), *range(3000, 3064, 2)) == 32
+    assert send(2**40, 3001, 2**40) == 2  # one from far ahead shuts nothing out
+    counts = inbox.counts("command")
+    assert (counts["accepted"], counts["duplicates"], counts["late"]) == (3034, 97, 1)
+    assert counts["lost"] == 2**40 + 1 - 3034
 
 
 @pytest.mark.parametrize("udp", [False, True])

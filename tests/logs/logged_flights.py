@@ -1,4 +1,4 @@
-"""Ticks of a short flight for the tests of logs: the halves' own, on boxes, with a picture now and then."""
+"""Ticks of a short flight for the tests of logs: the halves' own, on boxes, with some pictures and two goals."""
 
 from functools import cache
 from typing import NamedTuple
@@ -18,6 +18,9 @@ class Tick(NamedTuple):
 
 
 SETTINGS = ("settle=0", "planner={kind: hover, duration: 3.0}", "camera=projected")
+
+
+GOALS = {40: (1.25, -0.1), 55: (-3.0, 1e-3)}  # by tick
 
 
 @cache
@@ -54,6 +57,8 @@ def ticks() -> list[Tick]:
             messages["image"] = rng.integers(0, 256, (24, 32, 4), dtype=np.uint8)
             if k == 4:
                 messages["image"][..., 3] = 255
+        if k in GOALS:
+            messages["goal"] = np.array(GOALS[k])
         outputs = {name: value("onboard", name) for name in LOGGED if name != "state"}
         found.append(Tick(k, value("world", "state"), messages, outputs))
     return found

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from logged_flights import flight, scenario, ticks
+from logged_flights import GOALS, flight, scenario, ticks
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -190,6 +190,14 @@ def test_boxes(decoded):
             np.testing.assert_allclose(corners, row[2:6], atol=1e-12)
             assert box.results[0].hypothesis.class_id == classes[int(row[0])]
             assert box.results[0].hypothesis.score == row[1]
+
+
+def test_goals_are_what_a_tool_for_a_2d_goal_would_send(decoded):
+    found = {round(log_time * 1e-9 / scenario().h): m for log_time, m in decoded["/goal_pose"]}
+    assert {k: tuple(xyz(m.pose.position)) for k, m in found.items()} == {k: (*p, 0.0) for k, p in GOALS.items()}
+    assert {tuple(xyzw(m.pose.orientation)) for m in found.values()} == {(0.0, 0.0, 0.0, 1.0)}
+    assert {m.header.frame_id for m in found.values()} == {"map"}
+    assert "/ortilo/goal" not in decoded
 
 
 def test_pictures(decoded):

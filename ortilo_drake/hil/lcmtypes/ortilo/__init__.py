@@ -10,3 +10,4 @@ from .lcmt_picture import lcmt_picture as lcmt_picture
 from .lcmt_telemetry import lcmt_telemetry as lcmt_telemetry
 from .lcmt_tick import lcmt_tick as lcmt_tick
 from .lcmt_vector import lcmt_vector as lcmt_vector
+from .lcmt_goal import lcmt_goal as lcmt_goal

@@ -1,0 +1,41 @@
+"""The command `ortilo hil goal`: another goal for a flight under way."""
+
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.hil_options import DEFAULT_URL, UrlOption
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import out
+from ortilo_drake.scenario import load_scenario
+
+
+def goal(
+    x: Annotated[float, typer.Argument(help="East [m].")],
+    y: Annotated[float, typer.Argument(help="North [m].")],
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    url: UrlOption = DEFAULT_URL,
+    wait: Annotated[
+        float, typer.Option(min=0.1, help="How long to look for the world, and then for an answer [s].")
+    ] = 5.0,
+) -> None:
+    """Have a flight in real time go to another goal: it brakes, plans a way from there and flies it.
+
+    The height stays the one at which it comes to rest, the yaw the servo's. A newer goal replaces an older one; one
+    that cannot be flown to is refused with a line. The flight ends when it would have ended, see --seconds of
+    `ortilo hil world`.
+    """
+    chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    from ortilo_drake.hil.goal_link import ask_goal
+
+    quiet_drake()
+    ask_goal(url, chosen, x, y, wait)
+    out.print(f"goal ({x:g}, {y:g}): flies there", markup=False)

@@ -1,0 +1,78 @@
+"""A new goal in flight: brake to rest along the present path, and go on from there along another.
+
+Braking changes the pace, not the path: the vehicle flies r(tau(t)) with, for s = (t - t_0) / T from 0 to 1,
+
+    tau = t_0 + T (s - s^3 + s^4 / 2),    tau' = 1 - 3 s^2 + 2 s^3,    tau'' = -6 s (1 - s) / T,
+
+so it keeps to the curve, whose obstacles were avoided, and stops T / 2 further along it. Of its acceleration
+r'' tau'^2 + r' tau'' the second part starts and ends with 0. With T = 2 v / a, where v is the path's largest speed from
+t_0 on, it is at most
+
+    |r''| tau'^2 + 3 a s (1 - s)  <=  1.29 a   where the path keeps |r''| <= a,
+
+and at most a where the path is flown at constant speed, since then the two parts are square to each other.
+"""
+
+from typing import Final
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial, Trajectory
+
+LEAST: Final = 0.4  # that braking takes, also where there is nothing to brake [s]
+KNOTS: Final = 0.05  # the longest time between two knots of the braking [s]
+PIECES: Final = 16  # the fewest between its knots
+INSTANT: Final = 1e-6  # a shorter rest is none [s]
+
+
+def brake(trajectory: Trajectory, t: float, acceleration: float) -> PiecewisePolynomial:
+    """Return the braking to rest on a flight's own path, from a time on.
+
+    It is cubic between knots that lie on the path. With the limits of scenario.GcsPlanner it is within 1e-5 m of it
+    everywhere, and r_ddot goes on from t_0 to 1 % of its limit; r and r_dot go on to rounding.
+
+    Args:
+        trajectory: p_WB(t) (3 rows) [m], at rest from its end on.
+        t: t_0, not before its start [s].
+        acceleration: a, the path's own limit [m/s^2].
+    """
+    end = trajectory.end_time()
+    velocity = trajectory.MakeDerivative(1)
+    left = max(0.0, end - t)
+    ahead = velocity.vector_values(np.linspace(min(t, end), end, int(left / KNOTS) + 2))
+    v = float(np.linalg.norm(ahead, axis=0).max()) if left > 0.0 else 0.0
+    T = max(2.0 * v / acceleration, LEAST)
+    s = np.linspace(0.0, 1.0, max(PIECES, int(np.ceil(T / KNOTS))) + 1)
+    tau = t + T * (s - s**3 + s**4 / 2.0)
+    pace = np.where(tau < end, 1.0 - 3.0 * s**2 + 2.0 * s**3, 0.0)
+    tau = np.minimum(tau, end)
+    return PiecewisePolynomial.CubicHermite(
+        t + T * s, trajectory.vector_values(tau), velocity.vector_values(tau) * pace
+    )
+
+
+def then(first: PiecewisePolynomial, path: PiecewisePolynomial, t: float) -> PiecewisePolynomial:
+    """Return a flight that ends at rest, the rest until a time, and from then on a path, which starts there.
+
+    Args:
+        first: p_WB(t) (3 rows) [m], at rest at its end.
+        path: p_WB (3 rows) [m], at rest at its start, which is where first ends.
+        t: when the path begins, if first has ended by then; else it begins when first ends [s].
+    """
+    before, after = knots(first), knots(path)
+    end = before[0, -1]
+    begin = t if t > end + INSTANT else end
+    after[0] += begin - after[0, 0]
+    # The path starts where first ends but for a solver's tolerance: its first knot is replaced, so nothing jumps.
+    after[1:, 0] = before[1:, -1]
+    return through(np.hstack([before, after if begin > end else after[:, 1:]]))
+
+
+def knots(trajectory: PiecewisePolynomial) -> np.ndarray:
+    """Return t, r, r_dot (7, n) at the breaks of a piecewise cubic with continuous r_dot, which they determine."""
+    t = np.array(trajectory.get_segment_times())
+    return np.vstack([t, trajectory.vector_values(t), trajectory.MakeDerivative(1).vector_values(t)])
+
+
+def through(knots: np.ndarray) -> PiecewisePolynomial:
+    """Return the piecewise cubic through knots t, r, r_dot (7, n)."""
+    return PiecewisePolynomial.CubicHermite(knots[0], knots[1:4], knots[4:7])

@@ -1,0 +1,94 @@
+"""The two halves in two networks, and in none: skipped where network namespaces are not allowed."""
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from halves_in_processes import HOVER, PROJECTED, WAIT, bus, check_in_time, end, run_both, start
+
+from ortilo_drake.experiments.flight import fly, load_flight
+from ortilo_drake.hil.transport import MEND
+from ortilo_drake.scenario import load_scenario
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
+
+
+def test_without_a_multicast_route_a_line_says_how_to_mend_it() -> None:
+    if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
+        pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
+    if not shutil.which("ip"):
+        pytest.skip("the command `ip` is missing (Debian: iproute2)")
+    before = ("unshare", "-rn", "sh", "-c", 'ip link set lo up; exec "$@"', "sh")
+    code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722), "--wait", "1", before=before))
+    assert code == 2
+    assert errors.count("\n") == 1
+    assert "no multicast route" in errors
+    assert MEND in errors
+    # The command named mends it: what is missing then is the other half.
+    mended = ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
+    code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722), "--wait", "1", before=mended))
+    assert code == 2
+    assert "onboard half: not heard" in errors
+
+
+@contextlib.contextmanager
+def two_networks() -> Iterator[tuple[str, str]]:
+    """Make two network namespaces with a cable between them, and take them away again; yield their names."""
+    if not shutil.which("ip"):
+        pytest.skip("the command `ip` is missing (Debian: iproute2)")
+    spaces = f"ortilo-{os.getpid()}-w", f"ortilo-{os.getpid()}-o"
+    made = []
+    try:
+        for space in spaces:
+            try:
+                ip("netns", "add", space)
+            except subprocess.CalledProcessError as error:
+                pytest.skip(f"`ip netns add` is not allowed (it needs root): {error.stderr.strip()}")
+            made.append(space)
+        try:
+            ip("-n", spaces[0], "link", "add", "cable", "type", "veth", "peer", "cable", "netns", spaces[1])
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f"a veth pair cannot be made: {error.stderr.strip()}")
+        for number, space in enumerate(spaces, start=1):
+            ip("-n", space, "link", "set", "lo", "up")
+            ip("-n", space, "address", "add", f"10.76.67.{number}/24", "dev", "cable")
+            ip("-n", space, "link", "set", "cable", "up")
+            ip("-n", space, "route", "add", "224.0.0.0/4", "dev", "cable")
+        yield spaces
+    finally:
+        for space in made:
+            ip("netns", "delete", space)  # and with it the end of the cable in it
+
+
+SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
+
+
+def test_each_half_in_a_network_of_its_own(tmp_path: Path) -> None:
+    words, report = ("imu_uwb_yolo", *PROJECTED, *bus(7723, ttl=1), *WAIT), tmp_path / "world.json"
+    with two_networks() as spaces:
+        lockstep = (*words, *HOVER, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
+        for code, _, errors in run_both(lockstep, (*words, *HOVER), spaces):
+            assert code == 0, errors
+        alone, apart = fly(load_scenario("imu_uwb_yolo", SETTINGS)), load_flight(tmp_path / "link.nc")
+        xr.testing.assert_equal(apart, alone)
+        real_time = (*words, "--seconds", "3", "--json", str(report))
+        for code, _, errors in run_both(real_time, words, spaces):
+            assert code == 0, errors
+        check_in_time(json.loads(report.read_text()), 91)
+    assert not any(space in subprocess.run(["ip", "netns"], capture_output=True, text=True).stdout for space in spaces)
+
+
+def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go() -> None:
+    words = ("imu_uwb", *bus(7724), "--wait", "2")
+    with two_networks() as spaces:
+        for code, _, errors in run_both(words, words, spaces):
+            assert code == 2
+            assert "not heard in 2 s" in errors

@@ -1,0 +1,91 @@
+"""Half a flight that is killed: the onboard half comes back, the world's log stays."""
+
+import json
+import os
+import re
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from halves_in_processes import bus, end, run, start
+
+from ortilo_drake.experiments.flight import load_flight
+from ortilo_drake.logs.reader import read_ticks
+
+GOAL = (3.0, 0.0)
+TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", "--set", "uwb.link.blackouts=[]")
+
+
+def wait_for(happened: Callable[[], bool], what: str) -> None:
+    """Wait until something has happened, as long as a loaded machine may take to start two processes."""
+    until = time.monotonic() + 60.0
+    while not happened():
+        assert time.monotonic() < until, what
+        time.sleep(0.05)
+
+
+def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path) -> None:
+    here = ("imu_uwb", *TO_THE_GOAL, *bus(7731))
+    checkpoint, flown, report = tmp_path / "state.npz", tmp_path / "flight.nc", tmp_path / "world.json"
+    onboard = start("hil", "onboard", *here, "--keep-alive", "--checkpoint", str(checkpoint))
+    world = start("hil", "world", *here, "--wait", "60", "--out", str(flown), "--json", str(report))
+    try:
+        assert onboard.stderr is not None
+        for _ in range(3):
+            process = re.fullmatch(r"onboard half: process (\d+)\n", onboard.stderr.readline())
+            assert process is not None
+            checkpoint.unlink(missing_ok=True)
+            wait_for(checkpoint.exists, "the onboard half flies")
+            time.sleep(1.5)
+            os.kill(int(process[1]), signal.SIGKILL)
+            assert "was killed by SIGKILL" in onboard.stderr.readline()
+        code, _, errors = end(world)
+        assert code == 0, errors
+        assert end(onboard)[0] == 0
+    finally:
+        onboard.kill()
+        world.kill()
+    found = json.loads(report.read_text())
+    assert found["lost"] is None
+    assert found["unanswered"] > 0
+    assert found["longest_silence"] < 3.0  # idle it is half a second
+    np.testing.assert_allclose(load_flight(flown)["truth"].values[-1, :2], GOAL, atol=0.3)
+
+
+def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path) -> None:
+    log, here = tmp_path / "log", ("imu_uwb", *bus(7732))
+    onboard = start("hil", "onboard", *here, "--wait", "60")
+    world = start("hil", "world", *here, "--wait", "60", "--log", str(log))
+    try:
+        file = log / "log.mcap"
+        wait_for(file.exists, "the world has begun its log")
+        size = file.stat().st_size
+        wait_for(lambda: file.stat().st_size > size, "the world flies")
+        time.sleep(2.0)
+        world.kill()
+        world.communicate()
+    finally:
+        onboard.kill()
+        onboard.communicate()
+        world.kill()
+    assert sum(1 for _ in read_ticks(log)) > 30  # of the two seconds and more it flew
+
+
+def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path: Path) -> None:
+    code, _, errors = run("hil", "onboard", "imu_uwb", *bus(7733), "--keep-alive", "--wait", "1")
+    assert code == 2
+    assert [line for line in errors.splitlines() if line.startswith("ortilo:")] == [
+        "ortilo: world: not heard in 1 s; start it with: ortilo hil world"
+    ]
+    assert len(errors.splitlines()) == 2  # and which process it was
+
+
+@pytest.mark.parametrize("half", ["world", "onboard"])
+def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, half: str) -> None:
+    code, _, errors = run("hil", half, "imu_uwb", *bus(7734), "--wait", "1", "--log", str(tmp_path / "log"))
+    assert code == 2
+    assert errors.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
