@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import (
-    DEFAULT_URL,
     UrlOption,
     WaitOption,
     show_report,
@@ -20,6 +19,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, say_written, write_json
+from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 
 
@@ -31,6 +31,9 @@ def bridge(
     mavlink: Annotated[
         str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 there.")
     ] = None,
+    vision: Annotated[
+        bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE in place of ODOMETRY.")
+    ] = False,
     url: UrlOption = DEFAULT_URL,
     wait: WaitOption = 60.0,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="End after that long [s].")] = None,
@@ -43,6 +46,8 @@ def bridge(
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if not ros2 and mavlink is None:
         raise InputError("--ros2, --mavlink: give one of them or both")
+    if vision and mavlink is None:
+        raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
     check_writable(json_file)
     from ortilo_drake.bridges.mavlink import MavlinkBridge
     from ortilo_drake.bridges.ros2 import Ros2Bridge
@@ -54,7 +59,7 @@ def bridge(
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
             sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
-            targets["mavlink"] = mavlink_target(sender, chosen.control_rate)
+            targets["mavlink"] = mavlink_target(sender, chosen, vision)
         if ros2:
             node = stack.enter_context(Ros2Bridge(chosen))
             targets["ros2"], goals = ros2_target(node), node.goal

@@ -2,20 +2,19 @@
 
 import contextlib
 import json
+import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ortilo_drake.commands.hil_options import (
-    DEFAULT_URL,
     LockstepOption,
     SecondsOption,
-    UrlOption,
     WaitOption,
     show_report,
     showing_flight,
@@ -29,14 +28,22 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight [s]
 
 
+def _bus_of_our_own() -> str:
+    """Return the URL of a bus on this machine that no flight is on: two checks at once must not cross."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("", 0))
+        return DEFAULT_URL.replace(":7667", f":{free.getsockname()[1]}")
+
+
 @contextlib.contextmanager
-def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[None]:
-    """Run `ortilo hil onboard` beside this process."""
+def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[Callable[[], None]]:
+    """Run `ortilo hil onboard` beside this process; yields what raises InputError, in its words, once it has failed."""
     with tempfile.TemporaryDirectory() as folder:
         import yaml
 
@@ -45,15 +52,18 @@ def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[None]:
         words = ("hil", "onboard", str(file), "--url", url, "--wait", str(wait))
         command = (sys.executable, "-m", "ortilo_drake.cli", *words)
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+
+            def still_there() -> None:
+                if process.poll():
+                    said = (process.communicate()[1] or "").strip().splitlines() or ["nothing"]
+                    raise InputError(f"onboard half: ended with code {process.returncode}, and said: {said[-1]}")
+
             try:
-                yield
+                yield still_there
                 process.wait(AFTERWARDS)
+                still_there()
             except subprocess.TimeoutExpired:
                 raise InputError(f"onboard half: still running {AFTERWARDS:g} s after the flight") from None
-            except InputError as error:
-                process.terminate()
-                said = (process.communicate()[1] or "").strip()
-                raise InputError(f"{error}" + (f" (it said: {said.splitlines()[-1]})" if said else "")) from None
             finally:
                 process.terminate()
 
@@ -64,7 +74,9 @@ def check(
     settings: SetOption = None,
     lockstep: LockstepOption = False,
     seconds: SecondsOption = None,
-    url: UrlOption = DEFAULT_URL,
+    url: Annotated[
+        str | None, typer.Option(help="The LCM bus; by default one of this machine alone, on a free port.")
+    ] = None,
     wait: WaitOption = 60.0,
     png: Annotated[Path | None, typer.Option(help="Draw the latencies' histogram to this file.")] = None,
     json_file: JsonOption = None,
@@ -79,8 +91,12 @@ def check(
     from ortilo_drake.hil.runs import run_world
 
     quiet_drake()
-    with showing_flight("flying", flight_ticks(chosen), lockstep) as shown, _other_half(chosen, url, wait):
-        flight, report = run_world(chosen, url, lockstep, wait, seconds, **shown)
+    url = url or _bus_of_our_own()
+    with (
+        showing_flight("flying", flight_ticks(chosen), lockstep) as shown,
+        _other_half(chosen, url, wait) as still_there,
+    ):
+        flight, report = run_world(chosen, url, lockstep, wait, seconds, still_there=still_there, **shown)
     identical = None
     if lockstep:
         import xarray as xr

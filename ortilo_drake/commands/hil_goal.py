@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import DEFAULT_URL, UrlOption
+from ortilo_drake.commands.hil_options import UrlOption
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     ScenarioArgument,
@@ -13,6 +13,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import out
+from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import load_scenario
 
 

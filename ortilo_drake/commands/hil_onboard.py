@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import (
-    DEFAULT_URL,
     UrlOption,
     WaitOption,
     show_report,
@@ -22,6 +21,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_error, say_written, write_json
+from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 
@@ -29,10 +29,10 @@ def _profile(scenario: Scenario, json_file: Path | None) -> None:
     """Print, and write as JSON, which block of the onboard half spends the time."""
     from ortilo_drake.hil.panel import profile_table
     from ortilo_drake.hil.profile import PROFILE_TICKS, profile_onboard
-    from ortilo_drake.hil.warm_up import stop_collecting
+    from ortilo_drake.hil.warm_up import no_collecting
 
-    stop_collecting()
-    rows = profile_onboard(scenario, PROFILE_TICKS)
+    with no_collecting():
+        rows = profile_onboard(scenario, PROFILE_TICKS)
     write_json(json_file, rows)
     out.print(profile_table(rows, scenario.name))
     say_written(json_file)
@@ -46,7 +46,8 @@ def onboard(
     wait: WaitOption = 60.0,
     log: Annotated[Path | None, typer.Option(help="Write what it took and made of it as MCAP to this folder.")] = None,
     checkpoint: Annotated[
-        Path | None, typer.Option(help="Keep the filter's state in this file, to join a flight again after a kill.")
+        Path | None,
+        typer.Option(help="In real time, keep the state in this file, a goal's path beside it, to join after a kill."),
     ] = None,
     keep: Annotated[
         bool, typer.Option("--keep-alive", help="Start again at once whenever the process that flies is killed.")
@@ -64,6 +65,8 @@ def onboard(
         raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
     check_writable(json_file, checkpoint)
     from ortilo_drake.experiments.flight import flight_ticks
+    from ortilo_drake.hil.goal_planner import GoalPlanner
+    from ortilo_drake.hil.handshake import PATIENCE
     from ortilo_drake.hil.keep_alive import keep_alive
     from ortilo_drake.hil.runs import run_onboard
     from ortilo_drake.hil.spare import Spare
@@ -74,8 +77,9 @@ def onboard(
     if profile:
         _profile(chosen, json_file)
         return
+    if checkpoint:
+        checkpoint.parent.mkdir(parents=True, exist_ok=True)
     ticks = flight_ticks(chosen)
-    warm_up(chosen)
 
     def fly_once() -> None:
         with contextlib.ExitStack() as stack:
@@ -83,16 +87,24 @@ def onboard(
             record = Spare(writer.write_tick, say_error) if writer else None
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("onboard", total=ticks)
-            report = run_onboard(chosen, url, wait, lambda k: bar.update(task, completed=k), record, checkpoint)
+
+            def show(k: int) -> None:
+                bar.update(task, completed=k)
+
+            report = run_onboard(chosen, url, wait, show, record, checkpoint, say_error, planner)
             write_json(json_file, report)
             show_report(report)
         if record and record.error:
             raise record.error
+        if report.get("silent_at") is not None:
+            raise InputError(f"world: silent for {PATIENCE:g} s at tick {report['silent_at']}")
         say_written(log, json_file)
 
-    if not keep:
-        fly_once()
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        checkpoint = checkpoint or Path(folder) / "checkpoint.npz"
-        keep_alive(fly_once, say_error)
+    with GoalPlanner(chosen) as planner, tempfile.TemporaryDirectory() as folder:
+        warm_up(chosen)
+        planner.wait_until_ready()
+        if keep:  # each new process inherits the planner
+            checkpoint = checkpoint or Path(folder) / "checkpoint.npz"
+            keep_alive(fly_once, say_error)
+        else:
+            fly_once()

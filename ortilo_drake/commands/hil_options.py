@@ -8,8 +8,6 @@ import typer
 
 from ortilo_drake.commands.terminal import err, out, progress_bar
 
-DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"  # as hil/transport.py, which imports Drake
-ONBOARD_URL = DEFAULT_URL.replace(":7667", ":7668")
 UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
 WaitOption = Annotated[float, typer.Option(min=1.0, help="How long to look for the other half [s].")]
 LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]

@@ -4,9 +4,10 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import DEFAULT_URL, ONBOARD_URL, show_report
+from ortilo_drake.commands.hil_options import show_report
 from ortilo_drake.commands.options import JsonOption, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, say_written, write_json
+from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 
 
 def relay(

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import (
-    DEFAULT_URL,
     LockstepOption,
     SecondsOption,
     UrlOption,
@@ -25,6 +24,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, out, say_error, say_written, write_json
+from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 
 
@@ -48,11 +48,12 @@ def world(
     from ortilo_drake.experiments.flight import flight_ticks, save_flight
     from ortilo_drake.hil.runs import run_world
     from ortilo_drake.hil.spare import Spare
+    from ortilo_drake.logs.ros_messages import SENT, TAKEN
     from ortilo_drake.logs.writer import LogWriter
 
     quiet_drake()
     with contextlib.ExitStack() as stack:
-        writer = stack.enter_context(LogWriter(log, chosen)) if log else None
+        writer = stack.enter_context(LogWriter(log, chosen, TAKEN if lockstep else SENT)) if log else None
         record = Spare(writer.write_tick, say_error) if writer else None
         shown = stack.enter_context(showing_flight("world", flight_ticks(chosen), lockstep))
         flight, report = run_world(chosen, url, lockstep, wait, seconds, record=record, **shown)

@@ -15,13 +15,12 @@ import numpy as np
 from ortilo_drake.bridges.mavlink import MavlinkBridge
 from ortilo_drake.bridges.ros2 import Ros2Bridge
 from ortilo_drake.hil.goal_link import GoalLink, goal_text
-from ortilo_drake.hil.halves import Signals
-from ortilo_drake.hil.handshake import FINISHED, find_world, flight_of
-from ortilo_drake.hil.lockstep_link import PATIENCE
-from ortilo_drake.hil.packets import PORTS, TELEMETRY, Goal
+from ortilo_drake.hil.handshake import PATIENCE, find_world, flight_of
+from ortilo_drake.hil.packets import FINISHED, PORTS, Goal
+from ortilo_drake.hil.tick_inbox import TickInbox
 from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.hil.unpack import Packet
-from ortilo_drake.hil.wire import TickInbox
+from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -30,17 +29,31 @@ Goals = Callable[[], np.ndarray | None]
 LAG: Final = 6  # ticks after which one is handed on without what is missing
 _POLL_MS: Final = 50
 _ANSWERS: Final = 100
-_OUTPUTS: Final = {"control", *TELEMETRY}
 
 
-def mavlink_target(bridge: MavlinkBridge, control_rate: float) -> Target:
-    """Return a target that sends every estimate, and a heartbeat once a second of flight."""
+def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = False) -> Target:
+    """Return a target that sends every estimate, and a heartbeat once a second of flight.
+
+    After a gap of answers in which the failsafe began to fly the estimate may jump, which is counted as a reset.
+
+    Args:
+        bridge: where to.
+        scenario: what is flown.
+        vision: whether to send VISION_POSITION_ESTIMATE in place of ODOMETRY.
+    """
+    rate, resets, last = scenario.control_rate, 0, -1
+    longest = max(1.0, scenario.failsafe.timeout * rate)  # in ticks; the next tick's answer ends no gap
+    send_estimate = bridge.send_vision if vision else bridge.send
 
     def send(t: float, messages: Signals, outputs: Signals) -> None:
-        if round(t * control_rate) % max(1, round(control_rate)) == 0:
+        nonlocal resets, last
+        k = round(t * rate)
+        if k % max(1, round(rate)) == 0:
             bridge.send_heartbeat()
         if "estimate" in outputs:
-            bridge.send(t, outputs["estimate"], outputs["covariance"])
+            resets += 0 <= last < k - longest
+            last = k
+            send_estimate(t, outputs["estimate"], outputs["covariance"], resets)
 
     return send
 
@@ -87,7 +100,7 @@ class Ticks:
         """Give out what is complete, and what is older by a number of ticks than the newest as it is."""
         while self._waiting:
             k, newest = min(self._waiting), max(self._waiting)
-            world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= _OUTPUTS
+            world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= OUTPUTS.keys()
             if not (world and answer) and newest - k < lag:
                 return
             self._waiting.remove(k)
@@ -176,7 +189,7 @@ def run_bridge(
             if packet.name != "hello":
                 ticks.put(packet)
             elif packet.value.session == session:
-                finished |= packet.value.role == "world" and packet.value.reason == FINISHED
+                finished |= packet.value.role == "world" and packet.value.state == FINISHED
             else:
                 continue
             heard = time.monotonic()

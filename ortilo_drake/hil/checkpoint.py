@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.trajectories import PiecewisePolynomial
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.goal_path import knots, through
 
 MAX_AGE = 5.0  # an older checkpoint tells nothing of where the vehicle is [s]
@@ -27,8 +28,17 @@ class Checkpoint(NamedTuple):
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint; a reader sees the old one or the new one. InputError if that fails."""
-    with replacing(path) as partial, partial.open("wb") as file:
-        np.savez(file, session=checkpoint.session, tick=checkpoint.tick, state=checkpoint.state)
+    _replace(path, session=checkpoint.session, tick=checkpoint.tick, state=checkpoint.state)
+
+
+def _replace(path: Path, **arrays: npt.ArrayLike) -> None:
+    partial = path.with_name(f".{path.name}.partial")  # one name, so that no killed process leaves another
+    try:
+        with partial.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # none is called allow_pickle
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) -> Checkpoint | None:
@@ -57,8 +67,7 @@ def path_file(checkpoint: Path) -> Path:
 
 def save_path(checkpoint: Path, session: int, path: PiecewisePolynomial) -> None:
     """Write the path that a session flies from now on, beside its checkpoint. InputError if that fails."""
-    with replacing(path_file(checkpoint)) as partial, partial.open("wb") as file:
-        np.savez(file, session=session, knots=knots(path))
+    _replace(path_file(checkpoint), session=session, knots=knots(path))
 
 
 def load_path(checkpoint: Path, session: int) -> PiecewisePolynomial | None:

@@ -16,19 +16,16 @@ from pydrake.systems.framework import Context, Diagram, PortDataType
 from pydrake.systems.sensors import ImageRgba8U
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.closed_loop import LOGGED, set_world_hovering
+from ortilo_drake.diagrams.closed_loop import set_world_hovering
 from ortilo_drake.diagrams.onboard import make_onboard
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.experiments.flight import fix_steps
 from ortilo_drake.hil.resume import about_reference, after_gap
+from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.failsafe import MODES
-
-Signals = dict[str, np.ndarray]
-
-OUTPUTS = {name: size for name, size in LOGGED.items() if name != "state"}
 
 
 class WorldHalf:

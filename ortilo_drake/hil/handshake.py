@@ -1,23 +1,25 @@
 """Who meets whom: the two halves agree on protocol, scenario and session before a flight.
 
-The world says hello ten times a second until the onboard half says it back with the world's session number. A half
-that speaks another version of the protocol, or flies another scenario, is refused by name.
+The world says hello ten times a second until the onboard half says it back with the world's session number; in real
+time it goes on saying it in flight, for an onboard half that has to join it again. A half that speaks another version
+of the protocol, or flies another scenario, is refused by name; so is a second onboard half.
 """
 
 import hashlib
 import secrets
 import time
+from collections.abc import Callable
 from typing import Final
 
 from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.packet_checks import Flight
-from ortilo_drake.hil.packets import CHANNELS, PROTOCOL, Hello, encode_hello
+from ortilo_drake.hil.packets import CHANNELS, FINISHED, FLYING, PROTOCOL, Hello, encode_hello
 from ortilo_drake.hil.transport import Inbox
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-FINISHED: Final = "finished"  # the reason with which the world ends a flight
+PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
 REFUSALS: Final = 6  # how often the onboard half says no before it ends: one may meet the world's own hello
 _EVERY_MS: Final = 100
 
@@ -54,7 +56,14 @@ def refusal(hello: Hello, digest: str) -> str:
     return ""
 
 
-def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool, wait: float) -> int:
+def meet_onboard(
+    lcm: DrakeLcm,
+    inbox: Inbox,
+    scenario: Scenario,
+    lockstep: bool,
+    wait: float,
+    still_there: Callable[[], None] = lambda: None,
+) -> int:
     """Find the onboard half; return the session that the world chose.
 
     Args:
@@ -63,6 +72,7 @@ def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool
         scenario: the scenario of this half.
         lockstep: how the world wants to fly.
         wait: how long to look for it [s].
+        still_there: called again and again meanwhile; raises if it will not come.
 
     Raises:
         InputError: if the onboard half is not there, or is another's.
@@ -72,6 +82,7 @@ def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool
     until, said = time.monotonic() + wait, -1.0
     while (now := time.monotonic()) < until:
         if now > said + 1e-3 * _EVERY_MS:  # not whenever something is heard: it hears itself
+            still_there()
             say_hello(lcm, Hello("world", digest, session, lockstep))
             said = now
         for arrival in inbox.poll(_EVERY_MS):
@@ -86,13 +97,24 @@ def meet_onboard(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, lockstep: bool
 
 def _hear_world(inbox: Inbox, wait: float) -> Hello:
     """Return the first hello of a world whose flight is not over; InputError if none comes."""
+    inbox.poll()  # what came while nobody listened may be of a world that has gone
     until = time.monotonic() + wait
     while time.monotonic() < until:
         for arrival in inbox.poll(_EVERY_MS):
             hello = arrival.packet.value
-            if isinstance(hello, Hello) and hello.role == "world" and not hello.reason:
+            if isinstance(hello, Hello) and hello.role == "world" and hello.state != FINISHED:
                 return hello
     raise InputError(f"world: not heard in {wait:g} s; start it with: ortilo hil world")
+
+
+def _is_commanded(lcm: DrakeLcm, flight: Flight) -> bool:
+    """Return whether somebody commands a flight at the moment."""
+    inbox = Inbox(DrakeLcm(lcm.get_lcm_url()), ("command",), flight)
+    until = time.monotonic() + max(1e-3 * _EVERY_MS, 3.5 * flight.h)
+    while time.monotonic() < until:
+        if inbox.poll(10):
+            return True
+    return False
 
 
 def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> Hello:
@@ -101,9 +123,11 @@ def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> 
     hello = _hear_world(inbox, wait)
     if why := refusal(hello, digest):
         for _ in range(REFUSALS):
-            say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, why))
+            say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, reason=why))
             time.sleep(5e-4 * _EVERY_MS)
         raise InputError(f"world: {why}")
+    if hello.state == FLYING and _is_commanded(lcm, flight_of(scenario, hello.session)):
+        raise InputError("world: flies with another onboard half already")
     inbox.begin(flight_of(scenario, hello.session))
     say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))
     return hello

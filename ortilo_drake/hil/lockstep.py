@@ -9,11 +9,10 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.experiments.flight import CHECK_EVERY, flight_dataset, flight_ticks
 from ortilo_drake.experiments.lost import find_loss
 from ortilo_drake.hil.flight_record import Record
-from ortilo_drake.hil.halves import OnboardHalf, Signals, WorldHalf
+from ortilo_drake.hil.halves import OUTPUTS, OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 
@@ -61,7 +60,7 @@ def fly_lockstep(
     for k in range(ticks + 1):
         x, messages = world.state, world.sample()
         outputs = ask(k, messages)
-        rows.append(np.concatenate([x, *(outputs[name] for name in LOGGED if name != "state")]))
+        rows.append(np.concatenate([x, *(outputs[name] for name in OUTPUTS)]))
         if record:
             record(k, x, messages, outputs)
         if k % CHECK_EVERY == 0 or k == ticks:

@@ -10,18 +10,19 @@ from typing import Final
 
 from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, answer_to
-from ortilo_drake.hil.halves import OnboardHalf, Signals
-from ortilo_drake.hil.handshake import FINISHED, say_hello
-from ortilo_drake.hil.lockstep import Ask, Record
-from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_goal
+from ortilo_drake.hil.halves import OUTPUTS, OnboardHalf, Signals
+from ortilo_drake.hil.handshake import PATIENCE, say_hello
+from ortilo_drake.hil.lockstep import Ask
+from ortilo_drake.hil.packets import CHANNELS, FINISHED, Goal, Hello, encode_goal
+from ortilo_drake.hil.tick_inbox import TickInbox
 from ortilo_drake.hil.transport import Inbox
-from ortilo_drake.hil.wire import TickInbox, publish_command, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire import publish_command, publish_messages, publish_telemetry
 from ortilo_drake.model.typed_yaml import InputError
 
 SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30
 POLL_MS: Final = 10
-PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
 
 
 def ask_over_link(lcm: DrakeLcm, inbox: Inbox, session: int) -> Ask:
@@ -34,7 +35,7 @@ def ask_over_link(lcm: DrakeLcm, inbox: Inbox, session: int) -> Ask:
         publish_messages(lcm, session, tick, messages)
         outputs: Signals = {}
         heard = said = time.monotonic()
-        while len(outputs) < 5:  # the command and the four of the telemetry
+        while not outputs.keys() >= OUTPUTS.keys():
             arrivals = inbox.poll(POLL_MS)
             for packet in (arrival.packet for arrival in arrivals if arrival.packet.tick == tick):
                 outputs |= {"control": packet.value} if packet.name == "command" else packet.value
@@ -76,7 +77,7 @@ def answer_over_link(
             elif packet.name != "hello":
                 ticks.put(packet)
             elif packet.value.role == "world" and packet.value.session == session:
-                if packet.value.reason == FINISHED:
+                if packet.value.state == FINISHED:
                     return k
                 say_hello(lcm, Hello("onboard", packet.value.scenario_digest, session, True))  # it missed the first
         if ticks.is_complete(k):

@@ -19,7 +19,7 @@ from ortilo_drake.hil.lcmtypes.ortilo import (
     lcmt_tick,
     lcmt_vector,
 )
-from ortilo_drake.hil.picture_codec import encode_png
+from ortilo_drake.logs.picture_codec import encode_png
 from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_XBAR, REFERENCE_SIZE
 
 PROTOCOL: Final = 1
@@ -33,6 +33,7 @@ TELEMETRY: Final = {
     "reference": REFERENCE_SIZE,
 }
 NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
+LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
 MAX_TEXT: Final = 500  # bytes of a text
 
 
@@ -44,6 +45,7 @@ class Hello(NamedTuple):
         scenario_digest: hash of the scenario that the sender flies.
         session: the flight's number; 0 for none yet.
         lockstep: whether the sender waits for every answer.
+        state: of STATES: looking for the other half, flying with one, or finished.
         reason: why the other half is refused; empty otherwise.
         protocol: version of the types and of the order in which they are sent.
     """
@@ -52,6 +54,7 @@ class Hello(NamedTuple):
     scenario_digest: str
     session: int = 0
     lockstep: bool = False
+    state: str = LOOKING
     reason: str = ""
     protocol: int = PROTOCOL
 

@@ -10,24 +10,24 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
 from ortilo_drake.hil.detector_thread import DetectorThread
+from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goals import Goals
-from ortilo_drake.hil.halves import OnboardHalf, Signals
-from ortilo_drake.hil.handshake import FINISHED, say_hello
-from ortilo_drake.hil.lockstep import Record
-from ortilo_drake.hil.lockstep_link import PATIENCE
-from ortilo_drake.hil.packets import CHANNELS, Hello, encode_goal
+from ortilo_drake.hil.halves import OnboardHalf
+from ortilo_drake.hil.handshake import PATIENCE, say_hello
+from ortilo_drake.hil.packets import CHANNELS, FINISHED, Hello, encode_goal
+from ortilo_drake.hil.spare import Spare
+from ortilo_drake.hil.tick_inbox import TickInbox
 from ortilo_drake.hil.transport import Inbox
-from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.wire import publish_command, publish_telemetry
 from ortilo_drake.model.signals import STAMP
-from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.late_measurements import history_ticks
 from ortilo_drake.scenario import Scenario
 
 CLOCK_WINDOW: Final = 150  # ticks of the world's over which the least delay is taken
@@ -48,32 +48,20 @@ class _Clock:
         return min(self._offsets) + tick * self._h if self._offsets else np.inf
 
 
-class _Waiting:
-    """Packets not yet taken."""
+class Answered(NamedTuple):
+    """What an onboard half did in a flight.
 
-    def __init__(self) -> None:
-        self._lists: dict[int, tuple[str, ...]] = {}
-        self._packets: list[Packet] = []
+    Attributes:
+        ticks: how many it answered.
+        ages: how many of the messages that it took were how many ticks old.
+        overtaken: how many messages it did not take, since a newer one had come.
+        silent: where the world fell silent for PATIENCE, without a word that it has finished: the tick; else None.
+    """
 
-    def put(self, packet: Packet) -> None:
-        if packet.name == "tick":
-            self._lists[packet.tick] = packet.value
-        else:
-            self._packets.append(packet)
-
-    def is_complete(self, tick: int) -> bool:
-        here = {packet.name for packet in self._packets if packet.tick == tick}
-        return tick in self._lists and here >= set(self._lists[tick])
-
-    def newest_tick(self) -> int:
-        return max(self._lists, default=-1)
-
-    def take(self, tick: int) -> Signals:
-        """Return the messages of this tick and the late ones of those before; of two on a port the newer stamp."""
-        due = sorted((p for p in self._packets if p.tick <= tick), key=lambda p: p.tick)
-        self._packets = [p for p in self._packets if p.tick > tick]
-        self._lists = {k: names for k, names in self._lists.items() if k > tick}
-        return {packet.name: packet.value for packet in due}
+    ticks: int
+    ages: dict[int, int]
+    overtaken: int
+    silent: int | None
 
 
 def answer_in_real_time(
@@ -87,8 +75,9 @@ def answer_in_real_time(
     record: Record | None = None,
     checkpoint: Path | None = None,
     goals: Goals | None = None,
-) -> tuple[int, dict[int, int]]:
-    """Be the onboard half until the world says that it has finished.
+    say: Callable[[str], None] = print,
+) -> Answered:
+    """Be the onboard half until the world says that it has finished, or is silent for PATIENCE.
 
     Args:
         scenario: the scenario.
@@ -101,18 +90,16 @@ def answer_in_real_time(
         record: called with what was taken and made of it in every tick; of the true state it knows nothing.
         checkpoint: a file to write at every tick, and to go on from where the flight has begun already.
         goals: takes the goals of a user; by default they are not heard.
-
-    Returns:
-        How many ticks were answered, and how many messages came late by how many ticks.
-
-    Raises:
-        InputError: if the world is silent for PATIENCE.
+        say: takes a line about a checkpoint that cannot be written; the flight goes on without it.
     """
-    clock, waiting = _Clock(scenario.h), _Waiting()
-    late: dict[int, int] = {}
+    clock, waiting = _Clock(scenario.h), TickInbox()
+    # What the filter puts into its own tick is of use after a newer message too; for any other it would be a step back.
+    horizon = history_ticks(scenario.filter.horizon, scenario.h) if scenario.filter.delay == "replay" else 0
+    ages: dict[int, int] = {}
     first = k = 0
     joined, heard = False, time.perf_counter()
     goal: np.ndarray | None = None
+    keep, keep_path = Spare(save_checkpoint, say), Spare(save_path, say)
     while True:
         now = time.perf_counter()
         due = clock.expected(k) + scenario.h / 2.0
@@ -124,10 +111,10 @@ def answer_in_real_time(
             heard = received
             if packet.name == "hello":
                 hello = packet.value
-                if hello.role == "world" and hello.session == session:
-                    if hello.reason == FINISHED:
-                        return k - first, late
-                    say_hello(lcm, Hello("onboard", hello.scenario_digest, session, False))
+                if hello.role == "world":
+                    if hello.state == FINISHED:
+                        return Answered(k - first, ages, waiting.overtaken, None)
+                    say_hello(lcm, Hello("onboard", hello.scenario_digest, session))
                 continue
             if packet.name == "tick":
                 clock.hear(packet.tick, received)
@@ -142,12 +129,12 @@ def answer_in_real_time(
                 continue
             waiting.put(packet)
         if joined and (waiting.is_complete(k) or time.perf_counter() >= due):
-            messages = waiting.take(k)
+            messages = waiting.take_until(k, keep_from=k + 1 - horizon)
             if detector and (detections := detector.newest()) is not None:
                 messages["detections"] = detections
             for message in messages.values():
                 age = round(k - message[STAMP] * scenario.control_rate)
-                late[age] = late.get(age, 0) + 1
+                ages[age] = ages.get(age, 0) + 1
             if goal is not None:
                 messages["goal"] = goal
             onboard.take(messages)
@@ -159,27 +146,20 @@ def answer_in_real_time(
                 record(k, None, messages, outputs)
             k += 1
             if goals:  # after the tick's command, which nothing here holds up
-                goal = _fly_goals(goals, onboard, lcm, k * scenario.h, session, checkpoint)
+                step = goals.step(k * scenario.h, onboard.path)
+                goal = step.taken
+                for answer in step.answers:
+                    lcm.Publish(CHANNELS["goal"], encode_goal(answer))
+                if step.path:
+                    onboard.fly_path(step.path)
+                    if checkpoint:
+                        keep_path(checkpoint, session, step.path)
             if checkpoint:
-                save_checkpoint(checkpoint, Checkpoint(session, k, onboard.state()))
+                keep(checkpoint, Checkpoint(session, k, onboard.state()))
             if progress:
                 progress(k)
         elif time.perf_counter() > heard + PATIENCE:
-            raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
-
-
-def _fly_goals(
-    goals: Goals, onboard: OnboardHalf, lcm: DrakeLcm, t: float, session: int, checkpoint: Path | None
-) -> np.ndarray | None:
-    """Do what the goals ask for from the tick at t on; return x, y (2) of one that is taken."""
-    step = goals.step(t, onboard.path)
-    if step.path:
-        onboard.fly_path(step.path)
-        if checkpoint:
-            save_path(checkpoint, session, step.path)
-    for answer in step.answers:
-        lcm.Publish(CHANNELS["goal"], encode_goal(answer))
-    return step.taken
+            return Answered(k - first, ages, waiting.overtaken, k)
 
 
 def join_flight(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:

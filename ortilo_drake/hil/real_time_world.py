@@ -19,7 +19,7 @@ from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.flight_record import FlightRecord, Record
 from ortilo_drake.hil.halves import WorldHalf
 from ortilo_drake.hil.handshake import say_hello, scenario_digest
-from ortilo_drake.hil.packets import Hello
+from ortilo_drake.hil.packets import FLYING, Hello
 from ortilo_drake.hil.transport import Arrival, Inbox
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.watch import Watch
@@ -69,7 +69,7 @@ def fly_in_real_time(
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
     room, h, watch = scenario.load_room(), scenario.h, Watch(scenario.h)
     flown, command = FlightRecord(record), _Command(scenario.vehicle.hover_thrust)
-    hello = Hello("world", scenario_digest(scenario), session)
+    hello = Hello("world", scenario_digest(scenario), session, state=FLYING)
     heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
     if watching:

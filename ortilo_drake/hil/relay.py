@@ -16,12 +16,12 @@ from pydrake.lcm import DrakeLcm
 from ortilo_drake.hil.faults import Faults, Line
 from ortilo_drake.hil.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.packets import NO_TICK, PORTS, lanes
-from ortilo_drake.hil.transport import DEFAULT_URL, open_lcm
+from ortilo_drake.hil.transport import address, open_lcm
 from ortilo_drake.hil.unpack import decode
+from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.noise import stream_id, uniforms
 
-ONBOARD_URL: Final = DEFAULT_URL.replace(":7667", ":7668")
 _FROM: Final = {"world": (*PORTS, "tick"), "onboard": ("command", "telemetry")}
 _ROLES: Final = {"world": ("world", "user"), "onboard": ("onboard",)}  # that a packet without a tick states
 _WAIT = 1  # [ms]
@@ -90,7 +90,7 @@ def run_relay(
     Raises:
         InputError: if a bus cannot be opened or both are the same.
     """
-    if url_world == url_onboard:
+    if address(url_world)[:2] == address(url_onboard)[:2]:
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")
     world, onboard = open_lcm(url_world), open_lcm(url_onboard)
     directions = {

@@ -1,6 +1,7 @@
 """Each half as one call: what the commands `ortilo hil world` and `ortilo hil onboard` do."""
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,20 +11,22 @@ from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.detector_thread import DetectorThread
+from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goal_planner import GoalPlanner
 from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.handshake import FINISHED, meet_onboard, meet_world, say_hello, scenario_digest
-from ortilo_drake.hil.lockstep import Record, fly_lockstep
+from ortilo_drake.hil.handshake import meet_onboard, meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.lockstep import fly_lockstep
 from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
-from ortilo_drake.hil.packets import PORTS, Hello
+from ortilo_drake.hil.packets import FINISHED, PORTS, Hello
 from ortilo_drake.hil.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
 from ortilo_drake.hil.transport import Inbox, open_lcm
-from ortilo_drake.hil.warm_up import stop_collecting, warm_up
+from ortilo_drake.hil.warm_up import no_collecting, warm_up
 from ortilo_drake.scenario import Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; each may be lost
+FAREWELL_EVERY = 0.02  # at once they would be one: pydrake keeps one packet a channel until it is handled [s]
 
 
 def run_world(
@@ -35,6 +38,7 @@ def run_world(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
     watching: Callable[[Figures], None] | None = None,
+    still_there: Callable[[], None] = lambda: None,
 ) -> tuple[xr.Dataset, dict[str, Any]]:
     """Fly a scenario's world against an onboard half over a link.
 
@@ -47,6 +51,7 @@ def run_world(
         progress: called with the number of ticks flown.
         record: called with everything of a tick.
         watching: in real time, see fly_in_real_time.
+        still_there: called while the onboard half is looked for; raises if it will not come.
 
     Returns:
         The flight, and a report: ticks, the packets' counts and in real time the watch's figures.
@@ -57,24 +62,28 @@ def run_world(
     lcm = open_lcm(url)
     inbox = Inbox(lcm, ("hello", "command", "telemetry"))
     with contextlib.ExitStack() as stack:
+        camera = CameraProcess(scenario, url) if scenario.is_rendered and not lockstep else None
+        if camera:
+            stack.enter_context(camera)
+        if not lockstep:
+            warm_up(scenario)
+        # Before they meet, so that neither half waits for what the other builds.
+        world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
+        if camera:
+            camera.wait_until_ready()
+        session = meet_onboard(lcm, inbox, scenario, lockstep, wait, still_there)
+        stack.enter_context(_saying_farewell(lcm, scenario, session, lockstep))
         if lockstep:
-            session = meet_onboard(lcm, inbox, scenario, lockstep, wait)
-            stack.enter_context(_saying_farewell(lcm, scenario, session, lockstep))
-            flight = fly_lockstep(scenario, ask_over_link(lcm, inbox, session), progress, record)
+            flight = fly_lockstep(scenario, ask_over_link(lcm, inbox, session), progress, record, world)
             report: dict[str, Any] = {"ticks": flight.sizes["tick"]}
         else:
-            camera = stack.enter_context(CameraProcess(scenario, url)) if scenario.is_rendered else None
-            warm_up(scenario)
-            world = WorldHalf(scenario, COMMAND_PERIOD, draws=False)
-            if camera:
-                camera.wait_until_ready()
-            session = meet_onboard(lcm, inbox, scenario, lockstep, wait)
-            stack.enter_context(_saying_farewell(lcm, scenario, session, lockstep))
-            stop_collecting()
+            stack.enter_context(no_collecting())
             flight, watch = fly_in_real_time(
                 scenario, world, lcm, inbox, session, camera, seconds, progress, record, watching
             )
             report = watch.summary() | {"latencies_ms": watch.latencies_ms()}
+        if camera:
+            report["pictures_skipped"] = camera.skipped
     return flight, report | {"packets": inbox.counts("command"), "rejected": inbox.counts()["rejected"]}
 
 
@@ -85,6 +94,7 @@ def _saying_farewell(lcm: DrakeLcm, scenario: Scenario, session: int, lockstep: 
     finally:
         for _ in range(FAREWELLS):
             say_hello(lcm, Hello("world", scenario_digest(scenario), session, lockstep, FINISHED))
+            time.sleep(FAREWELL_EVERY)
 
 
 def run_onboard(
@@ -94,29 +104,33 @@ def run_onboard(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
     checkpoint: Path | None = None,
+    say: Callable[[str], None] = print,
+    planner: GoalPlanner | None = None,
 ) -> dict[str, Any]:
     """Be a scenario's onboard half for one flight; return a report.
 
-    Arguments and errors as run_world, and checkpoint as in real_time_onboard.py. Call warm_up before.
+    The report's `silent_at` is the tick at which a world in real time fell silent without a word that it has finished.
+    Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
+    answered. Call warm_up before.
     """
-    lcm = open_lcm(url)
-    inbox = Inbox(lcm, ("hello", "goal", "tick", *PORTS))
-    report: dict[str, Any] = {}
-    with GoalPlanner(scenario) as planner:
+    with no_collecting():
+        lcm = open_lcm(url)
+        inbox = Inbox(lcm, ("hello", "goal", "tick", *PORTS))
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
-        if not (checkpoint and checkpoint.exists()):  # else a flight may be waiting to be joined again
-            planner.wait_until_ready()
-        stop_collecting()
+        whole = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself, in lockstep
         hello = meet_world(lcm, inbox, scenario, wait)
+        report: dict[str, Any] = {}
         if hello.lockstep:
-            onboard = OnboardHalf(scenario)
-            report["ticks"] = answer_over_link(onboard, lcm, inbox, hello.session, progress, record)
+            report["ticks"] = answer_over_link(whole, lcm, inbox, hello.session, progress, record)
         else:
-            goals = Goals(scenario, planner)
-            report["ticks"], ages = answer_in_real_time(
-                scenario, onboard, lcm, inbox, hello.session, detector, progress, record, checkpoint, goals
+            goals = Goals(scenario, planner) if planner else None
+            done = answer_in_real_time(
+                scenario, onboard, lcm, inbox, hello.session, detector, progress, record, checkpoint, goals, say
             )
-            report["age_in_ticks"] = {str(age): count for age, count in sorted(ages.items())}
-    counts = inbox.counts("tick")
+            ages = {str(age): count for age, count in sorted(done.ages.items())}
+            report |= {"ticks": done.ticks, "silent_at": done.silent, "age_in_ticks": ages, "overtaken": done.overtaken}
+            if detector:
+                report["pictures_skipped"] = detector.skipped
+        counts = inbox.counts("tick")
     return report | {"packets": counts, "rejected": counts["rejected"]}

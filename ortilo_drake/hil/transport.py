@@ -12,17 +12,18 @@ from pydrake.lcm import DrakeLcm
 from ortilo_drake.hil.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.packets import lanes
 from ortilo_drake.hil.unpack import Packet, decode
+from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.model.typed_yaml import InputError
 
-DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"  # ttl 0: this machine only; 1: the local network as well
 MEMORY_URL: Final = "memq://"  # one process with itself
 MEND: Final = "ip link set lo up; ip route add 224.0.0.0/4 dev lo"
+MEND_NETWORK: Final = "ip route add 224.0.0.0/4 dev INTERFACE, the one to the other machine"
 _RECEIVE_BUFFER: Final = 2**21  # [bytes], several pictures
 REMEMBERED: Final = 4096  # ticks of a channel by which a duplicate is known: more than a link holds a packet back
 _PROBE: Final = "ORTILO_PROBE"
 
 
-def _address(url: str) -> tuple[str, int, dict[str, int]]:
+def address(url: str) -> tuple[str, int, dict[str, int]]:
     """Return group, port and options of a udpm URL; InputError if LCM would not understand it."""
     allowed = "is not of the form udpm://GROUP:PORT?ttl=N, with GROUP in 224.0.0.0 to 239.255.255.255"
     try:
@@ -43,13 +44,13 @@ def _address(url: str) -> tuple[str, int, dict[str, int]]:
     return group, port, options
 
 
-def _check_route(url: str, group: str, port: int) -> None:
+def _check_route(url: str, group: str, port: int, ttl: int) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((group, port))  # sends nothing, but asks for the route
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise InputError(f"url: {url!r}: no multicast route ({reason}); as root: {MEND}") from None
+            reason, mend = (error.strerror or str(error)).lower(), MEND_NETWORK if ttl else MEND
+            raise InputError(f"url: {url!r}: no multicast route ({reason}); as root: {mend}") from None
 
 
 def _check_heard(url: str) -> None:
@@ -80,8 +81,8 @@ def open_lcm(url: str = DEFAULT_URL) -> DrakeLcm:
     """
     if url == MEMORY_URL:
         return DrakeLcm(url)
-    group, port, options = _address(url)
-    _check_route(url, group, port)
+    group, port, options = address(url)
+    _check_route(url, group, port, options.get("ttl", 0))
     options = {"ttl": 0, "recv_buf_size": _RECEIVE_BUFFER} | options
     full = f"udpm://{group}:{port}?" + "&".join(f"{key}={value}" for key, value in options.items())
     try:

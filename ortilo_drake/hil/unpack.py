@@ -31,8 +31,8 @@ from ortilo_drake.hil.packet_checks import (
     check_values,
     open_message,
 )
-from ortilo_drake.hil.packets import MAX_TEXT, PORTS, TELEMETRY, Goal, Hello
-from ortilo_drake.hil.picture_codec import decode_png
+from ortilo_drake.hil.packets import MAX_TEXT, PORTS, STATES, TELEMETRY, Goal, Hello
+from ortilo_drake.logs.picture_codec import decode_foreign_png
 from ortilo_drake.model.signals import (
     ARRIVED,
     DETECTION_SIZE,
@@ -100,7 +100,7 @@ def _decode_picture(name: str, data: bytes, flight: Flight | None) -> Packet:
     message = open_message(lcmt_picture, data, start + CRC_SIZE, start + 8 * pixels + _PNG_MARGIN + CRC_SIZE)
     flight = check_turn(message, flight)
     check_stamp(message.stamp, message.tick, flight)
-    image = None if flight.shape is None else decode_png(message.data, flight.shape)
+    image = None if flight.shape is None else decode_foreign_png(message.data, flight.shape)
     if image is None:
         raise BadPacket("picture")
     return Packet(name, message.tick, image, message.stamp)
@@ -136,10 +136,12 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight | None) -> Packet:
 
 
 def _decode_hello(name: str, data: bytes, flight: Flight | None) -> Packet:
-    shortest = 8 + 4 + 3 * (COUNT_SIZE + 1) + 8 + 1 + CRC_SIZE
-    message = open_message(lcmt_hello, data, shortest, shortest + 3 * MAX_TEXT)
+    shortest = 8 + 4 + 4 * (COUNT_SIZE + 1) + 8 + 1 + CRC_SIZE
+    message = open_message(lcmt_hello, data, shortest, shortest + 4 * MAX_TEXT)
     check_canonical(message, data)
     check_texts(message.role, ("world", "onboard"), message.scenario_digest, message.reason)
+    if message.state not in STATES:
+        raise BadPacket("text")
     if message.session < 0:
         raise BadPacket("foreign")
     return Packet(name, -1, Hello(**{field: getattr(message, field) for field in Hello._fields}))

@@ -1,6 +1,8 @@
 """What a process does before its first tick in real time, so that nothing is compiled or collected in flight."""
 
+import contextlib
 import gc
+from collections.abc import Iterator
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.experiments.flight import make_simulator
@@ -15,8 +17,16 @@ def warm_up(scenario: Scenario) -> None:
     make_simulator(make_closed_loop(flown), flown).AdvanceTo((TICKS + 0.5) * flown.h)
 
 
-def stop_collecting() -> None:
-    """Switch off Python's search for reference cycles: a tick makes none, and looking takes many milliseconds."""
+@contextlib.contextmanager
+def no_collecting() -> Iterator[None]:
+    """Within it Python does not search for reference cycles: a tick makes none, and looking takes many milliseconds."""
     gc.collect()
     gc.freeze()
+    collects = gc.isenabled()
     gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+        gc.unfreeze()

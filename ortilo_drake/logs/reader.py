@@ -13,20 +13,17 @@ from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.experiments.flight import flight_dataset
 from ortilo_drake.experiments.lost import find_loss
 from ortilo_drake.logs.mcap_records import LoggedMessage, read_logged
-from ortilo_drake.logs.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SIGNAL_PREFIX, STRING_TYPE
+from ortilo_drake.logs.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SENT, SIGNAL_PREFIX, STRING_TYPE
 from ortilo_drake.logs.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.logs.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
 from ortilo_drake.logs.ros_types import from_cdr
+from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Scenario
 
-Signals = dict[str, np.ndarray]
-
-_OUTPUTS = tuple(name for name in LOGGED if name != "state")
-
 
 class LoggedTick(NamedTuple):
-    """One tick of a log: k, the true state (12) if it was known, the messages and the outputs."""
+    """One tick of a log: k, the true state (12) if it was known, the messages and those outputs that were."""
 
     k: int
     state: np.ndarray | None
@@ -70,6 +67,14 @@ def log_scenario(path: Path) -> Scenario:
     return validate(Scenario, json.loads(_about(file)["scenario"]), str(file))
 
 
+def holds_what_was_sent(path: Path) -> bool:
+    """Return whether a log's messages are what a world sent in real time; InputError if it is no log.
+
+    When and whether the onboard half took them is then not known.
+    """
+    return _about(log_file(path)).get("messages") == SENT
+
+
 def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
     try:
         if message.topic == IMAGE_TOPIC and message.type_name == IMAGE_TYPE:
@@ -104,7 +109,8 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     for log_time, group in groupby(read_logged(file, wanted), key=lambda message: message.log_time):
         signals = dict(_decode(file, message) for message in group)
         state = signals.pop("state", None)
-        outputs = {name: signals.pop(name) for name in _OUTPUTS if name in signals}
+        outputs = {name: signals.pop(name) for name in OUTPUTS if name in signals}
+        outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: it never came
         yield LoggedTick(round(log_time * 1e-9 * scenario.control_rate), state, signals, outputs)
 
 

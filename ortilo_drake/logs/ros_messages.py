@@ -31,6 +31,7 @@ from ortilo_drake.logs.ros_motion import (
     truth_messages,
 )
 from ortilo_drake.logs.ros_sensors import fixed_frames_message, sensor_messages
+from ortilo_drake.logs.signals import Signals
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, OUTPUT_NAMES, STATE_NAMES
 from ortilo_drake.onboard.planner import plan
@@ -41,6 +42,7 @@ SIGNAL_PREFIX = "/ortilo/"
 ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
 STRING_TYPE = "std_msgs/msg/String"
 LATCHED = (SCENARIO_TOPIC, "/tf_static", "/reference/path")  # sent once, meant for whoever comes later
+TAKEN, SENT = "taken", "sent"  # messages as the onboard half took them, or as a world sent them that did not wait
 FORMAT = 1  # of /ortilo/scenario and the /ortilo/ signals; a reader refuses another
 
 _LABELS = {
@@ -69,8 +71,8 @@ def signal_message(name: str, signal: np.ndarray) -> RosMessage:
 def tick_messages(
     t: float,
     state: np.ndarray | None,
-    messages: dict[str, np.ndarray],
-    outputs: dict[str, np.ndarray],
+    messages: Signals,
+    outputs: Signals,
     scenario: Scenario,
     room: Room,
 ) -> list[RosMessage]:
@@ -99,13 +101,23 @@ def tick_messages(
     return sent + sensor_messages(t, messages, scenario, room)
 
 
-def start_messages(scenario: Scenario, room: Room) -> list[RosMessage]:
+def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
     """Return what is sent once, before the first tick: scenario, fixed frames, planned path.
+
+    Args:
+        scenario: the scenario.
+        room: its room.
+        messages: what the ticks' messages are; SENT to a listener on the bus, who cannot know more.
 
     Raises:
         InputError: if there is no path.
     """
-    about = {"format": FORMAT, "software": f"ortilo-drake {__version__}", "scenario": scenario.model_dump_json()}
+    about = {
+        "format": FORMAT,
+        "software": f"ortilo-drake {__version__}",
+        "scenario": scenario.model_dump_json(),
+        "messages": messages,
+    }
     trajectory = plan(scenario.planner, room, scenario.vehicle)
     return [
         (SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(about)}),

@@ -1,9 +1,9 @@
 """What the sensors sent, as ROS 2 messages; each is stamped with the time at which its content was true."""
 
-import cv2
 import numpy as np
 
 from ortilo_drake.logs.body_motion import quaternion
+from ortilo_drake.logs.picture_codec import decode_png, encode_png
 from ortilo_drake.logs.ros_fields import (
     Fields,
     RosMessage,
@@ -12,6 +12,7 @@ from ortilo_drake.logs.ros_fields import (
     transform_fields,
     vector_fields,
 )
+from ortilo_drake.logs.signals import Signals
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.scenario import Scenario
@@ -22,7 +23,7 @@ IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 _Q_BC = (0.5, -0.5, 0.5, -0.5)  # of pinhole.R_BC, (x, y, z, w)
 
 
-def sensor_messages(t: float, messages: dict[str, np.ndarray], scenario: Scenario, room: Room) -> list[RosMessage]:
+def sensor_messages(t: float, messages: Signals, scenario: Scenario, room: Room) -> list[RosMessage]:
     """Return the messages of all sensors that arrived in the tick at t [s]; see ros_messages.tick_messages."""
     sent = []
     if _arrived(messages, "imu"):
@@ -37,7 +38,7 @@ def sensor_messages(t: float, messages: dict[str, np.ndarray], scenario: Scenari
     return sent
 
 
-def _arrived(messages: dict[str, np.ndarray], name: str) -> bool:
+def _arrived(messages: Signals, name: str) -> bool:
     return name in messages and messages[name][ARRIVED] == 1.0
 
 
@@ -97,21 +98,18 @@ def detections_message(detections: np.ndarray, room: Room) -> RosMessage:
 
 
 def image_message(stamp: float, image: np.ndarray) -> RosMessage:
-    """Return a picture (height, width, 4), RGBA of 8 bits, as PNG without loss.
-
-    An opaque picture, as all rendered ones are, goes without its alpha. OpenCV's own choice for PNG (run lengths of
-    each row's differences) takes half the time of deflate and is as small.
-    """
-    opaque = bool((image[:, :, 3] == 255).all())
-    _, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGBA2BGR if opaque else cv2.COLOR_RGBA2BGRA))
-    fields = {"header": header_fields(stamp, "camera_optical"), "format": "png", "data": data.ravel()}
+    """Return a picture (height, width, 4), RGBA of 8 bits, as PNG without loss."""
+    fields = {
+        "header": header_fields(stamp, "camera_optical"),
+        "format": "png",
+        "data": np.frombuffer(encode_png(image), np.uint8),
+    }
     return IMAGE_TOPIC, IMAGE_TYPE, fields
 
 
 def image_of(png: np.ndarray) -> np.ndarray:
     """Return the picture (height, width, 4), RGBA of 8 bits, that image_message made a PNG of."""
-    pixels = cv2.imdecode(png, cv2.IMREAD_UNCHANGED)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA)
+    return decode_png(png.tobytes())
 
 
 def fixed_frames_message(room: Room) -> RosMessage:

@@ -11,7 +11,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-Fields = dict[str, Any]
+from ortilo_drake.logs.ros_fields import Fields
 
 _VISION = {
     "Point2D": "float64 x\nfloat64 y\n",

@@ -9,12 +9,12 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from ortilo_drake import __version__
-from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.experiments.files import write_text
 from ortilo_drake.logs.bag_metadata import bag_metadata, quality_of_service
 from ortilo_drake.logs.ros_fields import RosMessage, to_ns
-from ortilo_drake.logs.ros_messages import start_messages, tick_messages
+from ortilo_drake.logs.ros_messages import TAKEN, start_messages, tick_messages
 from ortilo_drake.logs.ros_types import definition, to_cdr
+from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
@@ -26,7 +26,7 @@ _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not
 
 def _warm_up(scenario: Scenario, room: Room) -> None:
     """Have all that is compiled for a tick compiled before the first."""
-    outputs = {name: np.zeros(size) for name, size in LOGGED.items() if name != "state"}
+    outputs = {name: np.zeros(size) for name, size in OUTPUTS.items()}
     for state in (np.zeros(N_X), None):
         for _, type_name, fields in tick_messages(0.0, state, {}, outputs, scenario, room):
             to_cdr(type_name, fields)
@@ -43,13 +43,14 @@ class LogWriter:
     Args:
         path: the folder, which must not exist: a log is never overwritten.
         scenario: what is flown.
+        messages: what write_tick is given: ros_messages.TAKEN, or SENT by a world in real time.
 
     Raises:
         InputError: on entering or writing, if the folder exists or cannot be written, or the scenario has no path.
     """
 
-    def __init__(self, path: Path, scenario: Scenario):
-        self.path = path
+    def __init__(self, path: Path, scenario: Scenario, messages: str = TAKEN):
+        self.path, self._messages = path, messages
         self._scenario, self._room = scenario, scenario.load_room()
         self._keep_every = max(1, round(KEEP_EVERY * scenario.control_rate))
         self._last, self._kept = -1, -1
@@ -68,7 +69,7 @@ class LogWriter:
     def __enter__(self) -> "LogWriter":
         if self.path.suffix == ".mcap":
             raise InputError(f"{self.path}: a log is a folder: give its name without .mcap")
-        first = start_messages(self._scenario, self._room)
+        first = start_messages(self._scenario, self._room, self._messages)
         _warm_up(self._scenario, self._room)
         try:
             self.path.mkdir(parents=True)
@@ -92,8 +93,8 @@ class LogWriter:
         self,
         k: int,
         state: np.ndarray | None,
-        messages: dict[str, np.ndarray],
-        outputs: dict[str, np.ndarray],
+        messages: Signals,
+        outputs: Signals,
     ) -> None:
         """Write one tick; ticks come in ascending order.
 

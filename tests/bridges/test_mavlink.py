@@ -3,16 +3,24 @@
 import socket
 import sys
 from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from motions import attitude as attitude_in_W
+from motions import state
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from ortilo_drake.bridges.mavlink import MavlinkBridge, odometry_fields, udp_address, vision_fields
+from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.hil.bridge import mavlink_target
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
 
 ENU_TO_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FLU_TO_FRD = np.diag([1, -1, -1])
@@ -32,14 +40,12 @@ def some_covariance(seed: int = 3) -> np.ndarray:
 
 
 def estimate(**entries: float) -> np.ndarray:
-    names = ["x", "y", "z", "phi", "theta", "psi", "vx", "vy", "vz", "phi_dot", "theta_dot", "psi_dot"]
-    return np.array([*[entries.get(name, 0.0) for name in names], 7.0, 8.0, 9.0])
+    return np.array([*state(**entries), 7.0, 8.0, 9.0])
 
 
 def attitude(rpy: np.ndarray) -> Rotation:
     """F in N by SciPy."""
-    R_WB = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix()
-    return Rotation.from_matrix(ENU_TO_NED @ R_WB @ FLU_TO_FRD)
+    return Rotation.from_matrix(ENU_TO_NED @ attitude_in_W(rpy).as_matrix() @ FLU_TO_FRD)
 
 
 def rates(rpy: np.ndarray, rpy_dot: np.ndarray, dt: float = 1e-4) -> np.ndarray:
@@ -227,3 +233,74 @@ def test_without_pymavlink_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(InputError, match=r"ortilo-drake\[mavlink\]"):
         MavlinkBridge()
     assert "ortilo_drake.bridges.mavlink" in sys.modules  # which needs no package to be imported
+
+
+# --- a flight ----------------------------------------------------------------------------------------------------
+
+
+def messages_of(answered: list[int], receiver: socket.socket, *settings: str, vision: bool = False) -> list[Any]:
+    """Pass the ticks up to the last that was answered on; return what came of the estimates."""
+    from pymavlink.dialects.v20 import common
+
+    scenario, parser = load_scenario("imu_uwb", settings), common.MAVLink(None)
+    outputs = {"estimate": estimate(), "covariance": np.eye(15).ravel()}
+    with closing(MavlinkBridge(f"udpout:127.0.0.1:{receiver.getsockname()[1]}")) as bridge:
+        send = mavlink_target(bridge, scenario, vision)
+        for k in range(answered[-1] + 1):
+            send(k * scenario.h, {}, outputs if k in answered else {})
+    found: list[Any] = []
+    while len(found) < len(answered):
+        message = parser.parse_buffer(receiver.recv(1000))[0]
+        if message.get_type() != "HEARTBEAT":
+            found.append(message)
+    return found
+
+
+def test_a_reset_is_counted_after_each_gap_that_the_failsafe_does_not_tolerate(receiver: socket.socket) -> None:
+    # At 30 Hz a command counts for 0.2 s: a gap of 6 ticks is tolerated, one of 7 is not, and none before the first.
+    answered = [20, 21, 27, 28, 35, 36, 42, 60, 61]
+    found = messages_of(answered, receiver)
+    assert [message.get_type() for message in found] == ["ODOMETRY"] * 9
+    assert [message.reset_counter for message in found] == [0, 0, 0, 0, 1, 1, 1, 2, 2]
+    assert [round(message.time_usec * 30e-6) for message in found] == answered
+
+
+def test_ticks_longer_than_the_failsafe_s_patience_are_no_gaps(receiver: socket.socket) -> None:
+    found = messages_of([0, 1, 2, 4], receiver, "control_rate=5", "failsafe.timeout=0.05")
+    assert [message.reset_counter for message in found] == [0, 0, 0, 1]
+
+
+def test_vision_is_sent_in_place_of_odometry_with_the_same_resets(receiver: socket.socket) -> None:
+    found = messages_of([3, 4, 20], receiver, vision=True)
+    assert [message.get_type() for message in found] == ["VISION_POSITION_ESTIMATE"] * 3
+    assert [message.reset_counter for message in found] == [0, 0, 1]
+
+
+def bridging(monkeypatch: pytest.MonkeyPatch, *options: str) -> Any:
+    """Call the command with one tick in place of a bus; return its result."""
+
+    def runs(url: str, scenario: Any, targets: Any, *_: Any) -> dict[str, Any]:
+        targets["mavlink"](0.5, {}, {"estimate": estimate(), "covariance": np.eye(15).ravel()})
+        return {}
+
+    monkeypatch.setattr("ortilo_drake.hil.bridge.run_bridge", runs)
+    return CliRunner().invoke(hil_app, ["bridge", "imu_uwb", *options])
+
+
+@pytest.mark.parametrize(("options", "name"), [([], "ODOMETRY"), (["--vision"], "VISION_POSITION_ESTIMATE")])
+def test_the_command_sends_what_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, receiver: socket.socket, options: list[str], name: str
+) -> None:
+    from pymavlink.dialects.v20 import common
+
+    url = f"udpout:127.0.0.1:{receiver.getsockname()[1]}"
+    result = bridging(monkeypatch, "--mavlink", url, *options)
+    assert result.exit_code == 0, result.output
+    assert common.MAVLink(None).parse_buffer(receiver.recv(1000))[0].get_type() == name
+
+
+def test_vision_without_mavlink_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = bridging(monkeypatch, "--ros2", "--vision")
+    assert isinstance(result.exception, InputError)
+    assert "--vision" in str(result.exception)
+    assert "--mavlink" in str(result.exception)

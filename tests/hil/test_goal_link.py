@@ -2,29 +2,29 @@
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+import xarray as xr
+from hil_link import answering, bus_url, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.lcm import DrakeLcm
 from typer.testing import CliRunner
 
 from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.experiments.flight import fly
 from ortilo_drake.hil import goal_link
 from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
-from ortilo_drake.hil.halves import OnboardHalf
-from ortilo_drake.hil.handshake import FINISHED, flight_of, meet_world, say_hello, scenario_digest
-from ortilo_drake.hil.lockstep_link import answer_over_link
+from ortilo_drake.hil.handshake import find_world, flight_of, say_hello, scenario_digest
 from ortilo_drake.hil.packet_checks import Flight
-from ortilo_drake.hil.packets import CHANNELS, PORTS, Goal, Hello, encode_goal
+from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_goal
+from ortilo_drake.hil.runs import run_world
 from ortilo_drake.hil.transport import MEMORY_URL, Inbox, open_lcm
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
-URL = "udpm://239.255.76.67:{port}?ttl=0"
 SESSION = 77
 SETTINGS = ("settle=0", "planner={kind: hover, duration: 1}")
 
@@ -111,19 +111,10 @@ def test_what_is_asked_for_arrives_or_is_refused_at_once(x: float, y: float) -> 
 # --- a flight ----------------------------------------------------------------------------------------------------
 
 
-def bus(port: int) -> DrakeLcm:
-    try:
-        return open_lcm(URL.format(port=port))
-    except InputError as error:
-        pytest.skip(f"no multicast here: {error}")
-
-
 ReasonFor = Callable[[Goal, int], str | None]
 
 
-def play_flight(
-    lcm: DrakeLcm, scenario: Scenario, reason_for: Callable[[Goal, int], str | None], stop: threading.Event
-) -> None:
+def play_flight(lcm: DrakeLcm, scenario: Scenario, reason_for: ReasonFor, stop: threading.Event) -> None:
     """Be a world in flight, and an onboard half that answers the n-th packet of a wish with a reason, or not."""
     inbox = Inbox(lcm, ["goal"], flight_of(scenario, SESSION))
     heard = 0
@@ -139,7 +130,7 @@ def play_flight(
 
 @contextlib.contextmanager
 def flying(port: int, reason_for: ReasonFor) -> Iterator[None]:
-    lcm, stop, scenario = bus(port), threading.Event(), load_scenario("imu_uwb", SETTINGS)
+    lcm, stop, scenario = open_bus(port), threading.Event(), load_scenario("imu_uwb", SETTINGS)
     with ThreadPoolExecutor(1) as pool:
         flight = pool.submit(play_flight, lcm, scenario, reason_for, stop)
         try:
@@ -151,7 +142,7 @@ def flying(port: int, reason_for: ReasonFor) -> Iterator[None]:
 
 def ask(port: int, reason_for: ReasonFor, wait: float = 5.0, seed: int | None = None) -> None:
     with flying(port, reason_for):
-        ask_goal(URL.format(port=port), load_scenario("imu_uwb", SETTINGS, seed), 1.0, 2.0, wait)
+        ask_goal(bus_url(port), load_scenario("imu_uwb", SETTINGS, seed), 1.0, 2.0, wait)
 
 
 def test_a_goal_is_taken_although_two_packets_are_lost() -> None:
@@ -174,7 +165,7 @@ def test_every_refusal_is_one_line() -> None:
     with pytest.raises(InputError, match=r"^world: flies another scenario \(.*seed included$"):
         ask(7702, lambda goal, n: "", seed=77)
     with pytest.raises(InputError, match=r"^world: not heard in 0.2 s; start it with: ortilo hil world$"):
-        ask_goal(URL.format(port=7703), load_scenario("imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
+        ask_goal(bus_url(7703), load_scenario("imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
 
 
 def test_the_command_takes_numbers_below_zero() -> None:
@@ -184,7 +175,7 @@ def test_the_command_takes_numbers_below_zero() -> None:
         heard.append(goal)
         return "no way" if goal.x > 0.0 else ""
 
-    options = [part for setting in SETTINGS for part in ("--set", setting)] + ["--url", URL.format(port=7705)]
+    options = [part for setting in SETTINGS for part in ("--set", setting)] + ["--url", bus_url(7705)]
     with flying(7705, answer):
         done = CliRunner().invoke(hil_app, ["goal", "-1.5", "-2e-1", "imu_uwb", *options])
         refused = CliRunner().invoke(hil_app, ["goal", "1", "-2", "imu_uwb", *options])
@@ -194,27 +185,19 @@ def test_the_command_takes_numbers_below_zero() -> None:
 
 
 def test_a_flight_in_lockstep_refuses_and_goes_on() -> None:
-    scenario, lcm = load_scenario("imu_uwb", SETTINGS), bus(7704)
-    listens = threading.Event()
-
-    def answer() -> int:
-        inbox = Inbox(own := bus(7704), ("hello", "tick", "goal", *PORTS))
-        onboard = OnboardHalf(scenario)
-        listens.set()
-        return answer_over_link(onboard, own, inbox, meet_world(own, inbox, scenario, 20.0).session)
-
-    hello = Hello("world", scenario_digest(scenario), SESSION, True)
-    inbox = Inbox(lcm, ["goal"], flight_of(scenario, SESSION))
-    link, answers = GoalLink(lcm, SESSION), []
-    with ThreadPoolExecutor(1) as pool:
-        onboard = pool.submit(answer)
-        assert listens.wait(20.0)
-        say_hello(lcm, hello)
+    scenario, lcm = load_scenario("imu_uwb", SETTINGS), open_bus(7704)
+    inbox, answers, refused = Inbox(lcm, ["hello", "goal"]), [], threading.Event()
+    with answering(scenario, 7704) as answered, ThreadPoolExecutor(1) as pool:
+        world = pool.submit(run_world, scenario, bus_url(7704), True, 20.0, record=lambda *tick: refused.wait(5.0))
+        session = find_world(inbox, scenario, 20.0).session
+        inbox.begin(flight_of(scenario, session))
+        link = GoalLink(lcm, session)
         link.ask(1.0, 2.0)
-        until = time.monotonic() + 10.0
-        while not answers and time.monotonic() < until:
-            answers += filter(None, [link.turn([arrival.packet.value for arrival in inbox.poll(10)])])
-        for _ in range(5):
-            say_hello(lcm, hello._replace(reason=FINISHED))
-        assert onboard.result(10.0) == 0
+        while not answers:
+            heard = [arrival.packet.value for arrival in inbox.poll(10) if arrival.packet.name == "goal"]
+            answers += filter(None, [link.turn(heard)])
+        refused.set()
+        flight, _ = world.result(20.0)
+        assert answered.result(20.0) == flight.sizes["tick"]
     assert [goal.reason for goal in answers] == [LOCKSTEP_REFUSAL]
+    xr.testing.assert_equal(flight, fly(scenario))

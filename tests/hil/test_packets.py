@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from ortilo_drake.hil.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.packets import (
     CHANNELS,
+    FLYING,
     NO_TICK,
+    STATES,
     TELEMETRY,
     Goal,
     Hello,
@@ -60,7 +62,7 @@ VALID = {
     "tick": encode_tick(SESSION, TICK, ("imu", "uwb")),
     "command": encode_command(SESSION, TICK, RNG.normal(size=4)),
     "telemetry": encode_telemetry(SESSION, TICK, OUTPUTS),
-    "hello": encode_hello(Hello("world", "0123abcd", SESSION, True, "ä")),
+    "hello": encode_hello(Hello("world", "0123abcd", SESSION, True, FLYING, "ä")),
     "goal": encode_goal(Goal(SESSION, 2**61 + 1, "onboard", -1.5, 2.25, "ä")),
 }
 
@@ -158,6 +160,7 @@ def test_sizes_that_lie_allocate_nothing(name: str, at: int, size: int) -> None:
         ("telemetry", 24, struct.pack(">d", np.inf), "value"),
         ("hello", 16, b"w\xffrld", "text"),
         ("hello", 16, b"wurld", "text"),
+        ("hello", 48, b"frying", "text"),
         *[("goal", 16, struct.pack(">q", number), "value") for number in (0, -1, -(2**63))],
         ("goal", 28, b"onb\xffard", "text"),
         ("goal", 28, b"onbuard", "text"),
@@ -246,9 +249,15 @@ def test_pictures_come_back_bit_for_bit(height: int, width: int, seed: int, alph
     np.testing.assert_array_equal(packet.value, image)
 
 
-@given(digest=st.text(max_size=100), why=st.text(), session=st.integers(0, 2**63 - 1), lockstep=st.booleans())
-def test_hello_comes_back(digest: str, why: str, session: int, lockstep: bool) -> None:
-    hello = Hello("onboard", digest, session, lockstep, why)
+@given(
+    digest=st.text(max_size=100),
+    why=st.text(),
+    session=st.integers(0, 2**63 - 1),
+    lockstep=st.booleans(),
+    state=st.sampled_from(STATES),
+)
+def test_hello_comes_back(digest: str, why: str, session: int, lockstep: bool, state: str) -> None:
+    hello = Hello("onboard", digest, session, lockstep, state, why)
     assert decode("hello", encode_hello(hello), None).value == hello
 
 

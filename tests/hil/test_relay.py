@@ -1,5 +1,7 @@
 """The relay's faults follow their laws and their seed, and packets pass both ways."""
 
+import subprocess
+import sys
 import threading
 import time
 
@@ -15,7 +17,8 @@ from ortilo_drake.hil.faults import Faults, Line
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_goal, encode_hello, encode_vector
 from ortilo_drake.hil.relay import run_relay
-from ortilo_drake.hil.transport import Inbox, open_lcm
+from ortilo_drake.hil.transport import Inbox, address, open_lcm
+from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 
 N = 4000
@@ -103,8 +106,17 @@ def test_bad_faults_are_refused(bad: dict[str, float]) -> None:
 
 
 def test_one_bus_is_not_enough() -> None:
-    with pytest.raises(InputError, match="two different buses"):
-        run_relay(WORLD, WORLD)
+    for same in (WORLD, WORLD.replace("?ttl=0", ""), WORLD.replace("ttl=0", "ttl=1&recv_buf_size=1000")):
+        with pytest.raises(InputError, match="two different buses"):
+            run_relay(WORLD, same)
+
+
+@pytest.mark.parametrize("module", ["ortilo_drake.hil.urls", "ortilo_drake.commands.hil"])
+def test_the_buses_are_known_without_drake(module: str) -> None:
+    code = f"import sys, {module}; print(sorted(sys.modules.keys() & {{'pydrake', {module!r}}}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str([module])
+    assert address(DEFAULT_URL)[:2] != address(ONBOARD_URL)[:2]
 
 
 def buses() -> tuple[DrakeLcm, DrakeLcm]:
@@ -161,6 +173,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults() -> None:
         world.Publish(CHANNELS["goal"], encode_goal(wish))
         assert goals(at_world, 5.0) == [wish]  # hears itself
         assert goals(at_onboard, 5.0 if passes else 0.2) == ([wish] if passes else [])
+    time.sleep(0.2)  # until the relay, too, has heard its own last wish there
     onboard.Publish(CHANNELS["goal"], encode_goal(answer))
     assert goals(at_onboard, 5.0) == goals(at_world, 5.0) == [answer]
     onboard.Publish(CHANNELS["goal"], b"damaged")

@@ -25,12 +25,13 @@ from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
 H = 1.0 / 30.0
+SETTINGS = ("planner={kind: hover, duration: 20.0}",)
 KEPT = Checkpoint(session=7, tick=100, state=np.arange(240.0))
 
 
 @pytest.fixture
 def scenario() -> Scenario:
-    return load_scenario("imu_uwb", ("planner={kind: hover, duration: 20.0}",))
+    return load_scenario("imu_uwb", SETTINGS)
 
 
 def fly(world: WorldHalf, onboard: OnboardHalf, ticks: int) -> np.ndarray:
@@ -79,13 +80,26 @@ def test_a_gap_widens_the_covariance_and_keeps_the_estimate() -> None:
     np.testing.assert_allclose(wider - P, np.diag(added), rtol=1e-12, atol=1e-15)
 
 
-def test_without_a_gap_a_new_half_goes_on_where_the_old_one_stopped(scenario: Scenario) -> None:
+@pytest.mark.parametrize("delay", ["ignore", "replay"])
+def test_but_for_what_a_gap_adds_a_new_half_goes_on_where_the_old_one_stopped(
+    delay: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ortilo_drake.hil.halves.after_gap", lambda xbar, P, seconds: (xbar, P))
+    late = ("uwb.link.delay=2",) if delay == "replay" else ()
+    scenario = load_scenario("imu_uwb", (*SETTINGS, f"filter.delay={delay}", *late))
     world, old = WorldHalf(scenario), OnboardHalf(scenario)
     fly(world, old, 60)
     new = OnboardHalf(scenario)
     new.resume(60, old.state(), 0.0)
-    np.testing.assert_array_equal(new.outputs()["estimate"], old.outputs()["estimate"])
-    np.testing.assert_array_equal(new.outputs()["reference"], old.outputs()["reference"])
+    for _ in range(10):
+        messages = world.sample()
+        for half in (old, new):
+            half.take(messages)
+        for name, value in old.outputs().items():
+            np.testing.assert_array_equal(new.outputs()[name], value, err_msg=name)
+        world.advance(old.answer())
+        for half in (old, new):
+            half.advance()
 
 
 @pytest.mark.parametrize("remembers", [True, False])

@@ -1,70 +1,24 @@
 """A bus that is there or an error that mends it; an inbox that nothing upsets."""
 
 import json
-import shutil
-import subprocess
-import sys
 import time
 import tracemalloc
 
 import numpy as np
 import pytest
+from hil_link import bus_url, open_bus
 from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Hello, encode_command, encode_hello, encode_vector
-from ortilo_drake.hil.transport import MEMORY_URL, MEND, Inbox, open_lcm
+from ortilo_drake.hil.transport import MEMORY_URL, Inbox, open_lcm
 from ortilo_drake.model.typed_yaml import InputError
 
 FLIGHT = Flight(77, 1 / 30, 8, (6, 9))
-URL = "udpm://239.255.76.67:{port}?ttl=0"
-
-OPEN = """
-import sys
-from ortilo_drake.hil.transport import open_lcm
-from ortilo_drake.model.typed_yaml import InputError
-try:
-    open_lcm()
-except InputError as error:
-    print(error)
-    sys.exit(3)
-"""
-
-
-def bus(port: int) -> DrakeLcm:
-    try:
-        return open_lcm(URL.format(port=port))
-    except InputError as error:
-        pytest.skip(f"no multicast here: {error}")
 
 
 def u(value: float) -> np.ndarray:
     return np.array([value, 0.0, 0.0, 0.0])
-
-
-def in_new_network(commands: str) -> subprocess.CompletedProcess[str]:
-    """Open the default bus in a network namespace of its own, after some commands."""
-    if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
-        pytest.skip("unshare -rn is not allowed here: no network namespace to try in")
-    if not shutil.which("ip"):
-        pytest.skip("the command ip (Debian: iproute2) is missing")
-    line = f'{commands} exec "$0" -c "$1"'
-    return subprocess.run(["unshare", "-rn", "sh", "-c", line, sys.executable, OPEN], capture_output=True, text=True)
-
-
-@pytest.mark.parametrize("commands", ["", "ip link set lo up;"])
-def test_without_a_route_the_error_names_the_command_that_mends_it(commands: str) -> None:
-    done = in_new_network(commands)
-    assert done.returncode == 3
-    assert done.stdout.count("\n") == 1
-    assert "no multicast route" in done.stdout
-    assert MEND in done.stdout
-    assert done.stderr == ""  # ours comes before LCM's
-
-
-def test_the_command_mends_it() -> None:
-    done = in_new_network(f"{MEND};")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.parametrize(
@@ -88,11 +42,11 @@ def test_a_port_that_nobody_shares_is_found_out(monkeypatch: pytest.MonkeyPatch)
     # LCM falls back on a queue in memory, which another instance does not hear.
     monkeypatch.setattr("ortilo_drake.hil.transport.DrakeLcm", lambda url: DrakeLcm(MEMORY_URL))
     with pytest.raises(InputError, match=r"no multicast route|nothing sent there is heard"):
-        open_lcm(URL.format(port=7690))
+        open_lcm(bus_url(7690))
 
 
 def test_two_buses_hear_each_other_and_another_port_does_not() -> None:
-    a, b, other = bus(7691), bus(7691), bus(7692)
+    a, b, other = open_bus(7691), open_bus(7691), open_bus(7692)
     inbox, silent = Inbox(b, ["command"], FLIGHT), Inbox(other, ["command"], FLIGHT)
     a.Publish(CHANNELS["command"], encode_command(77, 0, u(9.81)))
     before = time.perf_counter()
@@ -148,7 +102,7 @@ def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatc
 
 @pytest.mark.parametrize("udp", [False, True])
 def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(udp: bool) -> None:
-    lcm = bus(7693) if udp else open_lcm(MEMORY_URL)
+    lcm = open_bus(7693) if udp else open_lcm(MEMORY_URL)
     inbox = Inbox(lcm, CHANNELS, FLIGHT)
     rng, rounds, heard = np.random.default_rng(3), 300, 0
     valid = bytearray(encode_vector(77, 3, np.concatenate(([1.0, 0.1], np.zeros(9)))))

@@ -13,7 +13,7 @@ import xarray as xr
 from halves_in_processes import HOVER, PROJECTED, WAIT, bus, check_in_time, end, run_both, start
 
 from ortilo_drake.experiments.flight import fly, load_flight
-from ortilo_drake.hil.transport import MEND
+from ortilo_drake.hil.transport import MEND, MEND_NETWORK
 from ortilo_drake.scenario import load_scenario
 
 
@@ -32,6 +32,9 @@ def test_without_a_multicast_route_a_line_says_how_to_mend_it() -> None:
     assert errors.count("\n") == 1
     assert "no multicast route" in errors
     assert MEND in errors
+    code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722, ttl=1), "--wait", "1", before=before))
+    assert code == 2
+    assert MEND_NETWORK in errors
     # The command named mends it: what is missing then is the other half.
     mended = ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
     code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722), "--wait", "1", before=mended))

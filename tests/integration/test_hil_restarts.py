@@ -56,22 +56,21 @@ def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Pa
 
 
 def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path) -> None:
-    log, here = tmp_path / "log", ("imu_uwb", *bus(7732))
-    onboard = start("hil", "onboard", *here, "--wait", "60")
-    world = start("hil", "world", *here, "--wait", "60", "--log", str(log))
+    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", *bus(7732), "--wait", "60")
+    onboard = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
+    world = start("hil", "world", *here, "--log", str(log))
     try:
-        file = log / "log.mcap"
-        wait_for(file.exists, "the world has begun its log")
-        size = file.stat().st_size
-        wait_for(lambda: file.stat().st_size > size, "the world flies")
-        time.sleep(2.0)
+        wait_for(checkpoint.exists, "the onboard half flies")
+        time.sleep(3.0)
         world.kill()
         world.communicate()
     finally:
         onboard.kill()
         onboard.communicate()
         world.kill()
-    assert sum(1 for _ in read_ticks(log)) > 30  # of the two seconds and more it flew
+    ticks = [tick for tick, *_ in read_ticks(log)]
+    assert ticks == list(range(len(ticks)))
+    assert len(ticks) > 30  # of the three seconds and more that it flew
 
 
 def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path: Path) -> None:
@@ -89,3 +88,18 @@ def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, half: str) -> No
     assert code == 2
     assert errors.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_onboard_half_is_refused(tmp_path: Path) -> None:
+    here, checkpoint = ("imu_uwb", *bus(7735), "--wait", "60"), tmp_path / "state.npz"
+    first = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
+    world = start("hil", "world", *here)
+    try:
+        wait_for(checkpoint.exists, "the first flies")
+        code, _, errors = run("hil", "onboard", *here)
+    finally:
+        for process in (first, world):
+            process.kill()
+            process.communicate()
+    assert code == 2
+    assert errors == "ortilo: world: flies with another onboard half already\n"

@@ -4,21 +4,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from motions import attitude, body_rates
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.logs.body_motion import pose_and_twist, twist_covariance
 
 values = arrays(np.float64, 12, elements=st.floats(-3.0, 3.0))
-
-
-def attitude(rpy):
-    return Rotation.from_euler("ZYX", rpy[::-1])  # intrinsic yaw, pitch, roll
-
-
-def body_rates(rpy, rpy_dot, step=1e-6):
-    """Return w_WB_B by a central difference."""
-    before, after = attitude(rpy - step * rpy_dot), attitude(rpy + step * rpy_dot)
-    return (before.inv() * after).as_rotvec() / (2 * step)
 
 
 @given(values)

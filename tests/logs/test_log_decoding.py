@@ -9,6 +9,7 @@ import yaml
 from logged_flights import GOALS, flight, scenario, ticks
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from motions import attitude, body_rates
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from scipy.spatial.transform import Rotation
@@ -58,19 +59,9 @@ def xyzw(q):
     return np.array([q.x, q.y, q.z, q.w])
 
 
-def attitude(rpy):
-    return Rotation.from_euler("ZYX", np.asarray(rpy)[..., ::-1])  # intrinsic yaw, pitch, roll
-
-
 def same_attitude(q, rpy):
     error = (Rotation.from_quat(q) * attitude(rpy).inv()).magnitude()
     assert np.all(error < 1e-14)
-
-
-def body_rates(rpy, rpy_dot, step=1e-6):
-    """Return w_WB_B by a central difference of SciPy's rotations."""
-    before, after = attitude(rpy - step * rpy_dot), attitude(rpy + step * rpy_dot)
-    return (before.inv() * after).as_rotvec() / (2 * step)
 
 
 def test_signals_are_the_datasets_bits(decoded):

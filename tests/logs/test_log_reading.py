@@ -24,7 +24,7 @@ from ortilo_drake.logs.reader import log_file, log_scenario, read_log, read_mess
 from ortilo_drake.logs.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC
 from ortilo_drake.logs.ros_sensors import image_message, image_of
 from ortilo_drake.logs.ros_types import definition, from_cdr, message_maker, to_cdr, typestore
-from ortilo_drake.logs.writer import LogWriter
+from ortilo_drake.logs.writer import KEEP_EVERY, LogWriter
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -113,7 +113,7 @@ with LogWriter(Path({path!r}), scenario) as log:
 """
 
 
-def test_killed_writer_loses_at_most_a_second(tmp_path):
+def test_killed_writer_loses_no_more_than_it_says(tmp_path):
     path = tmp_path / "killed"
     code = KILLED.format(tests=str(Path(__file__).parent), path=str(path))
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
@@ -127,7 +127,7 @@ def test_killed_writer_loses_at_most_a_second(tmp_path):
     assert written >= 100
     assert [tick.k for tick in found] == list(range(len(found)))
     assert [tick.state[9] for tick in found] == list(range(len(found)))
-    assert (written + 1 - len(found)) * scenario().h <= 1.0
+    assert (written + 1 - len(found)) * scenario().h <= KEEP_EVERY
     assert read_log(path).sizes["tick"] >= 1
 
 
@@ -259,7 +259,8 @@ def test_foreign_files_are_refused(tmp_path):
         read_log(foreign(tmp_path / "c.mcap", SCENARIO_TOPIC, string, {"data": json.dumps(about)}))
 
 
-def test_writing_takes_less_than_a_twentieth_of_the_flight(tmp_path):
+def test_writing_vectors_takes_less_than_a_twentieth_of_the_time_flown(tmp_path):
+    """Processor time of all but pictures, against what the flight would last in real time."""
     sent = [(t.k, t.state, {n: m for n, m in t.messages.items() if n != "image"}, t.outputs) for t in ticks()]
     with LogWriter(tmp_path / "log", scenario()) as log:
         started = time.process_time()  # this process's own, however busy the machine is

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from motions import state
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram
 from scipy.integrate import solve_ivp
@@ -29,11 +30,6 @@ NEVER = -np.inf
 
 def hold(x: np.ndarray, z_r: float = 1.5, psi_r: float = 0.0) -> np.ndarray:
     return hold_control(x, z_r, psi_r, np.inf, MAX_TILT, FREQUENCIES, M100.mass, INERTIA, MAX_THRUST)
-
-
-def state(**entries: float) -> np.ndarray:
-    names = ["x", "y", "z", "phi", "theta", "psi", "vx", "vy", "vz", "phi_dot", "theta_dot", "psi_dot"]
-    return np.array([entries.get(name, 0.0) for name in names])
 
 
 # --- the loops ---------------------------------------------------------------------------------------------------

@@ -10,11 +10,11 @@ import struct
 class lcmt_hello(object):
     """ Handshake and heartbeat. The world chooses the session; an onboard half without one sends 0. """
 
-    __slots__ = ["protocol", "role", "scenario_digest", "session", "lockstep", "reason", "crc"]
+    __slots__ = ["protocol", "role", "scenario_digest", "session", "lockstep", "state", "reason", "crc"]
 
-    __typenames__ = ["int32_t", "string", "string", "int64_t", "boolean", "string", "int64_t"]
+    __typenames__ = ["int32_t", "string", "string", "int64_t", "boolean", "string", "string", "int64_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None, None, None]
 
     def __init__(self):
         self.protocol = 0
@@ -27,8 +27,14 @@ class lcmt_hello(object):
         """ LCM Type: int64_t """
         self.lockstep = False
         """ LCM Type: boolean """
-        self.reason = ""
+        self.state = ""
         """ LCM Type: string """
+        self.reason = ""
+        """
+        looking, flying or finished
+        LCM Type: string
+        """
+
         self.crc = 0
         """
         why the other half is refused; empty otherwise
@@ -53,6 +59,10 @@ class lcmt_hello(object):
         buf.write(__scenario_digest_encoded)
         buf.write(b"\0")
         buf.write(struct.pack(">qb", self.session, self.lockstep))
+        __state_encoded = self.state.encode('utf-8')
+        buf.write(struct.pack('>I', len(__state_encoded)+1))
+        buf.write(__state_encoded)
+        buf.write(b"\0")
         __reason_encoded = self.reason.encode('utf-8')
         buf.write(struct.pack('>I', len(__reason_encoded)+1))
         buf.write(__reason_encoded)
@@ -79,6 +89,8 @@ class lcmt_hello(object):
         self.scenario_digest = buf.read(__scenario_digest_len)[:-1].decode('utf-8', 'replace')
         self.session = struct.unpack(">q", buf.read(8))[0]
         self.lockstep = bool(struct.unpack('b', buf.read(1))[0])
+        __state_len = struct.unpack('>I', buf.read(4))[0]
+        self.state = buf.read(__state_len)[:-1].decode('utf-8', 'replace')
         __reason_len = struct.unpack('>I', buf.read(4))[0]
         self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
         self.crc = struct.unpack(">q", buf.read(8))[0]
@@ -87,7 +99,7 @@ class lcmt_hello(object):
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_hello in parents: return 0
-        tmphash = (0xa91743cc178c7af9) & 0xffffffffffffffff
+        tmphash = (0xc4da929015332995) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None
