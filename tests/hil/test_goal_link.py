@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import xarray as xr
-from hil_link import answering, bus_url, open_bus
+from hil_link import answering, bus_url, hear_hello, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.lcm import DrakeLcm
@@ -17,7 +17,7 @@ from ortilo_drake.commands.hil import hil_app
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.hil import goal_link
 from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
-from ortilo_drake.hil.handshake import find_world, flight_of, say_hello, scenario_digest
+from ortilo_drake.hil.handshake import flight_of, say_hello, scenario_digest
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_goal
 from ortilo_drake.hil.runs import run_world
@@ -117,9 +117,9 @@ ReasonFor = Callable[[Goal, int], str | None]
 def play_flight(lcm: DrakeLcm, scenario: Scenario, reason_for: ReasonFor, stop: threading.Event) -> None:
     """Be a world in flight, and an onboard half that answers the n-th packet of a wish with a reason, or not."""
     inbox = Inbox(lcm, ["goal"], flight_of(scenario, SESSION))
-    heard = 0
+    heard, hello = 0, Hello("world", scenario_digest(scenario), SESSION)
     while not stop.is_set():
-        say_hello(lcm, Hello("world", scenario_digest(scenario), SESSION))
+        say_hello(lcm, hello)
         for arrival in inbox.poll(10):
             goal = arrival.packet.value
             if goal.role == "user":
@@ -160,8 +160,8 @@ def test_a_goal_is_taken_although_two_packets_are_lost() -> None:
 def test_every_refusal_is_one_line() -> None:
     with pytest.raises(InputError, match=r"^goal \(1, 2\): in an obstacle$"):
         ask(7702, lambda goal, n: "in an obstacle")
-    with pytest.raises(InputError, match=r"^goal \(1, 2\): no answer in 0.4 s$"):
-        ask(7702, lambda goal, n: None, wait=0.4)
+    with pytest.raises(InputError, match=r"^goal \(1, 2\): no answer in 1 s$"):
+        ask(7702, lambda goal, n: None, wait=1.0)
     with pytest.raises(InputError, match=r"^world: flies another scenario \(.*seed included$"):
         ask(7702, lambda goal, n: "", seed=77)
     with pytest.raises(InputError, match=r"^world: not heard in 0.2 s; start it with: ortilo hil world$"):
@@ -189,7 +189,7 @@ def test_a_flight_in_lockstep_refuses_and_goes_on() -> None:
     inbox, answers, refused = Inbox(lcm, ["hello", "goal"]), [], threading.Event()
     with answering(scenario, 7704) as answered, ThreadPoolExecutor(1) as pool:
         world = pool.submit(run_world, scenario, bus_url(7704), True, 20.0, record=lambda *tick: refused.wait(5.0))
-        session = find_world(inbox, scenario, 20.0).session
+        session = hear_hello(inbox).session
         inbox.begin(flight_of(scenario, session))
         link = GoalLink(lcm, session)
         link.ask(1.0, 2.0)
