@@ -143,10 +143,7 @@ def paired(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str
 
 
 def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
-    """Return the reports of late_flights as a Markdown table, a row for each scenario and mode.
-
-    A report without links is of flights through a relay.
-    """
+    """Return the reports of late_flights as a Markdown table, a row for each scenario and mode."""
     header = [
         "scenario",
         "filter.delay",
@@ -159,7 +156,7 @@ def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
     ]
     rows = []
     for report in reports:
-        what = f"{report['scenario']}, {report['control_rate']:g} Hz, " + _late(report.get("links"))
+        what = f"{report['scenario']}, {report['control_rate']:g} Hz, " + _late(report["links"])
         for mode, found in report["modes"].items():
             against = report["against"].get(mode, {}).get("path_mse")
             rows.append(
@@ -171,7 +168,7 @@ def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
     return table(header, rows)
 
 
-def _late(links: dict[str, float] | None) -> str:
-    if links is None:
-        return "relay both ways"
+def _late(links: dict[str, float] | str) -> str:
+    if isinstance(links, str):
+        return links
     return "both ways" if links["command_loss"] or links["command_delay"] else "sensors only"
