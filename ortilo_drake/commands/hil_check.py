@@ -12,13 +12,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import (
-    LockstepOption,
-    SecondsOption,
-    WaitOption,
-    show_report,
-    showing_flight,
-)
+from ortilo_drake.commands.hil_options import LockstepOption, SecondsOption, WaitOption, show_report, showing_flight
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,

@@ -5,13 +5,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import UrlOption
-from ortilo_drake.commands.options import (
-    DEFAULT_SCENARIO,
-    ScenarioArgument,
-    SeedOption,
-    SetOption,
-    quiet_drake,
-)
+from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, quiet_drake
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import load_scenario

@@ -7,11 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import (
-    UrlOption,
-    WaitOption,
-    show_report,
-)
+from ortilo_drake.commands.hil_options import UrlOption, WaitOption, show_report
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,
