@@ -1,20 +1,21 @@
 """Late measurements ignored, dropped and replayed over the same seeds: the tables of docs/hil.md.
 
-    python benchmarks/bench_late.py                           # through the relay, in real time: half an hour
-    python benchmarks/bench_late.py --one-way                 # the same with the commands spared
+    python benchmarks/bench_late.py                           # the relay's faults, in virtual time: half an hour
+    python benchmarks/bench_late.py --real-time --seeds 2     # in processes and by the clock, on an idle machine
     python benchmarks/bench_late.py --simulated               # by the scenario's own links, in whole ticks: minutes
-    python benchmarks/bench_late.py --seeds 2 --seconds 5     # a quick look
 
-20 % of all packets are lost, and they come 40 +- 20 ms late. Through the relay the three modes of a seed fly at the
-same time, each a world, a relay and an onboard half in processes and on buses of their own, so that a slow moment of
-the machine hits all alike. A flight that is in the folder already is not flown again.
+20 % of all packets are lost, and they come 40 +- 20 ms late. In real time the three modes of a seed fly at the same time,
+each a world, a relay and an onboard half in processes and on buses of their own, so that a slow moment of the machine
+hits all alike. A flight that is in the folder already is not flown again.
 """
 
 import argparse
+import itertools
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,15 @@ from ortilo_drake.experiments.late_flights import (
     paired,
 )
 from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.experiments.workers import run_all
+from ortilo_drake.hil.faults import Faults
+from ortilo_drake.hil.virtual_time import summary_in_virtual_time
 from ortilo_drake.scenario import load_scenario
 
 FAULTS = "{loss: 0.2, delay: 0.04, spread: 0.02}"
+PORT = 7680  # first of six UDP ports
+BAD, NONE = Faults(loss=0.2, delay=0.04, spread=0.02), Faults()
+CASES = [("imu_uwb_yolo", 30, BAD), ("imu_uwb_yolo", 30, NONE), ("imu_uwb_yolo", 100, BAD), ("imu_uwb", 30, BAD)]
 
 
 def start(*words: str) -> "subprocess.Popen[str]":
@@ -68,62 +75,86 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
     finally:
         for process in (*worlds.values(), *others):
             process.terminate()
-            process.communicate()
+            process.wait()
 
 
-def relay_report(name: str, control_rate: float, seeds: int, out: Path, one_way: bool) -> dict[str, Any]:
+def report(name: str, rate: float, links: str, flown: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     """Return how the modes compare over the seeds, as late_flights does."""
-    flown = {mode: [json.loads((out / f"{mode}_{s}.json").read_text()) for s in range(seeds)] for mode in MODES}
     return {
         "scenario": name,
-        "control_rate": control_rate,
-        "links": f"relay, {'sensors only' if one_way else 'both ways'}",
+        "control_rate": rate,
+        "links": links,
         "modes": {mode: mode_report(flown[mode]) for mode in MODES},
         "against": {mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")},
     }
 
 
-def simulated(seeds: int, out: Path) -> list[dict[str, Any]]:
-    """Return the reports of flights behind the scenario's own links."""
+def in_virtual_time(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
+    """Yield the report of each of CASES as it is there."""
+    for name, rate, to_world in CASES:
+        way = "both ways" if to_world.loss else "sensors only"
+        jobs, flown = [], {mode: [dict[str, Any]()] * seeds for mode in MODES}
+        for seed, mode in itertools.product(range(seeds), MODES):
+            settings = ("camera=projected", f"control_rate={rate}", f"filter.delay={mode}")
+            scenario = load_scenario(name, settings).model_dump_json()
+            file = out / f"{name}_{rate}_{way.replace(' ', '_')}" / f"{mode}_{seed}.json"
+            jobs.append((scenario, BAD.model_dump_json(), to_world.model_dump_json(), seed, str(file)))
+
+        def take(number: int, found: dict[str, Any], flown: dict[str, list[dict[str, Any]]] = flown) -> None:
+            seed, mode = divmod(number, len(MODES))
+            flown[MODES[mode]][seed] = found
+
+        run_all(summary_in_virtual_time, jobs, os.cpu_count() or 1, take)
+        yield report(name, rate, f"relay, {way}", flown)
+
+
+def simulated(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
+    """Yield the reports of flights behind the scenario's own links."""
     cases = [
         ("imu_uwb_yolo", 30, BOTH_WAYS_AT_30_HZ),
         ("imu_uwb_yolo", 100, BOTH_WAYS_AT_100_HZ),
         ("imu_uwb_yolo", 30, AT_30_HZ),
         ("imu_uwb", 30, BOTH_WAYS_AT_30_HZ),
     ]
-    reports = []
     for name, rate, links in cases:
         scenario = load_scenario(name, ("camera=projected", f"control_rate={rate}"))
-        reports.append(late_flights(scenario, range(seeds), out, links, os.cpu_count() or 1))
-        print(f"{len(reports)} of {len(cases)} cases flown", flush=True)
-    return reports
+        yield late_flights(scenario, range(seeds), out, links, os.cpu_count() or 1)
+
+
+def in_real_time(seeds: int, out: Path, name: str, rate: float, seconds: float | None, one_way: bool) -> dict[str, Any]:
+    """Return the report of flights in processes, three at a time."""
+    words = (name, "--set", "camera=projected", "--set", f"control_rate={rate:g}")
+    for seed in range(seeds):
+        end = () if seconds is None else ("--seconds", str(seconds))
+        fly_modes(words, seed, end, out, PORT, "--to-onboard" if one_way else "--faults")
+        print(f"{seed + 1} of {seeds} seeds flown", flush=True)
+    flown = {mode: [json.loads((out / f"{mode}_{s}.json").read_text()) for s in range(seeds)] for mode in MODES}
+    return report(name, rate, f"relay in real time, {'sensors only' if one_way else 'both ways'}", flown)
 
 
 def main() -> None:
-    """Fly and print the table."""
+    """Fly and print the table, row by row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--simulated", action="store_true", help="not through the relay; of the others --seeds, --out")
-    parser.add_argument("--one-way", action="store_true", help="faults only on the way to the onboard half")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--out", type=Path, default=Path("out/late"), help="folder, of one kind of flight")
+    parser.add_argument("--simulated", action="store_true")
+    parser.add_argument("--real-time", action="store_true", help="with the options that follow")
     parser.add_argument("--scenario", default="imu_uwb_yolo")
     parser.add_argument("--rate", type=float, default=30.0, help="control_rate [Hz]")
-    parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--seconds", type=float, help="end each flight after that long [s]")
-    parser.add_argument("--port", type=int, default=7680, help="first of six UDP ports")
-    parser.add_argument("--out", type=Path, default=Path("out/late"), help="folder, of one kind of flight")
+    parser.add_argument("--one-way", action="store_true", help="faults only on the way to the onboard half")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
-    if chosen.simulated:
-        reports = simulated(chosen.seeds, chosen.out)
+    if chosen.real_time:
+        args = chosen.scenario, chosen.rate, chosen.seconds, chosen.one_way
+        reports: Iterable[dict[str, Any]] = [in_real_time(chosen.seeds, chosen.out, *args)]
     else:
-        flown = (chosen.scenario, "--set", "camera=projected", "--set", f"control_rate={chosen.rate:g}")
-        seconds = () if chosen.seconds is None else ("--seconds", str(chosen.seconds))
-        way = "--to-onboard" if chosen.one_way else "--faults"
-        for seed in range(chosen.seeds):
-            fly_modes(flown, seed, seconds, chosen.out, chosen.port, way)
-            print(f"{seed + 1} of {chosen.seeds} seeds flown", flush=True)
-        reports = [relay_report(chosen.scenario, chosen.rate, chosen.seeds, chosen.out, chosen.one_way)]
-    (chosen.out / "report.json").write_text(json.dumps(reports, indent=2))
-    print("\n".join(late_table(reports)))
+        reports = (simulated if chosen.simulated else in_virtual_time)(chosen.seeds, chosen.out)
+    done = []
+    for found in reports:
+        done.append(found)
+        print("\n".join(late_table([found])[len(done) > 1 and 2 :]), flush=True)
+        (chosen.out / "report.json").write_text(json.dumps(done, indent=2))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,9 @@ from ortilo_drake.commands.terminal import err, out, progress_bar
 UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
 WaitOption = Annotated[float, typer.Option(min=1.0, help="How long to look for the other half [s].")]
 LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]
-SecondsOption = Annotated[float | None, typer.Option(min=0.1, help="In real time, end after that long [s]; else with the path.")]
+SecondsOption = Annotated[
+    float | None, typer.Option(min=0.1, help="In real time, end after that long [s]; else with the path.")
+]
 
 
 def show_report(lines: dict[str, Any]) -> None:

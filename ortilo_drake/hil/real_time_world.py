@@ -68,7 +68,7 @@ def fly_in_real_time(
     """
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
     room, h, watch = scenario.load_room(), scenario.h, Watch(scenario.h)
-    flown, command = FlightRecord(record), _Command(scenario.vehicle.hover_thrust)
+    flown, command = FlightRecord(record), Command(scenario.vehicle.hover_thrust)
     hello = Hello("world", scenario_digest(scenario), session, state=FLYING)
     heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
@@ -126,7 +126,7 @@ def looks(begin: float, end: float) -> list[float]:
     return [*(n * COMMAND_PERIOD for n in range(first, last)), end]
 
 
-class _Command:
+class Command:
     """The newest command: u (4) and when it was received [s of the flight]; hovering before the first."""
 
     def __init__(self, hover_thrust: float):

@@ -1,0 +1,49 @@
+"""A flight behind a relay in virtual time, against the flight without one and against what the faults must do."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from ortilo_drake.experiments.flight import fly
+from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.hil.faults import Faults
+from ortilo_drake.hil.virtual_time import fly_in_virtual_time
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario
+
+SHORT = ("camera=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
+BAD = Faults(loss=0.2, delay=0.04, spread=0.02, duplicate=0.1)
+
+
+def scenario_of(*settings: str) -> Scenario:
+    return load_scenario("imu_uwb_yolo", (*SHORT, "uwb.link.blackouts=[]", *settings))
+
+
+def test_without_faults_it_is_the_flight_but_for_the_commands_millisecond() -> None:
+    # A command acts a millisecond after its tick here, and at its tick in `fly`.
+    plain = fly(scenario_of("world.plant=continuous"))
+    flight = fly_in_virtual_time(scenario_of())
+    assert flight.sizes == plain.sizes
+    np.testing.assert_array_equal(flight["arrival"], plain["arrival"])
+    np.testing.assert_allclose(flight["truth"][:, :3], plain["truth"][:, :3], atol=0.02)
+
+
+def test_a_seed_flies_the_same_bits_and_another_others() -> None:
+    one, two, other = (fly_in_virtual_time(scenario_of(), BAD, BAD, seed) for seed in (1, 1, 2))
+    xr.testing.assert_identical(one, two)
+    assert not one["truth"].equals(other["truth"])
+
+
+def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
+    found = {}
+    for mode in ("ignore", "drop", "replay"):
+        flight = fly_in_virtual_time(scenario_of(f"filter.delay={mode}"), BAD)
+        assert np.isfinite(flight["estimate"].values).all(axis=1).mean() > 0.98  # all but what it had not joined for
+        found[mode] = summary(flight)
+    assert 0.6 < found["replay"]["arrivals"]["camera"] < 0.95  # a fifth of the packets is lost
+    assert found["drop"]["arrivals"]["camera"] < found["replay"]["arrivals"]["camera"]
+
+
+def test_pictures_are_refused() -> None:
+    with pytest.raises(InputError, match="camera"):
+        fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera=rendered",)))
