@@ -4,9 +4,9 @@
     python benchmarks/bench_late.py --real-time --seeds 2     # in processes and by the clock, on an idle machine
     python benchmarks/bench_late.py --simulated               # by the scenario's own links, in whole ticks: minutes
 
-20 % of all packets are lost, and they come 40 +- 20 ms late. In real time the three modes of a seed fly at the same time,
-each a world, a relay and an onboard half in processes and on buses of their own, so that a slow moment of the machine
-hits all alike. A flight that is in the folder already is not flown again.
+20 % of all packets are lost, and they come 40 +- 20 ms late. In real time the three modes of a seed fly at the same
+time, each a world, a relay and an onboard half in processes and on buses of their own, so that a slow moment of the
+machine hits all alike. A flight that is in the folder already is not flown again.
 """
 
 import argparse

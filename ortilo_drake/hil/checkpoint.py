@@ -41,6 +41,15 @@ def _replace(path: Path, **arrays: npt.ArrayLike) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def session_of(path: Path) -> int:
+    """Return the session that a checkpoint is of; 0 if there is none, or it is damaged."""
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            return int(file["session"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        return 0
+
+
 def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) -> Checkpoint | None:
     """Return the checkpoint that fits, or None.
 

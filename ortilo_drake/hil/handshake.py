@@ -21,6 +21,7 @@ from ortilo_drake.scenario import Scenario
 
 PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
 REFUSALS: Final = 6  # how often the onboard half says no before it ends: one may meet the world's own hello
+OTHERS: Final = 1.0  # how long to listen whether another onboard half flies [s]
 _EVERY_MS: Final = 100
 
 
@@ -110,15 +111,19 @@ def _hear_world(inbox: Inbox, wait: float) -> Hello:
 def _is_commanded(lcm: DrakeLcm, flight: Flight) -> bool:
     """Return whether somebody commands a flight at the moment."""
     inbox = Inbox(DrakeLcm(lcm.get_lcm_url()), ("command",), flight)
-    until = time.monotonic() + max(1e-3 * _EVERY_MS, 3.5 * flight.h)
+    until = time.monotonic() + OTHERS
     while time.monotonic() < until:
         if inbox.poll(10):
             return True
     return False
 
 
-def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> Hello:
-    """Wait for the world's hello and say it back; return the world's. Arguments and errors as meet_onboard."""
+def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float, flew: int = 0) -> Hello:
+    """Wait for the world's hello and say it back; return the world's.
+
+    Arguments and errors as meet_onboard. flew is a session that this half was flying when it was killed: it joins that
+    again at once; for any other that is under way it listens first whether somebody flies it.
+    """
     digest = scenario_digest(scenario)
     hello = _hear_world(inbox, wait)
     if why := refusal(hello, digest):
@@ -126,7 +131,7 @@ def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float) -> 
             say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, reason=why))
             time.sleep(5e-4 * _EVERY_MS)
         raise InputError(f"world: {why}")
-    if hello.state == FLYING and _is_commanded(lcm, flight_of(scenario, hello.session)):
+    if hello.state == FLYING and hello.session != flew and _is_commanded(lcm, flight_of(scenario, hello.session)):
         raise InputError("world: flies with another onboard half already")
     inbox.begin(flight_of(scenario, hello.session))
     say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))

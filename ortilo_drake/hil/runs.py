@@ -10,6 +10,7 @@ import xarray as xr
 from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.camera_process import CameraProcess
+from ortilo_drake.hil.checkpoint import session_of
 from ortilo_drake.hil.detector_thread import DetectorThread
 from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goal_planner import GoalPlanner
@@ -119,7 +120,7 @@ def run_onboard(
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
         whole = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself, in lockstep
-        hello = meet_world(lcm, inbox, scenario, wait)
+        hello = meet_world(lcm, inbox, scenario, wait, session_of(checkpoint) if checkpoint else 0)
         report: dict[str, Any] = {}
         if hello.lockstep:
             report["ticks"] = answer_over_link(whole, lcm, inbox, hello.session, progress, record)

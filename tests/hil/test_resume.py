@@ -15,6 +15,7 @@ from ortilo_drake.hil.checkpoint import (
     path_file,
     save_checkpoint,
     save_path,
+    session_of,
 )
 from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.keep_alive import keep_alive
@@ -58,6 +59,15 @@ def test_a_checkpoint_comes_back_as_it_was(tmp_path: Path) -> None:
 def test_a_checkpoint_that_does_not_fit_is_not_used(tmp_path: Path, session: int, tick: int, size: int) -> None:
     save_checkpoint(tmp_path / "c.npz", KEPT)
     assert load_checkpoint(tmp_path / "c.npz", session, tick, H, size) is None
+
+
+def test_a_checkpoint_tells_whose_flight_it_is_of(tmp_path: Path) -> None:
+    file = tmp_path / "state.npz"
+    assert session_of(file) == 0
+    save_checkpoint(file, KEPT)
+    assert session_of(file) == KEPT.session
+    file.write_bytes(file.read_bytes()[:100])
+    assert session_of(file) == 0
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"not an archive"])

@@ -338,9 +338,9 @@ def test_a_detector_that_cannot_be_used_is_refused(
 
 
 def test_a_detector_leaves_the_other_settings_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    from ortilo_drake.cli import _with_camera
+    from ortilo_drake.commands.options import with_camera
 
-    laid_over = _with_camera(
+    laid_over = with_camera(
         ["detector.threshold=0.2", "detector.names=a.names"], None, (Path("a.cfg"), Path("b.weights"))
     )
     detector = load_scenario("imu_uwb_yolo", laid_over).detector

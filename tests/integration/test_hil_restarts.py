@@ -14,6 +14,7 @@ from halves_in_processes import bus, end, run, start
 
 from ortilo_drake.experiments.flight import load_flight
 from ortilo_drake.logs.reader import read_ticks
+from ortilo_drake.scenario import Failsafe
 
 GOAL = (3.0, 0.0)
 TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", "--set", "uwb.link.blackouts=[]")
@@ -21,7 +22,7 @@ TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", 
 
 def wait_for(happened: Callable[[], bool], what: str) -> None:
     """Wait until something has happened, as long as a loaded machine may take to start two processes."""
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 120.0
     while not happened():
         assert time.monotonic() < until, what
         time.sleep(0.05)
@@ -31,7 +32,7 @@ def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Pa
     here = ("imu_uwb", *TO_THE_GOAL, *bus(7731))
     checkpoint, flown, report = tmp_path / "state.npz", tmp_path / "flight.nc", tmp_path / "world.json"
     onboard = start("hil", "onboard", *here, "--keep-alive", "--checkpoint", str(checkpoint))
-    world = start("hil", "world", *here, "--wait", "60", "--out", str(flown), "--json", str(report))
+    world = start("hil", "world", *here, "--wait", "120", "--out", str(flown), "--json", str(report))
     try:
         assert onboard.stderr is not None
         for _ in range(3):
@@ -51,12 +52,12 @@ def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Pa
     found = json.loads(report.read_text())
     assert found["lost"] is None
     assert found["unanswered"] > 0
-    assert found["longest_silence"] < 3.0  # idle it is half a second
+    assert found["longest_silence"] < Failsafe().hold_for  # back before it comes down; idle it is half a second
     np.testing.assert_allclose(load_flight(flown)["truth"].values[-1, :2], GOAL, atol=0.3)
 
 
 def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path) -> None:
-    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", *bus(7732), "--wait", "60")
+    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", *bus(7732), "--wait", "120")
     onboard = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
     world = start("hil", "world", *here, "--log", str(log))
     try:
@@ -91,7 +92,7 @@ def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, half: str) -> No
 
 
 def test_a_second_onboard_half_is_refused(tmp_path: Path) -> None:
-    here, checkpoint = ("imu_uwb", *bus(7735), "--wait", "60"), tmp_path / "state.npz"
+    here, checkpoint = ("imu_uwb", *bus(7735), "--wait", "120"), tmp_path / "state.npz"
     first = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
     world = start("hil", "world", *here)
     try:
