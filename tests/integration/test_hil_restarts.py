@@ -89,18 +89,3 @@ def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, half: str) -> No
     assert code == 2
     assert errors.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_second_onboard_half_is_refused(tmp_path: Path) -> None:
-    here, checkpoint = ("imu_uwb", *bus(7735), "--wait", "120"), tmp_path / "state.npz"
-    first = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
-    world = start("hil", "world", *here)
-    try:
-        wait_for(checkpoint.exists, "the first flies")
-        code, _, errors = run("hil", "onboard", *here)
-    finally:
-        for process in (first, world):
-            process.kill()
-            process.communicate()
-    assert code == 2
-    assert errors == "ortilo: world: flies with another onboard half already\n"

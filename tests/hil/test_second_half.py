@@ -1,0 +1,60 @@
+"""A flight that is under way, met by another onboard half and by its own."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from hil_link import open_bus
+
+from ortilo_drake.hil.handshake import meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.packets import FLYING, PORTS, Hello, encode_command, lane
+from ortilo_drake.hil.transport import Inbox
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+
+SCENARIO = load_scenario("imu_uwb")
+SESSION, PORT = 4711, 7748
+
+
+@contextmanager
+def a_flight(is_commanded: bool) -> Iterator[None]:
+    """A world's heartbeat on the bus, and the commands of an onboard half."""
+    lcm, over = open_bus(PORT), threading.Event()
+
+    def fly() -> None:
+        tick = 100
+        while not over.wait(0.02):
+            say_hello(lcm, Hello("world", scenario_digest(SCENARIO), SESSION, state=FLYING))
+            if is_commanded:
+                lcm.Publish(lane("command", tick), encode_command(SESSION, tick, np.zeros(4)))
+            tick += 1
+
+    thread = threading.Thread(target=fly, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join(10.0)
+
+
+def join(flew: int) -> Hello:
+    lcm = open_bus(PORT)
+    return meet_world(lcm, Inbox(lcm, ("hello", "tick", *PORTS)), SCENARIO, 30.0, flew)
+
+
+def test_another_onboard_half_is_refused() -> None:
+    with a_flight(is_commanded=True), pytest.raises(InputError, match="flies with another onboard half already"):
+        join(0)
+
+
+def test_a_flight_that_nobody_commands_is_joined() -> None:
+    with a_flight(is_commanded=False):
+        assert join(0).session == SESSION
+
+
+def test_its_own_flight_is_joined_at_once() -> None:
+    with a_flight(is_commanded=True):  # what is still on the wire of the half that was killed
+        assert join(SESSION).session == SESSION
