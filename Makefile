@@ -8,6 +8,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+# The notebooks first: they are one worker's, and would be the long tail.
+TESTS ?= tests/integration/test_notebooks.py tests
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
 .PHONY: setup fly tables test check bench clean

@@ -1,5 +1,7 @@
 """A flight behind a relay in virtual time, against the flight without one and against what the faults must do."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,9 +9,9 @@ import xarray as xr
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.experiments.metrics import summary
 from ortilo_drake.hil.faults import Faults
-from ortilo_drake.hil.virtual_time import fly_in_virtual_time
+from ortilo_drake.hil.virtual_time import fly_in_virtual_time, summary_in_virtual_time
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 
 SHORT = ("camera=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
 BAD = Faults(loss=0.2, delay=0.04, spread=0.02, duplicate=0.1)
@@ -47,3 +49,12 @@ def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
 def test_pictures_are_refused() -> None:
     with pytest.raises(InputError, match="camera"):
         fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera=rendered",)))
+
+
+def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> None:
+    file, ways = tmp_path / "3.json", (BAD.model_dump_json(), Faults().model_dump_json())
+    found = summary_in_virtual_time(scenario_of().model_dump_json(), *ways, 3, str(file))
+    assert found["seed"] == 3
+    assert found["mse"] == summary(fly_in_virtual_time(with_seed(scenario_of(), 3), BAD, seed=4))["mse"]
+    file.write_text(file.read_text().replace('"seed": 3', '"seed": -3'))
+    assert summary_in_virtual_time("no scenario", *ways, 3, str(file))["seed"] == -3
