@@ -37,17 +37,20 @@ class _Way:
     def __init__(self, line: Line):
         self._line, self._order = line, itertools.count()
         self._due: list[tuple[float, int, Packet]] = []
+        self._seen: set[tuple[str, int]] = set()
 
     def send(self, packet: Packet, now: float) -> None:
         for due in self._line.take(packet.name, now):
             heapq.heappush(self._due, (due, next(self._order), packet))
 
     def arrived(self, now: float) -> list[tuple[float, Packet]]:
-        """Return what has come by now, each with when it came."""
+        """Return what has come by now, each with when it came, and as transport.Inbox does without duplicates."""
         came = []
         while self._due and self._due[0][0] <= now:
             due, _, packet = heapq.heappop(self._due)
-            came.append((due, packet))
+            if (packet.name, packet.tick) not in self._seen:
+                self._seen.add((packet.name, packet.tick))
+                came.append((due, packet))
         return came
 
 
@@ -71,7 +74,6 @@ def fly_in_virtual_time(
     there, back = _Way(Line(to_onboard, seed, "to_onboard")), _Way(Line(to_world, seed, "to_world"))
     ticks, flown, command = OnboardTicks(scenario), FlightRecord(None), Command(scenario.vehicle.hover_thrust)
     room, h, end, lost = scenario.load_room(), scenario.h, flight_ticks(scenario), None
-    answered: set[int] = set()
 
     def answer(now: float) -> None:
         for received, packet in there.arrived(now):
@@ -102,9 +104,7 @@ def fly_in_virtual_time(
         for moment in looks(k * h, (k + 1) * h):
             answer(moment)
             for received, packet in back.arrived(moment):
-                if packet.tick not in answered:  # a duplicate is nothing new
-                    answered.add(packet.tick)
-                    command.hear(packet, received)
+                command.hear(packet, received)
             world.advance_to(moment, command.value)
     flight = flown.dataset(scenario, lost)
     flight.attrs["real_time_factor"] = np.nan

@@ -46,6 +46,15 @@ def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
     assert found["drop"]["arrivals"]["camera"] < found["replay"]["arrivals"]["camera"]
 
 
+def test_what_comes_twice_is_taken_once() -> None:
+    twice = Faults(duplicate=1.0, spread=0.05)  # the second copy up to a tick and a half behind the first
+    once = fly_in_virtual_time(scenario_of())
+    xr.testing.assert_identical(fly_in_virtual_time(scenario_of(), Faults(duplicate=1.0), Faults(duplicate=1.0)), once)
+    flight = fly_in_virtual_time(scenario_of("filter.delay=replay"), twice)
+    due, used = flight["due"].sel(sensor="camera"), flight["arrival"].sel(sensor="camera")
+    assert int(used.sum()) <= int(due.sum())
+
+
 def test_pictures_are_refused() -> None:
     with pytest.raises(InputError, match="camera"):
         fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera=rendered",)))
