@@ -3,6 +3,8 @@
 Profiles that a test file registers itself start from this one, so they keep its settings.
 """
 
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import settings
 
@@ -24,3 +26,21 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             check_egl()
         except InputError:
             pytest.skip("libEGL.so.1 or its driver is missing (Debian: libegl1 libgl1-mesa-dri): nothing can be drawn")
+
+
+@pytest.fixture
+def bus() -> Iterator[str]:
+    """The URL of a bus that is this test's alone."""
+    from hil_link import own_bus
+
+    with own_bus() as url:
+        yield url
+
+
+@pytest.fixture
+def other_bus() -> Iterator[str]:
+    """A second one."""
+    from hil_link import own_bus
+
+    with own_bus() as url:
+        yield url

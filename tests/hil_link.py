@@ -1,5 +1,7 @@
-"""A bus of its own for a test, and an onboard half that answers on it."""
+"""Buses that no other test on this machine has, and an onboard half that answers on one."""
 
+import secrets
+import socket
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,14 +18,32 @@ from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-
-def bus_url(port: int) -> str:
-    return f"udpm://239.255.76.67:{port}?ttl=0"
+PORTS_TO_TRY = range(20_000, 32_000)  # below those that the kernel hands out by itself
 
 
-def open_bus(port: int) -> DrakeLcm:
+@contextmanager
+def own_bus() -> Iterator[str]:
+    """Yield the URL of a bus whose port is this test's until it ends, whatever else runs on this machine.
+
+    A datagram's port can be shared, and no process sees who else listens there. A TCP port of the same number cannot:
+    the one who holds it has the bus.
+    """
+    while True:
+        port = PORTS_TO_TRY[secrets.randbelow(len(PORTS_TO_TRY))]  # anew each time: late packets reach no later test
+        with socket.socket() as held, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+            try:
+                held.bind(("127.0.0.1", port))
+                listener.bind(("", port))
+            except OSError:
+                continue
+            listener.close()
+            yield f"udpm://239.255.76.67:{port}?ttl=0"
+            return
+
+
+def open_bus(url: str) -> DrakeLcm:
     try:
-        return open_lcm(bus_url(port))
+        return open_lcm(url)
     except InputError as error:
         pytest.skip(f"no multicast here: {error}")
 
@@ -40,9 +60,9 @@ def hear_hello(inbox: Inbox, wait: float = 60.0) -> Hello:
 
 
 @contextmanager
-def answering(scenario: Scenario, port: int) -> Iterator["Future[int]"]:
+def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
     """Be the onboard half of one flight in lockstep, beside the caller; yield how many ticks it will have answered."""
-    lcm = open_bus(port)
+    lcm = open_bus(bus)
     inbox, onboard = Inbox(lcm, ("hello", "goal", "tick", *PORTS)), OnboardHalf(scenario)
 
     def answer() -> int:

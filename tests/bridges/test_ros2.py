@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hil_link import answering, bus_url
+from hil_link import answering
 from motions import attitude
 from scipy.spatial.transform import Rotation
 
@@ -184,8 +184,8 @@ def with_world(url: str, scenario: Scenario, bridge: Callable[[threading.Event],
             world.result(10.0)
 
 
-def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone() -> None:
-    scenario, url = load_scenario("imu_uwb", SETTINGS), bus_url(7781)
+def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: str) -> None:
+    scenario = load_scenario("imu_uwb", SETTINGS)
     taken: list[tuple[float, float]] = []
     lines: list[str] = []
 
@@ -198,9 +198,9 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone() -> 
         def fail(t: float, messages: Signals, outputs: Signals) -> None:
             raise OSError("no route\nto host")
 
-        return run_bridge(url, scenario, {"bad": fail, "good": take}, wait=10.0, say=lines.append)
+        return run_bridge(bus, scenario, {"bad": fail, "good": take}, wait=10.0, say=lines.append)
 
-    report = with_world(url, scenario, listen)
+    report = with_world(bus, scenario, listen)
     assert len(taken) >= 20
     assert report["ticks"] == len(taken)
     assert all(t == k * scenario.h for t, k in taken)
@@ -208,23 +208,23 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone() -> 
     assert [line.partition(" at ")[0] for line in lines if "bad" in line] == ["bad: failed"]
 
 
-def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line() -> None:
-    scenario, url = load_scenario("imu_uwb", SETTINGS), bus_url(7782)
+def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line(bus: str) -> None:
+    scenario = load_scenario("imu_uwb", SETTINGS)
 
     def fail(t: float, messages: Signals, outputs: Signals) -> None:
         raise ValueError
 
     with pytest.raises(InputError, match=r"nothing left to send to \(only\)"):
-        with_world(url, scenario, lambda stop: run_bridge(url, scenario, {"only": fail}, say=lambda line: None))
+        with_world(bus, scenario, lambda stop: run_bridge(bus, scenario, {"only": fail}, say=lambda line: None))
     other = load_scenario("imu_uwb", SETTINGS, 77)
     with pytest.raises(InputError, match="seed included"):
-        with_world(url, scenario, lambda stop: run_bridge(url, other, {}, say=lambda line: None))
+        with_world(bus, scenario, lambda stop: run_bridge(bus, other, {}, say=lambda line: None))
     with pytest.raises(InputError, match="not heard"):
-        run_bridge(url, scenario, {}, wait=0.1, say=lambda line: None)
+        run_bridge(bus, scenario, {}, wait=0.1, say=lambda line: None)
 
 
-def test_goals_are_passed_on_and_their_answers_said() -> None:
-    scenario, url = load_scenario("imu_uwb", SETTINGS), bus_url(7785)
+def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
+    scenario = load_scenario("imu_uwb", SETTINGS)
     lines: list[str] = []
 
     def listen(stop: threading.Event) -> Any:
@@ -242,9 +242,9 @@ def test_goals_are_passed_on_and_their_answers_said() -> None:
             said = len(lines)
             return np.array(next(wishes))
 
-        return run_bridge(url, scenario, {"ros2": lambda *tick: None}, 20.0, 10.0, lines.append, goals)
+        return run_bridge(bus, scenario, {"ros2": lambda *tick: None}, 20.0, 10.0, lines.append, goals)
 
-    report = with_world(url, scenario, listen)
+    report = with_world(bus, scenario, listen)
     assert lines[1:4] == [
         "goal (1.5, -2): flies there",
         "goal (3, 0): too far",
@@ -257,11 +257,11 @@ def test_goals_are_passed_on_and_their_answers_said() -> None:
 # --- a flight ----------------------------------------------------------------------------------------------------
 
 
-def fly_with_bridge(port: int, options: list[str], report: Path) -> tuple[xr.Dataset, dict[str, Any]]:
+def fly_with_bridge(bus: str, options: list[str], report: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     """Fly in lockstep at PACE with `ortilo hil bridge` beside; return the flight and the bridge's report."""
-    scenario, url = load_scenario("imu_uwb", SETTINGS), bus_url(port)
+    scenario = load_scenario("imu_uwb", SETTINGS)
     warm_up(scenario)  # neither half is to wait for the compiler in flight
-    command = [*BRIDGE, "--url", url, "--json", str(report), *options]
+    command = [*BRIDGE, "--url", bus, "--json", str(report), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=LOCAL) as bridge:
         try:
             assert bridge.stdout
@@ -270,8 +270,8 @@ def fly_with_bridge(port: int, options: list[str], report: Path) -> tuple[xr.Dat
                 said.append(bridge.stdout.readline())
                 assert said[-1], said
             time.sleep(0.5)  # ROS's discovery
-            with answering(scenario, port):
-                flight, _ = run_world(scenario, url, True, 20.0, record=lambda *tick: time.sleep(PACE))
+            with answering(scenario, bus):
+                flight, _ = run_world(scenario, bus, True, 20.0, record=lambda *tick: time.sleep(PACE))
             rest, _ = bridge.communicate(timeout=20.0)
             assert bridge.returncode == 0, "".join(said) + rest
         finally:
@@ -282,13 +282,13 @@ def fly_with_bridge(port: int, options: list[str], report: Path) -> tuple[xr.Dat
     return flight, found
 
 
-def test_mavlink_gets_the_flight_s_estimates(tmp_path: Path) -> None:
+def test_mavlink_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     from pymavlink.dialects.v20 import common
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         target = f"udpout:127.0.0.1:{receiver.getsockname()[1]}"
-        flight, report = fly_with_bridge(7783, ["--mavlink", target], tmp_path / "report.json")
+        flight, report = fly_with_bridge(bus, ["--mavlink", target], tmp_path / "report.json")
         receiver.setblocking(False)
         parser = common.MAVLink(None)
         heard: list[Any] = []
@@ -339,12 +339,12 @@ print(json.dumps(got), flush=True)
 
 
 @needs_ros
-def test_ros_gets_the_flight_s_estimates(tmp_path: Path) -> None:
+def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     with subprocess.Popen([sys.executable, "-c", _RECEIVER], stdout=subprocess.PIPE, text=True, env=LOCAL) as receiver:
         try:
             assert receiver.stdout
             assert receiver.stdout.readline() == "ready\n"
-            flight, report = fly_with_bridge(7784, ["--ros2"], tmp_path / "report.json")
+            flight, report = fly_with_bridge(bus, ["--ros2"], tmp_path / "report.json")
             got = json.loads(receiver.communicate(timeout=20.0)[0])
         finally:
             receiver.kill()
@@ -407,9 +407,9 @@ with Ros2Bridge(load_scenario("imu_uwb")) as bridge:
 
 
 @needs_ros
-def test_a_goal_from_ros_crosses_to_the_onboard_half() -> None:
-    scenario, url = load_scenario("imu_uwb", SETTINGS), bus_url(7786)
-    command = [*BRIDGE, "--url", url, "--ros2"]
+def test_a_goal_from_ros_crosses_to_the_onboard_half(bus: str) -> None:
+    scenario = load_scenario("imu_uwb", SETTINGS)
+    command = [*BRIDGE, "--url", bus, "--ros2"]
     sender = [sys.executable, "-c", _SENDER]
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": LOCAL}
 
@@ -428,7 +428,7 @@ def test_a_goal_from_ros_crosses_to_the_onboard_half() -> None:
                 ros.kill()
         return lines
 
-    lines = with_world(url, scenario, pass_on)
+    lines = with_world(bus, scenario, pass_on)
     assert [line.strip() for line in lines[1:]] == ["goal (1.5, -2): flies there", "goal (3, 0): too far"]
 
 

@@ -1,14 +1,13 @@
 """Tuning from files: what is written flies, what is bad is refused in one line, lost flights are cut."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import run
 
-from ortilo_drake import cli
 from ortilo_drake.experiments.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.experiments.consistency_flights import consistency_report
 from ortilo_drake.experiments.flight import fly, save_flight
@@ -103,20 +102,12 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
         tuning_figure(tuning, tmp_path / "x.frog")
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    """Run `ortilo` in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    return int(end.value.code or 0)
-
-
 def test_the_command_writes_what_it_is_asked_for(
-    folder: Path, tuning: Tuning, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, tuning: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     overlay, data, figure = (tmp_path / name for name in ("tuned.yaml", "tuned.json", "tuned.png"))
     words = ["--out", str(overlay), "--json", str(data), "--figure", str(figure), "--check", "1"]
-    assert run(monkeypatch, "tune", str(folder), *words) == 0
+    assert run("tune", str(folder), *words) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     assert "imu_uwb_tuned, fitted to 2 flights" in printed.out
@@ -142,10 +133,9 @@ def test_the_command_refuses_bad_input(
     words: list[str],
     said: str,
     folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(monkeypatch, "tune", *(words if words[0][0] != "-" else [str(folder), *words])) == 2
+    assert run("tune", *(words if words[0][0] != "-" else [str(folder), *words])) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
     assert said in printed.err

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import run
 from PIL import Image
 
-from ortilo_drake import cli
 from ortilo_drake.experiments import video
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.experiments.flight_frames import STRIP_HEIGHT, blackout_mask, error_strip, make_views
@@ -240,15 +240,6 @@ def test_ctrl_c_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr("sys.argv", ["ortilo", *words])
-    try:
-        cli.main()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
-
-
 def test_another_suffix_is_refused_before_flying(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -257,7 +248,7 @@ def test_another_suffix_is_refused_before_flying(
 
     monkeypatch.setattr("ortilo_drake.experiments.flight.fly", flies)
     file = tmp_path / "flight.avi"
-    assert run(monkeypatch, "fly", "--set", HOVER, "--set", PARAMETRIC, "--video", str(file)) == 2
+    assert run("fly", "--set", HOVER, "--set", PARAMETRIC, "--video", str(file)) == 2
     assert capsys.readouterr().err == f"ortilo: {file}: unknown kind of video '.avi', give one of .gif, .mp4\n"
     assert list(tmp_path.iterdir()) == []
 
@@ -268,7 +259,7 @@ def test_fly_writes_the_video(
     monkeypatch.setattr(video, "PANEL", {".gif": 160})
     file = tmp_path / "flight.gif"
     words = ("--set", HOVER, "--set", PARAMETRIC, "--set", "settle=0.0", "--video", str(file))
-    assert run(monkeypatch, "fly", *words) == 0
+    assert run("fly", *words) == 0
     captured = capsys.readouterr()
     assert f"  wrote {file}\n" in captured.out
     assert captured.err == ""

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import xarray as xr
-from hil_link import answering, bus_url, hear_hello, open_bus
+from hil_link import answering, hear_hello, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.lcm import DrakeLcm
@@ -129,8 +129,8 @@ def play_flight(lcm: DrakeLcm, scenario: Scenario, reason_for: ReasonFor, stop: 
 
 
 @contextlib.contextmanager
-def flying(port: int, reason_for: ReasonFor) -> Iterator[None]:
-    lcm, stop, scenario = open_bus(port), threading.Event(), load_scenario("imu_uwb", SETTINGS)
+def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
+    lcm, stop, scenario = open_bus(bus), threading.Event(), load_scenario("imu_uwb", SETTINGS)
     with ThreadPoolExecutor(1) as pool:
         flight = pool.submit(play_flight, lcm, scenario, reason_for, stop)
         try:
@@ -140,43 +140,43 @@ def flying(port: int, reason_for: ReasonFor) -> Iterator[None]:
             flight.result(5.0)
 
 
-def ask(port: int, reason_for: ReasonFor, wait: float = 5.0, seed: int | None = None) -> None:
-    with flying(port, reason_for):
-        ask_goal(bus_url(port), load_scenario("imu_uwb", SETTINGS, seed), 1.0, 2.0, wait)
+def ask(bus: str, reason_for: ReasonFor, wait: float = 5.0, seed: int | None = None) -> None:
+    with flying(bus, reason_for):
+        ask_goal(bus, load_scenario("imu_uwb", SETTINGS, seed), 1.0, 2.0, wait)
 
 
-def test_a_goal_is_taken_although_two_packets_are_lost() -> None:
+def test_a_goal_is_taken_although_two_packets_are_lost(bus: str) -> None:
     heard: list[Goal] = []
 
     def answer_third(goal: Goal, n: int) -> str | None:
         heard.append(goal)
         return "" if n >= 3 else None
 
-    ask(7701, answer_third)
+    ask(bus, answer_third)
     assert set(heard) == {heard[0]}
     assert (heard[0].x, heard[0].y) == (1.0, 2.0)
 
 
-def test_every_refusal_is_one_line() -> None:
+def test_every_refusal_is_one_line(bus: str, other_bus: str) -> None:
     with pytest.raises(InputError, match=r"^goal \(1, 2\): in an obstacle$"):
-        ask(7702, lambda goal, n: "in an obstacle")
+        ask(bus, lambda goal, n: "in an obstacle")
     with pytest.raises(InputError, match=r"^goal \(1, 2\): no answer in 1 s$"):
-        ask(7702, lambda goal, n: None, wait=1.0)
+        ask(bus, lambda goal, n: None, wait=1.0)
     with pytest.raises(InputError, match=r"^world: flies another scenario \(.*seed included$"):
-        ask(7702, lambda goal, n: "", seed=77)
+        ask(bus, lambda goal, n: "", seed=77)
     with pytest.raises(InputError, match=r"^world: not heard in 0.2 s; start it with: ortilo hil world$"):
-        ask_goal(bus_url(7703), load_scenario("imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
+        ask_goal(other_bus, load_scenario("imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
 
 
-def test_the_command_takes_numbers_below_zero() -> None:
+def test_the_command_takes_numbers_below_zero(bus: str) -> None:
     heard: list[Goal] = []
 
     def answer(goal: Goal, n: int) -> str:
         heard.append(goal)
         return "no way" if goal.x > 0.0 else ""
 
-    options = [part for setting in SETTINGS for part in ("--set", setting)] + ["--url", bus_url(7705)]
-    with flying(7705, answer):
+    options = [part for setting in SETTINGS for part in ("--set", setting)] + ["--url", bus]
+    with flying(bus, answer):
         done = CliRunner().invoke(hil_app, ["goal", "-1.5", "-2e-1", "imu_uwb", *options])
         refused = CliRunner().invoke(hil_app, ["goal", "1", "-2", "imu_uwb", *options])
     assert (done.exit_code, done.output) == (0, "goal (-1.5, -0.2): flies there\n")
@@ -184,11 +184,11 @@ def test_the_command_takes_numbers_below_zero() -> None:
     assert str(refused.exception) == "goal (1, -2): no way"
 
 
-def test_a_flight_in_lockstep_refuses_and_goes_on() -> None:
-    scenario, lcm = load_scenario("imu_uwb", SETTINGS), open_bus(7704)
+def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
+    scenario, lcm = load_scenario("imu_uwb", SETTINGS), open_bus(bus)
     inbox, answers, refused = Inbox(lcm, ["hello", "goal"]), [], threading.Event()
-    with answering(scenario, 7704) as answered, ThreadPoolExecutor(1) as pool:
-        world = pool.submit(run_world, scenario, bus_url(7704), True, 20.0, record=lambda *tick: refused.wait(5.0))
+    with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
+        world = pool.submit(run_world, scenario, bus, True, 20.0, record=lambda *tick: refused.wait(5.0))
         session = hear_hello(inbox).session
         inbox.begin(flight_of(scenario, session))
         link = GoalLink(lcm, session)

@@ -7,22 +7,21 @@ import time
 
 import numpy as np
 import pytest
+from hil_link import open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from pydrake.lcm import DrakeLcm
 from scipy.stats import binomtest, geom, kstest
 
 from ortilo_drake.hil.faults import Faults, Line
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_goal, encode_hello, encode_vector
 from ortilo_drake.hil.relay import run_relay
-from ortilo_drake.hil.transport import Inbox, address, open_lcm
+from ortilo_drake.hil.transport import Inbox, address
 from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 
 N = 4000
-WORLD, ONBOARD = ("udpm://239.255.76.67:7694?ttl=0", "udpm://239.255.76.67:7695?ttl=0")
 FLIGHT = Flight(77, 1 / 30, 8)
 
 
@@ -105,10 +104,10 @@ def test_bad_faults_are_refused(bad: dict[str, float]) -> None:
         Faults(**bad)
 
 
-def test_one_bus_is_not_enough() -> None:
-    for same in (WORLD, WORLD.replace("?ttl=0", ""), WORLD.replace("ttl=0", "ttl=1&recv_buf_size=1000")):
+def test_one_bus_is_not_enough(bus: str) -> None:
+    for same in (bus, bus.replace("?ttl=0", ""), bus.replace("ttl=0", "ttl=1&recv_buf_size=1000")):
         with pytest.raises(InputError, match="two different buses"):
-            run_relay(WORLD, same)
+            run_relay(bus, same)
 
 
 @pytest.mark.parametrize("module", ["ortilo_drake.hil.urls", "ortilo_drake.commands.hil"])
@@ -117,13 +116,6 @@ def test_the_buses_are_known_without_drake(module: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str([module])
     assert address(DEFAULT_URL)[:2] != address(ONBOARD_URL)[:2]
-
-
-def buses() -> tuple[DrakeLcm, DrakeLcm]:
-    try:
-        return open_lcm(WORLD), open_lcm(ONBOARD)
-    except InputError as error:
-        pytest.skip(f"no multicast here: {error}")
 
 
 def gather(inbox: Inbox, seconds: float) -> list[tuple[str, int]]:
@@ -141,11 +133,11 @@ def goals(inbox: Inbox, seconds: float) -> list[Goal]:
     return []
 
 
-def test_a_relay_passes_both_ways_without_echo_and_with_its_faults() -> None:
-    world, onboard = buses()
+def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, other_bus: str) -> None:
+    world, onboard = open_bus(bus), open_bus(other_bus)
     stop, ready, result = threading.Event(), threading.Event(), {}
     relay = threading.Thread(
-        target=lambda: result.update(run_relay(WORLD, ONBOARD, Faults(loss=0.5), None, 5, 30.0, stop, ready)),
+        target=lambda: result.update(run_relay(bus, other_bus, Faults(loss=0.5), None, 5, 30.0, stop, ready)),
         daemon=True,
     )
     relay.start()

@@ -15,13 +15,13 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 SCENARIO = load_scenario("imu_uwb")
-SESSION, PORT = 4711, 7748
+SESSION = 4711
 
 
 @contextmanager
-def a_flight(is_commanded: bool) -> Iterator[None]:
+def a_flight(bus: str, is_commanded: bool) -> Iterator[None]:
     """A world's heartbeat on the bus, and the commands of an onboard half."""
-    lcm, over = open_bus(PORT), threading.Event()
+    lcm, over = open_bus(bus), threading.Event()
 
     def fly() -> None:
         tick = 100
@@ -40,21 +40,21 @@ def a_flight(is_commanded: bool) -> Iterator[None]:
         thread.join(10.0)
 
 
-def join(flew: int) -> Hello:
-    lcm = open_bus(PORT)
+def join(bus: str, flew: int) -> Hello:
+    lcm = open_bus(bus)
     return meet_world(lcm, Inbox(lcm, ("hello", "tick", *PORTS)), SCENARIO, 30.0, flew)
 
 
-def test_another_onboard_half_is_refused() -> None:
-    with a_flight(is_commanded=True), pytest.raises(InputError, match="flies with another onboard half already"):
-        join(0)
+def test_another_onboard_half_is_refused(bus: str) -> None:
+    with a_flight(bus, is_commanded=True), pytest.raises(InputError, match="flies with another onboard half already"):
+        join(bus, 0)
 
 
-def test_a_flight_that_nobody_commands_is_joined() -> None:
-    with a_flight(is_commanded=False):
-        assert join(0).session == SESSION
+def test_a_flight_that_nobody_commands_is_joined(bus: str) -> None:
+    with a_flight(bus, is_commanded=False):
+        assert join(bus, 0).session == SESSION
 
 
-def test_its_own_flight_is_joined_at_once() -> None:
-    with a_flight(is_commanded=True):  # what is still on the wire of the half that was killed
-        assert join(SESSION).session == SESSION
+def test_its_own_flight_is_joined_at_once(bus: str) -> None:
+    with a_flight(bus, is_commanded=True):  # what is still on the wire of the half that was killed
+        assert join(bus, SESSION).session == SESSION

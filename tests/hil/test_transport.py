@@ -6,7 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hil_link import bus_url, open_bus
+from hil_link import open_bus
 from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.packet_checks import Flight
@@ -38,15 +38,15 @@ def test_a_bad_url_is_refused(url: str, capfd: pytest.CaptureFixture[str]) -> No
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_port_that_nobody_shares_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_nobody_shares_is_found_out(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # LCM falls back on a queue in memory, which another instance does not hear.
     monkeypatch.setattr("ortilo_drake.hil.transport.DrakeLcm", lambda url: DrakeLcm(MEMORY_URL))
     with pytest.raises(InputError, match=r"no multicast route|nothing sent there is heard"):
-        open_lcm(bus_url(7690))
+        open_lcm(bus)
 
 
-def test_two_buses_hear_each_other_and_another_port_does_not() -> None:
-    a, b, other = open_bus(7691), open_bus(7691), open_bus(7692)
+def test_two_buses_hear_each_other_and_another_port_does_not(bus: str, other_bus: str) -> None:
+    a, b, other = open_bus(bus), open_bus(bus), open_bus(other_bus)
     inbox, silent = Inbox(b, ["command"], FLIGHT), Inbox(other, ["command"], FLIGHT)
     a.Publish(CHANNELS["command"], encode_command(77, 0, u(9.81)))
     before = time.perf_counter()
@@ -101,8 +101,8 @@ def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatc
 
 
 @pytest.mark.parametrize("udp", [False, True])
-def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(udp: bool) -> None:
-    lcm = open_bus(7693) if udp else open_lcm(MEMORY_URL)
+def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str, udp: bool) -> None:
+    lcm = open_bus(bus) if udp else open_lcm(MEMORY_URL)
     inbox = Inbox(lcm, CHANNELS, FLIGHT)
     rng, rounds, heard = np.random.default_rng(3), 300, 0
     valid = bytearray(encode_vector(77, 3, np.concatenate(([1.0, 0.1], np.zeros(9)))))

@@ -1,48 +1,18 @@
-"""`ortilo hil` in processes of its own, for the tests beside this file. Each test has a port of its own."""
+"""`ortilo hil` in processes of its own, for the tests beside this file."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
+
+from command_line import Done, end, run_apart, start
 
 HOVER = ("--set", "settle=0", "--set", "planner={kind: hover, duration: 4}")
 PROJECTED = ("--set", "camera=projected")
 RENDERED = ("--set", "camera=rendered", "--set", "settle=0", "--set", "planner={kind: hover, duration: 1}")
-ORTILO = (sys.executable, "-m", "ortilo_drake.cli")
 WAIT = ("--wait", "90")
 
 
-def bus(port: int, ttl: int = 0) -> tuple[str, str]:
-    return "--url", f"udpm://239.255.76.67:{port}?ttl={ttl}"
-
-
-def start(*words: str, before: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
-    """Start `ortilo` in a process of its own, in front of it a command that runs it elsewhere."""
-    return subprocess.Popen(
-        [*before, *ORTILO, *words],
-        env=os.environ | {"COLUMNS": "200", "TERM": "dumb"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def end(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
-    """Wait for it; return its exit code and what it said on stdout and stderr."""
-    try:
-        said, errors = process.communicate(timeout=240)
-    finally:
-        process.kill()
-    return process.returncode, said, errors
-
-
-def run(*words: str) -> tuple[int, str, str]:
-    return end(start(*words))
-
-
-def run_both(world: tuple[str, ...], onboard: tuple[str, ...], spaces: tuple[str, str] | None = None) -> list[Any]:
+def run_both(world: tuple[str, ...], onboard: tuple[str, ...], spaces: tuple[str, str] | None = None) -> list[Done]:
     """Run both halves beside each other, each in a network namespace if any; return what end does of each."""
     inside = [("ip", "netns", "exec", space) for space in spaces] if spaces else [(), ()]
     processes = [
@@ -58,7 +28,7 @@ def run_both(world: tuple[str, ...], onboard: tuple[str, ...], spaces: tuple[str
 
 def checked(file: Path, *words: str) -> dict[str, Any]:
     """Return the report of `ortilo hil check`."""
-    code, _, errors = run("hil", "check", *words, "--json", str(file))
+    code, _, errors = run_apart("hil", "check", *words, "--json", str(file))
     assert code == 0, errors
     report: dict[str, Any] = json.loads(file.read_text())
     return report

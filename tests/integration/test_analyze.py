@@ -1,15 +1,14 @@
 """The command `ortilo analyze`: theory without flights, and what it refuses."""
 
 import json
-import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import run
 
-from ortilo_drake import cli
 from ortilo_drake.analysis.tube import predict_tube
 from ortilo_drake.experiments.tube_report import why_no_tube
 from ortilo_drake.model.typed_yaml import InputError
@@ -18,22 +17,11 @@ from ortilo_drake.scenario import load_scenario, scenario_names
 PARTS = {"plant", "sampled_plant", "closed_loop"}
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    """Run `ortilo` in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    try:
-        cli.main()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
-
-
 @pytest.fixture(scope="module")
 def analyzed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
     folder = tmp_path_factory.mktemp("analyze")
     file = folder / "new" / "analysis.json"
-    with pytest.MonkeyPatch.context() as patch:
-        code = run(patch, "analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
+    code = run("analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
     assert code == 0
     return json.loads(file.read_text()), (folder / "out" / "imu_uwb.md").read_text()
 
@@ -85,9 +73,9 @@ def test_every_ready_made_scenario_has_a_tube_or_a_reason(name: str) -> None:
     ids=["none", "imu", "uwb"],
 )
 def test_modes_that_no_sensor_sees_are_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, sensors: str, named: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, sensors: str, named: str
 ) -> None:
-    code = run(monkeypatch, "analyze", "imu_uwb", "--set", f"sensors={sensors}", "--out", str(tmp_path / "out"))
+    code = run("analyze", "imu_uwb", "--set", f"sensors={sensors}", "--out", str(tmp_path / "out"))
     assert code == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
@@ -96,5 +84,5 @@ def test_modes_that_no_sensor_sees_are_named(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_flights_must_be_a_number_of_flights(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "analyze", "--flights", "-1") == 2
+def test_flights_must_be_a_number_of_flights() -> None:
+    assert run("analyze", "--flights", "-1") == 2

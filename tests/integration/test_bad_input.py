@@ -1,28 +1,17 @@
 """Whatever is wrong with the input: exit code 2, one line on stderr that names it, and nothing written."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from command_line import run
 
-from ortilo_drake import cli
 from ortilo_drake.model.room import ORTILO_ROOM
 
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
 NAN, INF = float("nan"), float("inf")
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> Any:
-    """Run `ortilo` in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    try:
-        cli.main()
-    except SystemExit as end:
-        return end.code or 0
-    return 0
 
 
 @pytest.fixture
@@ -32,7 +21,7 @@ def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     def refuse(*words: str) -> str:
         monkeypatch.chdir(tmp_path)
         before = sorted(tmp_path.rglob("*"))
-        assert run(monkeypatch, *words) == 2
+        assert run(*words) == 2
         printed = capsys.readouterr()
         assert printed.out == ""
         lines = printed.err.splitlines()
@@ -314,10 +303,10 @@ def test_a_wrong_option(refused: Any, words: list[str], named: list[str]) -> Non
     ],
 )
 def test_an_extreme_setting_is_refused_in_one_line_or_flown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, setting: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, setting: str
 ) -> None:
     result = tmp_path / "flight.json"
-    code = run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--set", setting, "--json", str(result))
+    code = run("fly", "imu_uwb", "--set", HOVER, "--set", setting, "--json", str(result))
     printed = capsys.readouterr()
     assert code in (0, 2), printed.err
     if code == 2:

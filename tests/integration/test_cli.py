@@ -1,20 +1,18 @@
 """The command `ortilo`: what it prints, writes and returns."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
 import cv2
 import pytest
+from command_line import run, run_apart
 from pydrake.systems.framework import Diagram
 
-from ortilo_drake import cli
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.experiments.flight import fly, load_flight, scenario_of
 from ortilo_drake.experiments.metrics import summary
@@ -29,29 +27,6 @@ STATISTICS = {"mean", "median", "p75", "p25"}
 NAMES = {"imu_uwb", "imu_uwb_yolo"}
 
 
-def run_command(*words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
-    """Run `ortilo` in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "ortilo_drake.cli", *words],
-        cwd=folder,
-        env=os.environ | {"COLUMNS": "80", "TERM": "dumb"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    """Run `ortilo` in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    try:
-        cli.main()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
-
-
 # --- fly ------------------------------------------------------------------------------------------------------
 
 
@@ -59,14 +34,14 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.CompletedProcess[str]"]:
     folder = tmp_path_factory.mktemp("fly")
     files = ["--out", "new/flight.nc", "--json", "new/flight.json", "--png", "flight.png", "--html", "flight.html"]
-    return folder, run_command(
+    return folder, run_apart(
         "fly", "imu_uwb_yolo", "--seed", "3", "--set", SHORT, "--camera", "projected", *files, folder=folder
     )
 
 
 def test_fly_succeeds_and_its_standard_error_is_silent(flown: Any) -> None:
     _, done = flown
-    assert done.returncode == 0
+    assert done.code == 0
     assert done.stderr == ""
 
 
@@ -108,12 +83,10 @@ def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -
     assert f"uwb {here['arrivals']['uwb']:.1%}, camera {here['arrivals']['camera']:.1%}" in done.stdout
 
 
-def test_a_lost_flight_is_a_result_not_an_error(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_lost_flight_is_a_result_not_an_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     low = "planner={kind: hover, point: [8, 1, 0.02]}"
     result = tmp_path / "lost.json"
-    assert run(monkeypatch, "fly", "imu_uwb", "--set", low, "--json", str(result)) == 0
+    assert run("fly", "imu_uwb", "--set", low, "--json", str(result)) == 0
     lost = json.loads(result.read_text(encoding="utf-8"))["lost"]
     assert set(lost) == {"time", "cause"}
     assert 0.0 < lost["time"] < 12.0
@@ -122,10 +95,10 @@ def test_a_lost_flight_is_a_result_not_an_error(
 
 
 def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_null(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     result = tmp_path / "flight.json"
-    assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--json", str(result)) == 0
+    assert run("fly", "imu_uwb", "--set", HOVER, "--json", str(result)) == 0
     found = json.loads(result.read_text(encoding="utf-8"))
     assert set(found) == ASKED_FOR | BESIDE
     assert found["path_mse"] is None
@@ -133,11 +106,9 @@ def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_nul
     assert "not defined" in capsys.readouterr().out
 
 
-def test_long_file_names_are_printed_whole(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_long_file_names_are_printed_whole(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "[bold]a folder with a very long name[x]" / "and another one below it, long too" / "flight.json"
-    assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--json", str(path)) == 0
+    assert run("fly", "imu_uwb", "--set", HOVER, "--json", str(path)) == 0
     assert f"wrote {path}\n" in capsys.readouterr().out
 
 
@@ -161,12 +132,12 @@ def tabled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.
         "--json",
         "tables.json",
     ]
-    return folder, run_command("tables", *words, folder=folder)
+    return folder, run_apart("tables", *words, folder=folder)
 
 
 def test_tables_succeed_and_their_standard_error_is_silent(tabled: Any) -> None:
     _, done = tabled
-    assert done.returncode == 0
+    assert done.code == 0
     assert done.stderr == ""
 
 
@@ -217,7 +188,7 @@ def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
         "--json",
         "again.json",
     ]
-    assert run(monkeypatch, "tables", *words) == 0
+    assert run("tables", *words) == 0
     capsys.readouterr()
     assert {p: p.stat().st_mtime_ns for p in (folder / "out/flights").rglob("*.nc")} == before
     assert (folder / "again.json").read_bytes() == (folder / "tables.json").read_bytes()
@@ -225,13 +196,11 @@ def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
 
 
 @pytest.mark.parametrize("preset", ["paper", "tuned"])
-def test_tables_of_lost_flights_count_them(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, preset: str
-) -> None:
+def test_tables_of_lost_flights_count_them(capsys: pytest.CaptureFixture[str], tmp_path: Path, preset: str) -> None:
     storm = "world.disturbance.torque_sd=5.0"
     words = ["--flights", "1", "--workers", "1", "--preset", preset, "--set", HOVER, "--set", storm]
     result = tmp_path / "tables.json"
-    assert run(monkeypatch, "tables", *words, "--out", str(tmp_path), "--json", str(result)) == 0
+    assert run("tables", *words, "--out", str(tmp_path), "--json", str(result)) == 0
     found = json.loads(result.read_text(encoding="utf-8"))
     assert found["preset"] == preset
     assert found["lost"] == {"imu_uwb": 1, "imu_uwb_yolo": 1}
@@ -250,14 +219,9 @@ def subsystem_names(diagram: Diagram) -> set[str]:
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
-def test_the_diagram_is_svg_that_names_every_subsystem(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_diagram_is_svg_that_names_every_subsystem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "new" / "loop.svg"
-    assert (
-        run(monkeypatch, "diagram", "imu_uwb_yolo", "--set", SHORT, "--set", "camera=projected", "--svg", str(path))
-        == 0
-    )
+    assert run("diagram", "imu_uwb_yolo", "--set", SHORT, "--set", "camera=projected", "--svg", str(path)) == 0
     assert capsys.readouterr().err == ""
     root = ElementTree.parse(path).getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
@@ -271,7 +235,7 @@ def test_without_graphviz_the_diagram_is_refused_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    assert run(monkeypatch, "diagram", "--svg", str(tmp_path / "loop.svg")) == 2
+    assert run("diagram", "--svg", str(tmp_path / "loop.svg")) == 2
     printed = capsys.readouterr()
     assert len(printed.err.splitlines()) == 1
     assert "Graphviz" in printed.err
@@ -284,18 +248,16 @@ def test_without_graphviz_the_diagram_is_refused_in_one_line(
 @pytest.mark.parametrize(
     "words", [[], ["fly"], ["tables"], ["diagram"], ["scenario"], ["scenario", "check"], ["scenario", "show"]]
 )
-def test_every_command_has_help(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
-    assert run(monkeypatch, *words, "--help") == 0
+def test_every_command_has_help(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    assert run(*words, "--help") == 0
     printed = capsys.readouterr()
     assert "Usage:" in printed.out
     assert printed.err == ""
 
 
 def test_bad_input_ends_the_process_with_code_two_and_one_line(tmp_path: Path) -> None:
-    done = run_command("fly", "imu_gps", "--json", "flight.json", folder=tmp_path)
-    assert done.returncode == 2
+    done = run_apart("fly", "imu_gps", "--json", "flight.json", folder=tmp_path)
+    assert done.code == 2
     assert done.stdout == ""
     assert re.fullmatch(r"ortilo: .*'imu_gps'.*\n", done.stderr)
     assert list(tmp_path.iterdir()) == []
@@ -310,7 +272,7 @@ def test_control_c_ends_with_code_130_and_one_line(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(flight, "fly", press_control_c)
-    assert run(monkeypatch, "fly", "imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
+    assert run("fly", "imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 
@@ -332,12 +294,12 @@ def test_a_detector_that_cannot_be_used_is_refused(
     tmp_path: Path,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(monkeypatch, *words) == 2
+    assert run(*words) == 2
     assert why in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_detector_leaves_the_other_settings_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_detector_leaves_the_other_settings_of_one() -> None:
     from ortilo_drake.commands.options import with_camera
 
     laid_over = with_camera(

@@ -8,47 +8,48 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from halves_in_processes import HOVER, PROJECTED, RENDERED, WAIT, bus, check_in_time, checked, run, run_both
+from command_line import run_apart
+from halves_in_processes import HOVER, PROJECTED, RENDERED, WAIT, check_in_time, checked, run_both
 
 from ortilo_drake.logs.reader import read_messages
 
 
-@pytest.mark.parametrize(("words", "port"), [(("imu_uwb", *HOVER), 7711), (("imu_uwb_yolo", *HOVER, *PROJECTED), 7712)])
-def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, words: tuple[str, ...], port: int) -> None:
-    report = checked(tmp_path / "report.json", *words, "--lockstep", *bus(port))
+@pytest.mark.parametrize("words", [("imu_uwb", *HOVER), ("imu_uwb_yolo", *HOVER, *PROJECTED)])
+def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, words: tuple[str, ...], bus: str) -> None:
+    report = checked(tmp_path / "report.json", *words, "--lockstep", "--url", bus)
     assert report["identical"] is True
     assert report["ticks"] == 121
     assert report["rejected"] == 0
 
 
 @pytest.mark.egl
-def test_lockstep_is_the_flight_of_a_single_process_with_pictures(tmp_path: Path) -> None:
-    report = checked(tmp_path / "report.json", "imu_uwb_yolo", *RENDERED, "--lockstep", *bus(7713))
+def test_lockstep_is_the_flight_of_a_single_process_with_pictures(tmp_path: Path, bus: str) -> None:
+    report = checked(tmp_path / "report.json", "imu_uwb_yolo", *RENDERED, "--lockstep", "--url", bus)
     assert report["identical"] is True
     assert report["ticks"] == 31
 
 
-@pytest.mark.parametrize(("rate", "port"), [(30, 7714), (100, 7715)])
-def test_three_seconds_in_real_time(tmp_path: Path, rate: int, port: int) -> None:
-    words = ("imu_uwb_yolo", *PROJECTED, "--set", f"control_rate={rate}", "--seconds", "3", *bus(port))
+@pytest.mark.parametrize("rate", [30, 100])
+def test_three_seconds_in_real_time(tmp_path: Path, rate: int, bus: str) -> None:
+    words = ("imu_uwb_yolo", *PROJECTED, "--set", f"control_rate={rate}", "--seconds", "3", "--url", bus)
     report = checked(tmp_path / "report.json", *words, "--png", str(tmp_path / "latencies.png"))
     assert report["identical"] is None
     check_in_time(report, 3 * rate + 1)
     assert (tmp_path / "latencies.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize(("words", "port"), [(("imu_uwb", "--seed", "1"), 7716), (("imu_uwb_yolo", *PROJECTED), 7717)])
-def test_halves_of_two_flights_refuse_each_other(words: tuple[str, ...], port: int) -> None:
-    world, onboard = run_both(("imu_uwb", *bus(port), *WAIT), (*words, *bus(port), *WAIT))
+@pytest.mark.parametrize("words", [("imu_uwb", "--seed", "1"), ("imu_uwb_yolo", *PROJECTED)])
+def test_halves_of_two_flights_refuse_each_other(words: tuple[str, ...], bus: str) -> None:
+    world, onboard = run_both(("imu_uwb", "--url", bus, *WAIT), (*words, "--url", bus, *WAIT))
     for (code, _, errors), other in ((world, "onboard half"), (onboard, "world")):
         assert code == 2
         assert errors.count("\n") == 1
         assert f"{other}: flies another scenario" in errors
 
 
-@pytest.mark.parametrize(("half", "other", "port"), [("world", "onboard", 7718), ("onboard", "world", 7719)])
-def test_without_the_other_half_a_line_says_how_to_start_it(half: str, other: str, port: int) -> None:
-    code, _, errors = run("hil", half, "imu_uwb", *bus(port), "--wait", "1")
+@pytest.mark.parametrize(("half", "other"), [("world", "onboard"), ("onboard", "world")])
+def test_without_the_other_half_a_line_says_how_to_start_it(half: str, other: str, bus: str) -> None:
+    code, _, errors = run_apart("hil", half, "imu_uwb", "--url", bus, "--wait", "1")
     assert code == 2
     assert errors.count("\n") == 1
     assert f"not heard in 1 s; start it with: ortilo hil {other}" in errors
@@ -56,7 +57,7 @@ def test_without_the_other_half_a_line_says_how_to_start_it(half: str, other: st
 
 def replayed(log: Path, file: Path) -> dict[str, Any]:
     """Return the report of `ortilo replay`."""
-    code, _, errors = run("replay", str(log), "--json", str(file))
+    code, _, errors = run_apart("replay", str(log), "--json", str(file))
     assert code == 0, errors
     report: dict[str, Any] = json.loads(file.read_text())
     return report
@@ -64,7 +65,7 @@ def replayed(log: Path, file: Path) -> dict[str, Any]:
 
 def test_a_logged_flight_replays_identically(tmp_path: Path) -> None:
     log = tmp_path / "flight"
-    code, _, errors = run("fly", "imu_uwb_yolo", *PROJECTED, *HOVER, "--log", str(log))
+    code, _, errors = run_apart("fly", "imu_uwb_yolo", *PROJECTED, *HOVER, "--log", str(log))
     assert code == 0, errors
     report = replayed(log, tmp_path / "replay.json")
     assert report == {
@@ -77,8 +78,8 @@ def test_a_logged_flight_replays_identically(tmp_path: Path) -> None:
     }
 
 
-def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path: Path) -> None:
-    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *PROJECTED, *bus(7721), *WAIT)
+def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path: Path, bus: str) -> None:
+    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *PROJECTED, "--url", bus, *WAIT)
     for code, _, errors in run_both((*words, "--seconds", "2"), (*words, "--log", str(log))):
         assert code == 0, errors
     report = replayed(log, tmp_path / "replay.json")
@@ -87,8 +88,8 @@ def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path:
 
 
 @pytest.mark.egl
-def test_in_real_time_pictures_are_drawn_and_looked_at_beside_the_ticks(tmp_path: Path) -> None:
-    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *RENDERED, "--set", "rendered_camera.width=160", *bus(7720))
+def test_in_real_time_pictures_are_drawn_and_looked_at_beside_the_ticks(tmp_path: Path, bus: str) -> None:
+    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *RENDERED, "--set", "rendered_camera.width=160", "--url", bus)
     wait = ("--wait", "120")
     both = run_both((*words, *wait, "--seconds", "3"), (*words, *wait, "--log", str(log)))
     for code, _, errors in both:

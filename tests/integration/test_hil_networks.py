@@ -10,34 +10,40 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
-from halves_in_processes import HOVER, PROJECTED, WAIT, bus, check_in_time, end, run_both, start
+from command_line import end, start
+from halves_in_processes import HOVER, PROJECTED, WAIT, check_in_time, run_both
 
 from ortilo_drake.experiments.flight import fly, load_flight
 from ortilo_drake.hil.transport import MEND, MEND_NETWORK
 from ortilo_drake.scenario import load_scenario
 
 
+def beyond(bus: str) -> str:
+    """Return the URL of a bus whose packets leave their machine."""
+    return bus.replace("ttl=0", "ttl=1")
+
+
 def ip(*words: str) -> None:
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
-def test_without_a_multicast_route_a_line_says_how_to_mend_it() -> None:
+def test_without_a_multicast_route_a_line_says_how_to_mend_it(bus: str) -> None:
     if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
         pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
     before = ("unshare", "-rn", "sh", "-c", 'ip link set lo up; exec "$@"', "sh")
-    code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722), "--wait", "1", before=before))
+    code, _, errors = end(start("hil", "world", "imu_uwb", "--url", bus, "--wait", "1", before=before))
     assert code == 2
     assert errors.count("\n") == 1
     assert "no multicast route" in errors
     assert MEND in errors
-    code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722, ttl=1), "--wait", "1", before=before))
+    code, _, errors = end(start("hil", "world", "imu_uwb", "--url", beyond(bus), "--wait", "1", before=before))
     assert code == 2
     assert MEND_NETWORK in errors
     # The command named mends it: what is missing then is the other half.
     mended = ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
-    code, _, errors = end(start("hil", "world", "imu_uwb", *bus(7722), "--wait", "1", before=mended))
+    code, _, errors = end(start("hil", "world", "imu_uwb", "--url", bus, "--wait", "1", before=mended))
     assert code == 2
     assert "onboard half: not heard" in errors
 
@@ -74,8 +80,8 @@ def two_networks() -> Iterator[tuple[str, str]]:
 SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 
 
-def test_each_half_in_a_network_of_its_own(tmp_path: Path) -> None:
-    words, report = ("imu_uwb_yolo", *PROJECTED, *bus(7723, ttl=1), *WAIT), tmp_path / "world.json"
+def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
+    words, report = ("imu_uwb_yolo", *PROJECTED, "--url", beyond(bus), *WAIT), tmp_path / "world.json"
     with two_networks() as spaces:
         lockstep = (*words, *HOVER, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
         for code, _, errors in run_both(lockstep, (*words, *HOVER), spaces):
@@ -89,8 +95,8 @@ def test_each_half_in_a_network_of_its_own(tmp_path: Path) -> None:
     assert not any(space in subprocess.run(["ip", "netns"], capture_output=True, text=True).stdout for space in spaces)
 
 
-def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go() -> None:
-    words = ("imu_uwb", *bus(7724), "--wait", "2")
+def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go(bus: str) -> None:
+    words = ("imu_uwb", "--url", bus, "--wait", "2")
     with two_networks() as spaces:
         for code, _, errors in run_both(words, words, spaces):
             assert code == 2

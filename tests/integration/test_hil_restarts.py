@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from halves_in_processes import bus, end, run, start
+from command_line import end, run_apart, start
 
 from ortilo_drake.experiments.flight import load_flight
 from ortilo_drake.logs.reader import read_ticks
@@ -28,8 +28,8 @@ def wait_for(happened: Callable[[], bool], what: str) -> None:
         time.sleep(0.05)
 
 
-def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path) -> None:
-    here = ("imu_uwb", *TO_THE_GOAL, *bus(7731))
+def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path, bus: str) -> None:
+    here = ("imu_uwb", *TO_THE_GOAL, "--url", bus)
     checkpoint, flown, report = tmp_path / "state.npz", tmp_path / "flight.nc", tmp_path / "world.json"
     onboard = start("hil", "onboard", *here, "--keep-alive", "--checkpoint", str(checkpoint))
     world = start("hil", "world", *here, "--wait", "120", "--out", str(flown), "--json", str(report))
@@ -56,8 +56,8 @@ def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Pa
     np.testing.assert_allclose(load_flight(flown)["truth"].values[-1, :2], GOAL, atol=0.3)
 
 
-def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path) -> None:
-    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", *bus(7732), "--wait", "120")
+def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path, bus: str) -> None:
+    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", "--url", bus, "--wait", "120")
     onboard = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
     world = start("hil", "world", *here, "--log", str(log))
     try:
@@ -74,8 +74,8 @@ def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path)
     assert len(ticks) > 30  # of the three seconds and more that it flew
 
 
-def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path: Path) -> None:
-    code, _, errors = run("hil", "onboard", "imu_uwb", *bus(7733), "--keep-alive", "--wait", "1")
+def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path: Path, bus: str) -> None:
+    code, _, errors = run_apart("hil", "onboard", "imu_uwb", "--url", bus, "--keep-alive", "--wait", "1")
     assert code == 2
     assert [line for line in errors.splitlines() if line.startswith("ortilo:")] == [
         "ortilo: world: not heard in 1 s; start it with: ortilo hil world"
@@ -84,8 +84,8 @@ def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path:
 
 
 @pytest.mark.parametrize("half", ["world", "onboard"])
-def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, half: str) -> None:
-    code, _, errors = run("hil", half, "imu_uwb", *bus(7734), "--wait", "1", "--log", str(tmp_path / "log"))
+def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, bus: str, half: str) -> None:
+    code, _, errors = run_apart("hil", half, "imu_uwb", "--url", bus, "--wait", "1", "--log", str(tmp_path / "log"))
     assert code == 2
     assert errors.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

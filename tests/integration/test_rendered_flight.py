@@ -2,7 +2,6 @@
 
 import hashlib
 import importlib.util
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
+from command_line import run
 
-from ortilo_drake import cli
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.experiments.ensemble import flight_file, fly_many
 from ortilo_drake.experiments.flight import fly, load_flight, make_simulator
@@ -145,24 +144,12 @@ def command(*more: str, camera: str | None = None) -> list[str]:
     return [*words, *(() if camera is None else ("--camera", camera)), *more]
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> Any:
-    """Run `ortilo` in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    try:
-        cli.main()
-    except SystemExit as end:
-        return end.code or 0
-    return 0
-
-
 @pytest.mark.egl
 @needs_torch
-def test_a_network_of_the_users_flies(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], bare: str, tmp_path: Path
-) -> None:
+def test_a_network_of_the_users_flies(capsys: pytest.CaptureFixture[str], bare: str, tmp_path: Path) -> None:
     words = write_network(tmp_path)
     out = tmp_path / "flight.nc"
-    assert run(monkeypatch, *command(*words, "--set", bare, "--out", str(out))) == 0
+    assert run(*command(*words, "--set", bare, "--out", str(out))) == 0
     assert capsys.readouterr().err == ""
     flight = load_flight(out)
     scenario = Scenario.model_validate_json(flight.attrs["scenario"])
@@ -182,7 +169,7 @@ def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     def refuse(*words: str) -> str:
         monkeypatch.chdir(tmp_path)
         before = sorted(tmp_path.rglob("*"))
-        assert run(monkeypatch, *words) == 2
+        assert run(*words) == 2
         printed = capsys.readouterr()
         assert printed.out == ""
         (line,) = printed.err.splitlines()
@@ -262,7 +249,7 @@ def test_without_egl_no_set_is_rendered(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ortilo_drake.world.rendering._egl_works", lambda: False)
-    assert run(monkeypatch, "detector", *words) == 2
+    assert run("detector", *words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "apt-get install libegl1" in line
     assert not list(tmp_path.rglob("*.npz"))

@@ -1,14 +1,13 @@
 """The ready-made scenarios: valid, flyable, and what the paper and its authors fix."""
 
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from command_line import run
 
-from ortilo_drake import cli
 from ortilo_drake.experiments.flight import flight_ticks, fly
 from ortilo_drake.experiments.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError
@@ -16,15 +15,6 @@ from ortilo_drake.scenario import SCENARIO_FOLDER, GcsPlanner, Scenario, load_sc
 
 PAPERS = ["imu_uwb", "imu_uwb_yolo", "paper_imu_uwb", "paper_imu_uwb_yolo"]
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["ortilo", *words])
-    try:
-        cli.main()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 def leaves(data: Any, name: str = "") -> dict[str, Any]:
@@ -61,11 +51,11 @@ def test_a_ready_made_scenario_has_a_path_and_flies(name: str) -> None:
 
 @pytest.mark.parametrize("name", [*scenario_names(), "default"])
 def test_what_show_prints_loads_again_as_the_same_scenario(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "default.yaml").write_text("")
     which = name if name != "default" else str(tmp_path / "default.yaml")
-    assert run(monkeypatch, "scenario", "show", which, "--set", "seed=5") == 0
+    assert run("scenario", "show", which, "--set", "seed=5") == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     (tmp_path / "again.yaml").write_text(printed.out, encoding="utf-8")
@@ -76,19 +66,15 @@ def test_what_show_prints_loads_again_as_the_same_scenario(
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_check_says_that_a_ready_made_scenario_is_valid(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, "scenario", "check", name) == 0
+def test_check_says_that_a_ready_made_scenario_is_valid(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scenario", "check", name) == 0
     printed = capsys.readouterr()
     assert printed.out.startswith(f"{name}: valid")
     assert printed.err == ""
 
 
-def test_list_names_every_scenario_on_a_line_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, "scenario", "list") == 0
+def test_list_names_every_scenario_on_a_line_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scenario", "list") == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == scenario_names()
 
 
