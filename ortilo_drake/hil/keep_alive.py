@@ -17,6 +17,22 @@ from ortilo_drake.model.typed_yaml import InputError
 
 TOO_SOON: Final = 2.0  # a process that was killed within that long of its start did not come to fly [s]
 TRIES: Final = 3  # how many such in a row are started again
+ENDING: Final = (signal.SIGTERM, signal.SIGINT)
+
+
+class _Ending:
+    """A handler of the signals that are to end it all: notes the first, and hands each on to the child.
+
+    It raises nothing: what a handler raises while os.fork runs is lost, and so would be the child.
+    """
+
+    def __init__(self) -> None:
+        self.number = self.child = 0  # of the signal, and of the process that flies; 0 while there is none
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.number = self.number or number
+        if self.child:
+            os.kill(self.child, number)
 
 
 def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
@@ -24,7 +40,8 @@ def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
 
     Args:
         fly: flies until the end of the flight. What it raises ends it all, told as the command `ortilo` tells it.
-        say: told of every start, and of an InputError, in a line each.
+        say: told of every start (by the child, before it flies) and of every end by a signal, and of an InputError,
+            in a line each.
 
     Raises:
         SystemExit: with the child's code if it ends with another than 0; on SIGTERM, after the child has had it too.
@@ -32,12 +49,16 @@ def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
         KeyboardInterrupt: on Ctrl-C, after the child has ended as well.
     """
     killed = in_a_row = 0
-    before = signal.signal(signal.SIGTERM, _exit)
+    ending = _Ending()
+    before = {number: signal.signal(number, ending) for number in ENDING}
     try:
         while True:
-            child, started = _fork(fly, say), time.monotonic()
-            say(f"onboard half: process {child}")
-            status = _wait(child)
+            started = time.monotonic()
+            child, status = _fly_in_child(fly, say, ending)
+            if ending.number == signal.SIGINT:
+                raise KeyboardInterrupt
+            if ending.number:
+                raise SystemExit(128 + ending.number)
             if os.WIFEXITED(status):
                 if os.WEXITSTATUS(status):
                     raise SystemExit(os.WEXITSTATUS(status))
@@ -49,22 +70,39 @@ def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
             if in_a_row == TRIES:
                 raise InputError(f"onboard half: killed {TRIES} times within {TOO_SOON:g} s of its start, by {name}")
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _exit(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
-
-
-def _fork(fly: Callable[[], None], say: Callable[[str], None]) -> int:
-    """Return the number of a new process, that calls fly and ends."""
+def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _Ending) -> tuple[int, int]:
+    """Call fly in a child process and wait for its end; return its number and its status."""
     sys.stdout.flush()
+    sys.stderr.flush()
+    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)  # until the child has handlers of its own
     child = os.fork()
-    if child:
-        return child
+    if not child:
+        code = 1
+        try:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+            code = _exit_code(fly, say)
+        finally:
+            os._exit(code)
+    ending.child = child
+    signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+    if ending.number:  # it came before the child was there
+        os.kill(child, ending.number)
+    os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)  # its number stays its own until nothing can be sent to it
+    ending.child = 0
+    return child, os.waitpid(child, 0)[1]
+
+
+def _exit_code(fly: Callable[[], None], say: Callable[[str], None]) -> int:
+    """Call fly, in the child; return what the child's exit code is to be."""
     code = 1
     try:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        say(f"onboard half: process {os.getpid()}")
         fly()
         code = 0
     except InputError as error:
@@ -76,17 +114,6 @@ def _fork(fly: Callable[[], None], say: Callable[[str], None]) -> int:
         code = error.code if isinstance(error.code, int) else 1
     except BaseException:
         traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-
-
-def _wait(child: int) -> int:
-    """Return a child's status once it has ended; if this process is to end, so does the child first."""
-    try:
-        return os.waitpid(child, 0)[1]
-    except (KeyboardInterrupt, SystemExit) as error:
-        os.kill(child, signal.SIGINT if isinstance(error, KeyboardInterrupt) else signal.SIGTERM)
-        os.waitpid(child, 0)
-        raise
+    sys.stdout.flush()
+    sys.stderr.flush()
+    return code
