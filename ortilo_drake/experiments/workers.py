@@ -1,9 +1,20 @@
-"""Work for worker processes on this machine."""
+"""Work for worker processes on this machine, which nobody but the process that started them can reach.
 
-from collections.abc import Callable, Sequence
+Dask runs whatever is sent to it, and any user of the machine can connect to a port on loopback. So every connection
+of a cluster is TLS in both directions, under a certificate that is made for it and known to its own processes alone,
+and no process serves HTTP.
+"""
+
+import logging
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from typing import Any
 
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
+
+LOOPBACK = "127.0.0.1"
 
 
 def run_all(
@@ -24,29 +35,60 @@ def run_all(
         for number, job in enumerate(jobs):
             take(number, function(*job))
         return
-    with _cluster(min(workers, len(jobs))) as client:
+    with start_cluster(min(workers, len(jobs))) as cluster, Client(cluster) as client:
         futures = {client.submit(function, *job, pure=False, retries=2): number for number, job in enumerate(jobs)}
         for future in as_completed(futures):
             take(futures[future], future.result())
 
 
-def _cluster(workers: int) -> Client:
-    """Return a client of its own worker processes, reachable from this machine alone."""
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        worker_dashboard_address="127.0.0.1:0",
-    )
-    return _OwningClient(cluster)
+def start_cluster(workers: int) -> SpecCluster:
+    """Return a cluster of that many processes on this machine; its context manager ends them."""
+    security = Security.temporary()
+    options = {"host": LOOPBACK, "protocol": "tls://", "security": security, "dashboard": False}
+    worker = {"cls": _Nanny, "options": options | {"nthreads": 1, "memory_limit": None, "silence_logs": _SILENT}}
+    with _without_ctrl_c():
+        return SpecCluster(
+            scheduler={"cls": _Scheduler, "options": options},
+            workers=dict.fromkeys(range(workers), worker),
+            security=security,
+            silence_logs=_SILENT,
+        )
 
 
-class _OwningClient(Client):
-    """A client that takes its cluster down with it."""
+_SILENT = logging.CRITICAL  # a worker that dies is replaced, and what fails for good is raised here
 
-    def __exit__(self, *error: Any) -> None:
-        cluster = self.cluster
-        super().__exit__(*error)
-        cluster.close()
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Start processes and threads that never see Ctrl-C, which is for this thread: it ends them; each would complain.
+
+    They inherit which signals are blocked. One that comes meanwhile is seen at the end.
+    """
+    resource_tracker.ensure_running()  # would unblock them again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _WithoutHttp:
+    """Lets a process of Dask's serve no HTTP, which it otherwise does even without a dashboard, and without TLS."""
+
+    def start_http_server(self, *_: Any, **__: Any) -> None:
+        """Start nothing."""
+
+
+class _Scheduler(_WithoutHttp, Scheduler):
+    pass
+
+
+class _Worker(_WithoutHttp, Worker):
+    pass
+
+
+class _Nanny(Nanny):
+    """Starts a worker process and replaces it when it dies."""
+
+    def __init__(self, *arguments: Any, **options: Any):
+        super().__init__(*arguments, worker_class=_Worker, **options)
