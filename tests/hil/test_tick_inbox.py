@@ -69,3 +69,28 @@ def test_a_tick_is_complete_with_all_that_its_list_names() -> None:
     assert inbox.is_complete(3)
     assert inbox.take(3) == {"imu": 3, "uwb": 3}
     assert not inbox.is_complete(3)
+
+
+def test_what_is_taken_is_forgotten_with_its_list_and_what_comes_next_is_not() -> None:
+    inbox = TickInbox()
+    for tick in (3, 4):
+        inbox.put(Packet("tick", tick, ("imu",)))
+        inbox.put(Packet("imu", tick, tick))
+    assert inbox.take_until(3, keep_from=3) == {"imu": 3}
+    assert inbox.is_complete(4)
+    inbox.put(Packet("imu", 3, 3))  # again, for a tick that is done
+    assert not inbox.is_complete(3)
+    assert inbox.take(4) == {"imu": 4}
+    inbox.put(Packet("imu", 4, 4))
+    assert not inbox.is_complete(4)
+
+
+def test_a_tick_that_may_still_be_used_is_kept_and_the_one_before_it_is_not() -> None:
+    for keep_from, left, given_up in [(2, {"imu": 2}, 0), (3, {}, 1)]:
+        inbox = TickInbox()
+        for tick in (2, 3):
+            inbox.put(Packet("imu", tick, tick))
+        assert inbox.take_until(3, keep_from) == {"imu": 3}
+        assert inbox.overtaken == given_up
+        assert inbox.take_until(4, keep_from) == left
+        assert inbox.overtaken == given_up

@@ -12,7 +12,8 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_center, extent_box
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
-from ortilo_drake.onboard.landmark_association import associate
+from ortilo_drake.onboard.landmark_association import associate, innovation_covariance
+from ortilo_drake.onboard.landmark_association import squared_distance as kernel_distance
 
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants
@@ -53,23 +54,33 @@ def run(rows, xhat, P, positions=ROW, labels=None, sd: float = 1.0):
     return associate(message(rows), xhat, P, positions, outlines, labels, CAMERA, sd, GATE)
 
 
-def squared_distance(box, i: int, xhat, P) -> float:
+def squared_distance(box, i: int, xhat, P, sd: float) -> float:
     z, J = np.empty(2), np.empty((2, 6))
     assert box_center(ROW[i], OUTLINE, xhat[:3], xhat[3:6], rotation_matrix(xhat[3:6]), CAMERA, z, J)
     e = 0.5 * (box[:2] + box[2:]) - z
-    return float(e @ np.linalg.solve(J @ P.reshape(15, 15)[:6, :6] @ J.T + np.eye(2), e))
+    return float(e @ np.linalg.solve(J @ P.reshape(15, 15)[:6, :6] @ J.T + sd**2 * np.eye(2), e))
+
+
+@given(st.integers(0, 10**6), st.floats(0.1, 10.0))
+def test_the_innovation_covariance_and_its_distance_are_dense_algebras(seed, sd):
+    rng = np.random.default_rng(seed)
+    J, root, e = rng.normal(size=(2, 6)), rng.normal(size=(6, 6)), rng.normal(size=2)
+    S = J @ (root @ root.T) @ J.T + sd**2 * np.eye(2)
+    S_uu, S_uv, S_vv = innovation_covariance(J, root @ root.T, sd)
+    np.testing.assert_allclose([[S_uu, S_uv], [S_uv, S_vv]], S, rtol=1e-9, atol=1e-9 * S.max())
+    assert kernel_distance(*e, S_uu, S_uv, S_vv) == pytest.approx(e @ np.linalg.solve(S, e), rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_repeated_class_agrees_with_brute_force(seed):
     """Three boxes, four persons of one class: the least sum of d^2 over all ways, unpaired ones at the gate."""
     rng = np.random.default_rng(seed)
-    truth, P = estimate(), covariance(0.25)
+    truth, P, sd = estimate(), covariance(0.25), 2.0
     xhat = truth.copy()
     xhat[:3] += rng.normal(0.0, 0.25, 3)
     seen = np.sort(rng.choice(4, 3, replace=False))
-    boxes = [box_of(ROW[i], truth) + rng.normal(0.0, 1.0, 4) for i in seen]
-    d2 = np.array([[squared_distance(box, i, xhat, P) for i in range(4)] for box in boxes])
+    boxes = [box_of(ROW[i], truth) + rng.normal(0.0, sd, 4) for i in seen]
+    d2 = np.array([[squared_distance(box, i, xhat, P, sd) for i in range(4)] for box in boxes])
     # One of four landmarks, or none (-1), for each box; an unpaired landmark costs the gate.
     best = None
     for way in set(permutations([0, 1, 2, 3, -1, -1, -1], 3)):
@@ -81,7 +92,7 @@ def test_repeated_class_agrees_with_brute_force(seed):
                 if best
                 else (cost, sorted((i, j) for j, i in pairs))
             )
-    chosen, centers = run([(PERSON, box) for box in boxes], xhat, P)
+    chosen, centers = run([(PERSON, box) for box in boxes], xhat, P, sd=sd)
     assert best is not None
     assert chosen.tolist() == [i for i, _ in best[1]]
     expected = [0.5 * (boxes[j][:2] + boxes[j][2:]) for _, j in best[1]]
@@ -126,6 +137,19 @@ def shifted(box, du: float = 0.0, dv: float = 0.0) -> np.ndarray:
 def test_what_is_refused(row, found):
     chosen, centers = run([row], estimate(), covariance(0.05), positions=ROW[2:3])
     assert len(chosen) == len(centers) == found
+
+
+def test_a_box_is_given_to_a_landmark_of_its_own_class():
+    """Side by side, as large as each other, and the boxes' classes the other way round."""
+    truth, wide = estimate(), covariance(5.0, 0.5)
+    there = [(PERSON, box_of(ROW[0], truth)), (DOG, box_of(ROW[1], truth))]
+    for labels, chosen in [((PERSON, DOG), [0, 1]), ((DOG, PERSON), [1, 0])]:
+        found, centers = run(there, truth, wide, positions=ROW[:2], labels=np.array(labels))
+        assert found.tolist() == [0, 1]
+        middles = [0.5 * (there[j][1][:2] + there[j][1][2:]) for j in chosen]
+        np.testing.assert_allclose(centers, middles, atol=1e-12)
+    # With a tight estimate neither is where the other class is expected.
+    assert len(run(there, truth, covariance(0.01), positions=ROW[:2], labels=np.array([DOG, PERSON]))[0]) == 0
 
 
 @pytest.mark.parametrize("edge", range(4))

@@ -350,6 +350,28 @@ def test_boxes_err_by_the_measured_quantiles(tmp_path, width, quantity):
     assert stats.kstest(errors[inside], lambda e: (cdf(e) - edges[0]) / (edges[1] - edges[0])).pvalue > 1e-3
 
 
+def test_what_is_partly_hidden_is_found_less_often_and_errs_more(tmp_path):
+    """A wall whose edge passes between the person's middle and its left side: 4 of 9 points hidden.
+
+    The chance to be found is 0.2 + 0.6 * 5/9 then, the errors' growth 5 - 4 * 5/9; in the open 0.8 and 1.
+    """
+    distances = load_calibration(MeasuredErrors()).found.distance
+    changes = {"false_boxes.mean": 0.0, "slow_misses.share": 0.0, "slow_errors.share": 0.0}
+    rates = {"found.rate": {"other": [1.0] * len(distances)}, "found.visible": [0.0, 1.0]}
+    hidden = {"found.visible_factor": [0.2, 0.8], "errors.visible_growth": [5.0, 1.0]}
+    straight = {f"errors.quantiles.{name}": [-10.0, 10.0] for name in QUANTILES} | {"errors.normal": [-10.0, 10.0]}
+    chosen = measured(tmp_path, **changes, **rates, **hidden, **straight)
+    x, ticks = state((0.0, 0.0, 1.5)), 2000
+    wall = (3.0, 0.04 + 0.5 * ROOM.wall_size[1], 0.0)
+    spread = []
+    for walls, rate in [([wall], 0.2 + 0.6 * 5.0 / 9.0), ([], 0.8)]:
+        rows = camera(chosen, room_with([PERSON], walls=walls))
+        boxes = np.array([row[2:] for tick in range(ticks) for row in rows(x, tick)])
+        assert stats.binomtest(len(boxes), ticks, rate).pvalue > 1e-3
+        spread.append(np.sqrt(np.mean(np.var(boxes[:, :2] + boxes[:, 2:], axis=0))))
+    assert spread[0] / spread[1] == pytest.approx(5.0 - 4.0 * 5.0 / 9.0, rel=0.08)
+
+
 def test_errors_persist_as_the_file_says(tmp_path):
     """Correlation over time of one landmark's errors, against the triangle-like one of interpolated nodes."""
     changes = {"false_boxes.mean": 0.0, "slow_errors.share": 0.6, "slow_errors.period": 0.5}

@@ -1,0 +1,80 @@
+"""Landmarks as OpenCV projects them, to try the methods of the landmark fix with."""
+
+from itertools import product
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.model.pinhole import R_BC
+from ortilo_drake.model.room import load_room
+from ortilo_drake.onboard.landmark_fix import METHODS
+
+ROOM = load_room()
+CAMERA = ROOM.camera.scaled_to(320).constants
+P_BC, F, C, _ = CAMERA
+# Spread over the image and in depth, as seen from (0, 0, 1.5), and of the sizes that the room has.
+POINTS = np.array(
+    [
+        [4.5, 0.4, 0.2],
+        [5.5, 3.7, 0.3],
+        [5.5, 1.0, 0.6],
+        [3.4, -0.9, 1.1],
+        [6.7, -0.1, 1.0],
+        [4.0, 1.5, 2.6],
+        [3.6, -2.2, 2.4],
+    ]
+)
+SIZES = np.array(
+    [
+        [0.3, 0.3, 0.6],
+        [0.5, 0.5, 0.5],
+        [0.7, 0.5, 0.6],
+        [0.5, 0.5, 0.5],
+        [0.5, 0.5, 1.9],
+        [0.1, 0.4, 0.4],
+        [0.3, 0.3, 0.4],
+    ]
+)
+OUTLINES = 0.5 * SIZES[:, None] * list(product((-1.0, 1.0), repeat=3))
+ATTITUDE_SD = 0.004
+EXACT = (0.0, 0.0, 1.5, 0.013, -0.021, 0.034)
+
+
+def state(pose=EXACT) -> np.ndarray:
+    return np.concatenate([pose, np.zeros(9)])
+
+
+def covariance(position_sd: float = 0.1, angle_sd: float = ATTITUDE_SD) -> np.ndarray:
+    return np.diag([position_sd**2] * 3 + [angle_sd**2] * 3 + [1.0] * 9).ravel()
+
+
+def boxes(pose, points=POINTS, outlines=OUTLINES) -> np.ndarray:
+    """(u_min, v_min, u_max, v_max) of the outlines, by OpenCV."""
+    R_WB = Rotation.from_euler("ZYX", [pose[5], pose[4], pose[3]]).as_matrix()
+    R_CW = (R_WB @ R_BC).T
+    K = np.array([[F, 0.0, C[0]], [0.0, F, C[1]], [0.0, 0.0, 1.0]])
+    seen = (points[:, None] + outlines).reshape(-1, 3)
+    t = -R_CW @ (np.asarray(pose[:3]) + R_WB @ P_BC)
+    uv = cv2.projectPoints(seen, cv2.Rodrigues(R_CW)[0], t, K, None)[0].reshape(len(points), -1, 2)
+    return np.concatenate([uv.min(axis=1), uv.max(axis=1)], axis=1)
+
+
+def centers(pose, points=POINTS, outlines=OUTLINES) -> np.ndarray:
+    box = boxes(pose, points, outlines)
+    return 0.5 * (box[:, :2] + box[:, 2:])
+
+
+def jacobian(pose, n: int = len(POINTS), step: float = 1e-6) -> np.ndarray:
+    """d centres / d [p_WB, rpy] (2 n, 6) by central differences of OpenCV's projection."""
+    columns = [
+        (centers(pose + d, POINTS[:n], OUTLINES[:n]) - centers(pose - d, POINTS[:n], OUTLINES[:n])).ravel() / (2 * step)
+        for d in step * np.eye(6)
+    ]
+    return np.array(columns).T
+
+
+def solve(method: str, z, xhat, n=slice(None), P=None, sd: float = 1.0, max_residual: float = 4.0):
+    P = covariance() if P is None else P
+    found, p_WB, cov = METHODS[method](z, POINTS[n], OUTLINES[n], xhat, P, CAMERA, sd, max_residual)
+    return found, p_WB, cov
