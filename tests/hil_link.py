@@ -7,17 +7,16 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 
-import pytest
-from pydrake.lcm import DrakeLcm
-
+from ortilo_drake.hil import bus as library
+from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.halves import OnboardHalf
 from ortilo_drake.hil.handshake import meet_world
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.lockstep_link import answer_over_link
 from ortilo_drake.hil.packets import PORTS, Hello
-from ortilo_drake.hil.transport import Inbox, open_lcm
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
+_OPEN: list[Bus] = []
 PORTS_TO_TRY = range(20_000, 32_000)  # below those that the kernel hands out by itself
 
 
@@ -37,15 +36,18 @@ def own_bus() -> Iterator[str]:
             except OSError:
                 continue
             listener.close()
-            yield f"udpm://239.255.76.67:{port}?ttl=0"
+            try:
+                yield f"udpm://239.255.76.67:{port}?ttl=0"
+            finally:
+                while _OPEN:
+                    _OPEN.pop().close()
             return
 
 
-def open_bus(url: str) -> DrakeLcm:
-    try:
-        return open_lcm(url)
-    except InputError as error:
-        pytest.skip(f"no multicast here: {error}")
+def open_bus(url: str) -> Bus:
+    """Open a bus, which is closed with the test's own."""
+    _OPEN.append(library.open_bus(url))
+    return _OPEN[-1]
 
 
 def hear_hello(inbox: Inbox, wait: float = 60.0) -> Hello:
@@ -62,12 +64,12 @@ def hear_hello(inbox: Inbox, wait: float = 60.0) -> Hello:
 @contextmanager
 def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
     """Be the onboard half of one flight in lockstep, beside the caller; yield how many ticks it will have answered."""
-    lcm = open_bus(bus)
-    inbox, onboard = Inbox(lcm, ("hello", "goal", "tick", *PORTS)), OnboardHalf(scenario)
+    joined = open_bus(bus)
+    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *PORTS)), OnboardHalf(scenario)
 
     def answer() -> int:
         hear_hello(inbox)
-        return answer_over_link(onboard, lcm, inbox, meet_world(lcm, inbox, scenario, 20.0).session)
+        return answer_over_link(onboard, joined, inbox, meet_world(joined, inbox, scenario, 20.0).session)
 
     with ThreadPoolExecutor(1) as pool:
         answered = pool.submit(answer)

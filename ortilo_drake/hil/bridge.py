@@ -14,11 +14,12 @@ import numpy as np
 
 from ortilo_drake.bridges.mavlink import MavlinkBridge
 from ortilo_drake.bridges.ros2 import Ros2Bridge
+from ortilo_drake.hil.bus import open_bus
 from ortilo_drake.hil.goal_link import GoalLink, goal_text
 from ortilo_drake.hil.handshake import PATIENCE, find_world, flight_of
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.packets import FINISHED, PORTS, Goal
 from ortilo_drake.hil.tick_inbox import TickInbox
-from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.typed_yaml import InputError
@@ -153,7 +154,7 @@ def run_bridge(
     """Hand every tick of one flight to targets, until the world says that it has finished.
 
     Args:
-        url: the bus, see transport.open_lcm.
+        url: the bus, see bus.open_bus.
         scenario: what is flown, the same as the halves'.
         targets: what takes the ticks, by name. One that raises is told of in one line and given no more.
         seconds: end after that long [s]; by default with the flight.
@@ -169,39 +170,39 @@ def run_bridge(
         InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
             target has failed.
     """
-    lcm = open_lcm(url)
-    inbox = Inbox(lcm, ("hello", "tick", *PORTS, "command", "telemetry", "goal"))
-    say(f"listening on {url}")
-    session = find_world(inbox, scenario, wait).session
-    inbox.begin(flight_of(scenario, session))
-    ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()
-    answers: deque[Goal] = deque(maxlen=_ANSWERS)
-    if goals:
-        alive["goals"] = goals_target(goals, GoalLink(lcm, session), answers, say)
-    heard = time.monotonic()
-    end = heard + seconds if seconds is not None else np.inf
-    finished = False
-    while not finished and time.monotonic() < end:
-        for _, packet in inbox.poll(_POLL_MS):
-            if packet.name == "goal":
-                answers.append(packet.value)
-                continue  # its sender is not a half, or may be this bridge
-            if packet.name != "hello":
-                ticks.put(packet)
-            elif packet.value.session == session:
-                finished |= packet.value.role == "world" and packet.value.state == FINISHED
-            else:
-                continue
-            heard = time.monotonic()
-        for k, messages, outputs in ticks.ready(1 if finished else LAG):
-            failed |= _hand_on(alive, k * scenario.h, messages, outputs, say)
-        if not alive.keys() - {"goals"}:
-            raise InputError(f"bridge: nothing left to send to ({'; '.join(failed)})")
-        if time.monotonic() > heard + PATIENCE:
-            raise InputError(f"world: silent for {PATIENCE:g} s")
-    counts = {name: getattr(ticks, name) for name in ("lost", "without_world", "without_answer")}
-    packets = {key: value for key, value in inbox.counts().items() if key != "lost"}
-    return {"ticks": ticks.given, **counts, "packets": packets, "failed": failed}
+    with open_bus(url) as bus:
+        inbox = Inbox(bus, ("hello", "tick", *PORTS, "command", "telemetry", "goal"))
+        say(f"listening on {url}")
+        session = find_world(inbox, scenario, wait).session
+        inbox.begin(flight_of(scenario, session))
+        ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()
+        answers: deque[Goal] = deque(maxlen=_ANSWERS)
+        if goals:
+            alive["goals"] = goals_target(goals, GoalLink(bus, session), answers, say)
+        heard = time.monotonic()
+        end = heard + seconds if seconds is not None else np.inf
+        finished = False
+        while not finished and time.monotonic() < end:
+            for _, packet in inbox.poll(_POLL_MS):
+                if packet.name == "goal":
+                    answers.append(packet.value)
+                    continue  # its sender is not a half, or may be this bridge
+                if packet.name != "hello":
+                    ticks.put(packet)
+                elif packet.value.session == session:
+                    finished |= packet.value.role == "world" and packet.value.state == FINISHED
+                else:
+                    continue
+                heard = time.monotonic()
+            for k, messages, outputs in ticks.ready(1 if finished else LAG):
+                failed |= _hand_on(alive, k * scenario.h, messages, outputs, say)
+            if not alive.keys() - {"goals"}:
+                raise InputError(f"bridge: nothing left to send to ({'; '.join(failed)})")
+            if time.monotonic() > heard + PATIENCE:
+                raise InputError(f"world: silent for {PATIENCE:g} s")
+        counts = {name: getattr(ticks, name) for name in ("lost", "without_world", "without_answer")}
+        packets = {key: value for key, value in inbox.counts().items() if key != "lost"}
+        return {"ticks": ticks.given, **counts, "packets": packets, "failed": failed}
 
 
 def _hand_on(

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
-from ortilo_drake.hil.packets import encode_picture, lane
-from ortilo_drake.hil.transport import open_lcm
+from ortilo_drake.hil.bus import open_bus
+from ortilo_drake.hil.packets import CHANNELS, encode_picture
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -75,7 +75,7 @@ def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized
     try:
         scenario = Scenario.model_validate_json(scenario_json)
         diagram = make_rendered_camera(scenario.load_room(), scenario.rendered_camera.width)
-        context, lcm = diagram.CreateDefaultContext(), open_lcm(url)
+        context, bus = diagram.CreateDefaultContext(), open_bus(url)
     except InputError as error:
         jobs.send(str(error))
         return
@@ -83,18 +83,19 @@ def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized
     state.FixValue(context, np.zeros(12))
     image.Eval(context)
     try:
-        jobs.send("")
-        while (job := jobs.recv()) is not None:
-            while jobs.poll():
-                newer = jobs.recv()
-                if newer is None:
-                    return
-                job = newer
-                with skipped.get_lock():
-                    skipped.value += 1
-            session, tick, stamp, x = job
-            state.FixValue(context, x)
-            pixels = np.array(image.Eval(context).data)
-            lcm.Publish(lane("image", tick), encode_picture(session, tick, stamp, pixels))
+        with bus:
+            jobs.send("")
+            while (job := jobs.recv()) is not None:
+                while jobs.poll():
+                    newer = jobs.recv()
+                    if newer is None:
+                        return
+                    job = newer
+                    with skipped.get_lock():
+                        skipped.value += 1
+                session, tick, stamp, x = job
+                state.FixValue(context, x)
+                pixels = np.array(image.Eval(context).data)
+                bus.publish(CHANNELS["image"], encode_picture(session, tick, stamp, pixels))
     except (EOFError, KeyboardInterrupt, BrokenPipeError):
         return

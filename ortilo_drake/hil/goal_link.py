@@ -9,11 +9,10 @@ import time
 from collections.abc import Iterable
 from typing import Final
 
-from pydrake.lcm import DrakeLcm
-
+from ortilo_drake.hil.bus import Bus, open_bus
 from ortilo_drake.hil.handshake import find_world, flight_of
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.packets import CHANNELS, Goal, encode_goal
-from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.model.typed_yaml import LARGEST, InputError
 from ortilo_drake.scenario import Scenario
 
@@ -37,13 +36,13 @@ class GoalLink:
     """Sends one wish at a time and hears its answer, and never waits.
 
     Args:
-        lcm: the bus.
+        bus: the bus.
         session: of the flight.
         wait: after how long without an answer a wish is given up [s].
     """
 
-    def __init__(self, lcm: DrakeLcm, session: int, wait: float = ANSWER_WAIT):
-        self._lcm, self._session, self._wait = lcm, session, wait
+    def __init__(self, bus: Bus, session: int, wait: float = ANSWER_WAIT):
+        self._bus, self._session, self._wait = bus, session, wait
         self._wish: Goal | None = None
         self._until = self._next = 0.0
 
@@ -71,7 +70,7 @@ class GoalLink:
             self._wish = None
             return answers[0]
         if now >= self._next:
-            self._lcm.Publish(CHANNELS["goal"], encode_goal(wish))
+            self._bus.publish(CHANNELS["goal"], encode_goal(wish))
             self._next = now + EVERY
         return None
 
@@ -80,7 +79,7 @@ def ask_goal(url: str, scenario: Scenario, x: float, y: float, wait: float = ANS
     """Have a flight in real time go to a goal; return once the onboard half is on its way.
 
     Args:
-        url: the bus, see transport.open_lcm.
+        url: the bus, see bus.open_bus.
         scenario: what is flown, the same as the halves'.
         x: east [m], in W.
         y: north [m], in W.
@@ -90,15 +89,15 @@ def ask_goal(url: str, scenario: Scenario, x: float, y: float, wait: float = ANS
         InputError: if the bus does not work, the world is not heard or flies another scenario, or the goal is refused
             or not answered.
     """
-    lcm = open_lcm(url)
-    inbox = Inbox(lcm, ("hello", "goal"))
-    hello = find_world(inbox, scenario, wait)
-    inbox.begin(flight_of(scenario, hello.session))
-    link = GoalLink(lcm, hello.session, wait)
-    link.ask(x, y)
-    answer = link.turn(())
-    while answer is None:
-        arrivals = inbox.poll(_POLL_MS)
-        answer = link.turn([arrival.packet.value for arrival in arrivals if arrival.packet.name == "goal"])
+    with open_bus(url) as bus:
+        inbox = Inbox(bus, ("hello", "goal"))
+        hello = find_world(inbox, scenario, wait)
+        inbox.begin(flight_of(scenario, hello.session))
+        link = GoalLink(bus, hello.session, wait)
+        link.ask(x, y)
+        answer = link.turn(())
+        while answer is None:
+            arrivals = inbox.poll(_POLL_MS)
+            answer = link.turn([arrival.packet.value for arrival in arrivals if arrival.packet.name == "goal"])
     if answer.reason:
         raise InputError(f"{goal_text(answer)}: {answer.reason}")

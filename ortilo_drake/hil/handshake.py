@@ -11,11 +11,10 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from pydrake.lcm import DrakeLcm
-
+from ortilo_drake.hil.bus import Bus, open_bus
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, FINISHED, FLYING, PROTOCOL, Hello, encode_hello
-from ortilo_drake.hil.transport import Inbox
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -41,9 +40,9 @@ def flight_of(scenario: Scenario, session: int) -> Flight:
     return Flight(session, scenario.h, len(room.anchors), shape, len(room.classes))
 
 
-def say_hello(lcm: DrakeLcm, hello: Hello) -> None:
+def say_hello(bus: Bus, hello: Hello) -> None:
     """Publish a hello."""
-    lcm.Publish(CHANNELS["hello"], encode_hello(hello))
+    bus.publish(CHANNELS["hello"], encode_hello(hello))
 
 
 def refusal(hello: Hello, digest: str) -> str:
@@ -58,7 +57,7 @@ def refusal(hello: Hello, digest: str) -> str:
 
 
 def meet_onboard(
-    lcm: DrakeLcm,
+    bus: Bus,
     inbox: Inbox,
     scenario: Scenario,
     lockstep: bool,
@@ -68,7 +67,7 @@ def meet_onboard(
     """Find the onboard half; return the session that the world chose.
 
     Args:
-        lcm: the bus.
+        bus: the bus.
         inbox: hears hello; from now on it takes this flight's packets.
         scenario: the scenario of this half.
         lockstep: how the world wants to fly.
@@ -84,7 +83,7 @@ def meet_onboard(
     while (now := time.monotonic()) < until:
         if now > said + 1e-3 * _EVERY_MS:  # not whenever something is heard: it hears itself
             still_there()
-            say_hello(lcm, Hello("world", digest, session, lockstep))
+            say_hello(bus, Hello("world", digest, session, lockstep))
             said = now
         for arrival in inbox.poll(_EVERY_MS):
             hello = arrival.packet.value
@@ -108,17 +107,18 @@ def _hear_world(inbox: Inbox, wait: float) -> Hello:
     raise InputError(f"world: not heard in {wait:g} s; start it with: ortilo hil world")
 
 
-def _is_commanded(lcm: DrakeLcm, flight: Flight) -> bool:
+def _is_commanded(bus: Bus, flight: Flight) -> bool:
     """Return whether somebody commands a flight at the moment."""
-    inbox = Inbox(DrakeLcm(lcm.get_lcm_url()), ("command",), flight)
-    until = time.monotonic() + OTHERS
-    while time.monotonic() < until:
-        if inbox.poll(10):
-            return True
+    with open_bus(bus.url) as another:
+        inbox = Inbox(another, ("command",), flight)
+        until = time.monotonic() + OTHERS
+        while time.monotonic() < until:
+            if inbox.poll(10):
+                return True
     return False
 
 
-def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float, flew: int = 0) -> Hello:
+def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, flew: int = 0) -> Hello:
     """Wait for the world's hello and say it back; return the world's.
 
     Arguments and errors as meet_onboard. flew is a session that this half was flying when it was killed: it joins that
@@ -128,13 +128,13 @@ def meet_world(lcm: DrakeLcm, inbox: Inbox, scenario: Scenario, wait: float, fle
     hello = _hear_world(inbox, wait)
     if why := refusal(hello, digest):
         for _ in range(REFUSALS):
-            say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep, reason=why))
+            say_hello(bus, Hello("onboard", digest, hello.session, hello.lockstep, reason=why))
             time.sleep(5e-4 * _EVERY_MS)
         raise InputError(f"world: {why}")
-    if hello.state == FLYING and hello.session != flew and _is_commanded(lcm, flight_of(scenario, hello.session)):
+    if hello.state == FLYING and hello.session != flew and _is_commanded(bus, flight_of(scenario, hello.session)):
         raise InputError("world: flies with another onboard half already")
     inbox.begin(flight_of(scenario, hello.session))
-    say_hello(lcm, Hello("onboard", digest, hello.session, hello.lockstep))
+    say_hello(bus, Hello("onboard", digest, hello.session, hello.lockstep))
     return hello
 
 

@@ -1,4 +1,4 @@
-"""What crosses between the halves, as bytes: LCM types (lcmtypes/*.lcm), each with a checksum at its end.
+"""What crosses between the halves, as bytes: LCM types (lcmtypes/*.bus), each with a checksum at its end.
 
 unpack.py turns the bytes back, strictly. A packet of one tick belongs to a session, a number that the world chooses for
 each flight, so that packets of another flight on the same wire are known as foreign.
@@ -25,7 +25,6 @@ from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_XBAR, REFERENCE_SIZE
 PROTOCOL: Final = 1
 PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick
 CHANNELS: Final = {name: f"ORTILO_{name.upper()}" for name in (*PORTS, "tick", "command", "telemetry", "hello", "goal")}
-LANES: Final = 8  # pydrake keeps one packet a channel until it is handled: so successive ticks take several in turn
 TELEMETRY: Final = {
     "measurement": MEASUREMENT_SIZE,
     "estimate": N_XBAR,
@@ -77,16 +76,6 @@ class Goal(NamedTuple):
     x: float
     y: float
     reason: str = ""
-
-
-def lane(name: str, tick: int) -> str:
-    """Return the LCM channel of a name of CHANNELS for a tick: ORTILO_IMU, ORTILO_IMU_1, ... in turn."""
-    return CHANNELS[name] + (f"_{tick % LANES}" if tick % LANES else "")
-
-
-def lanes(name: str) -> tuple[str, ...]:
-    """Return all LCM channels of a name of CHANNELS."""
-    return tuple(lane(name, tick) for tick in range(1 if name in NO_TICK else LANES))
 
 
 def _seal(message: Any) -> bytes:

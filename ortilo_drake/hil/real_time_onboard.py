@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
 from ortilo_drake.hil.detector_thread import DetectorThread
 from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf
 from ortilo_drake.hil.handshake import PATIENCE, say_hello
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.onboard_ticks import OnboardTicks
 from ortilo_drake.hil.packets import CHANNELS, FINISHED, Hello, encode_goal
 from ortilo_drake.hil.spare import Spare
-from ortilo_drake.hil.transport import Inbox
 from ortilo_drake.hil.wire import publish_command, publish_telemetry
 from ortilo_drake.scenario import Scenario
 
@@ -44,7 +44,7 @@ class Answered(NamedTuple):
 def answer_in_real_time(
     scenario: Scenario,
     onboard: OnboardHalf,
-    lcm: DrakeLcm,
+    bus: Bus,
     inbox: Inbox,
     session: int,
     detector: DetectorThread | None = None,
@@ -59,7 +59,7 @@ def answer_in_real_time(
     Args:
         scenario: the scenario.
         onboard: its onboard half, at the start.
-        lcm: the bus.
+        bus: the bus.
         inbox: hears hello, goal, tick and the sensors' messages of this flight.
         session: of this flight.
         detector: looks at the pictures, if there is a rendered camera; onboard then takes detections.
@@ -86,7 +86,7 @@ def answer_in_real_time(
                 if hello.role == "world":
                     if hello.state == FINISHED:
                         return _answered(ticks, None)
-                    say_hello(lcm, Hello("onboard", hello.scenario_digest, session))
+                    say_hello(bus, Hello("onboard", hello.scenario_digest, session))
             elif packet.name != "image":
                 joins = ticks.first is None
                 ticks.hear(packet, received)
@@ -103,9 +103,9 @@ def answer_in_real_time(
             if goal is not None:
                 messages["goal"] = goal
             onboard.take(messages)
-            publish_command(lcm, session, k, {"control": onboard.answer()})
+            publish_command(bus, session, k, {"control": onboard.answer()})
             outputs = onboard.outputs()
-            publish_telemetry(lcm, session, k, outputs)
+            publish_telemetry(bus, session, k, outputs)
             onboard.advance()
             if record:
                 record(k, None, messages, outputs)
@@ -113,7 +113,7 @@ def answer_in_real_time(
                 step = goals.step(ticks.next * scenario.h, onboard.path)
                 goal = step.taken
                 for answer in step.answers:
-                    lcm.Publish(CHANNELS["goal"], encode_goal(answer))
+                    bus.publish(CHANNELS["goal"], encode_goal(answer))
                 if step.path:
                     onboard.fly_path(step.path)
                     if checkpoint:

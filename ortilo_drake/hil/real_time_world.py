@@ -11,16 +11,16 @@ from typing import Any, Final
 
 import numpy as np
 import xarray as xr
-from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.experiments.flight import flight_ticks
 from ortilo_drake.experiments.lost import Lost, find_loss
+from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.flight_record import FlightRecord, Record
 from ortilo_drake.hil.halves import WorldHalf
 from ortilo_drake.hil.handshake import say_hello, scenario_digest
+from ortilo_drake.hil.inbox import Arrival, Inbox
 from ortilo_drake.hil.packets import FLYING, Hello
-from ortilo_drake.hil.transport import Arrival, Inbox
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.watch import Watch
 from ortilo_drake.hil.wire import publish_messages
@@ -39,7 +39,7 @@ LATE_TELEMETRY: Final = 0.5  # how long the telemetry of a tick is waited for [s
 def fly_in_real_time(
     scenario: Scenario,
     world: WorldHalf,
-    lcm: DrakeLcm,
+    bus: Bus,
     inbox: Inbox,
     session: int,
     camera: CameraProcess | None = None,
@@ -53,7 +53,7 @@ def fly_in_real_time(
     Args:
         scenario: the scenario.
         world: its world, with COMMAND_PERIOD, at the start.
-        lcm: the bus.
+        bus: the bus.
         inbox: hears command and telemetry of this flight.
         session: of this flight.
         camera: draws the pictures, if there is a rendered camera.
@@ -96,10 +96,10 @@ def fly_in_real_time(
         shutter = messages.pop("shutter", None)
         if camera and shutter is not None:
             camera.shoot(session, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
-        publish_messages(lcm, session, k, messages)
+        publish_messages(bus, session, k, messages)
         watch.sent(start + k * h, time.perf_counter())
         if k % heartbeat == 0:
-            say_hello(lcm, hello)
+            say_hello(bus, hello)
         if progress:
             progress(k)
         found = find_loss(x[np.newaxis], h, room, scenario.vehicle)

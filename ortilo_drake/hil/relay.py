@@ -8,15 +8,15 @@ is wished for on the world's side.
 import heapq
 import itertools
 import time
+from functools import partial
 from threading import Event
 from typing import Final
 
-from pydrake.lcm import DrakeLcm
-
+from ortilo_drake.hil.bus import Bus, open_bus
 from ortilo_drake.hil.faults import Faults, Line
+from ortilo_drake.hil.multicast import address
 from ortilo_drake.hil.packet_checks import BadPacket, Flight
-from ortilo_drake.hil.packets import NO_TICK, PORTS, lanes
-from ortilo_drake.hil.transport import address, open_lcm
+from ortilo_drake.hil.packets import CHANNELS, NO_TICK, PORTS
 from ortilo_drake.hil.unpack import decode
 from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
@@ -39,25 +39,24 @@ def _role(name: str, data: bytes) -> str:
 class _Direction:
     """Packets on their way from one half's bus to the other's, the next due first."""
 
-    def __init__(self, half: str, source: DrakeLcm, target: DrakeLcm, line: Line):
+    def __init__(self, half: str, source: Bus, target: Bus, line: Line):
         self._half, self._target, self.line = half, target, line
         self._due: list[tuple[float, int, str, bytes]] = []
         self._order = itertools.count()  # breaks ties, first come first served
         for name in (*_FROM[half], *NO_TICK):
-            for channel in lanes(name):
-                source.Subscribe(channel, lambda data, name=name, channel=channel: self._take(name, channel, data))
+            source.subscribe(CHANNELS[name], partial(self._take, name))
 
-    def _take(self, name: str, channel: str, data: bytes) -> None:
+    def _take(self, name: str, data: bytes) -> None:
         if name in NO_TICK and _role(name, data) not in _ROLES[self._half]:
             return
         for due in self.line.take(name, time.monotonic()):
-            heapq.heappush(self._due, (due, next(self._order), channel, data))
+            heapq.heappush(self._due, (due, next(self._order), CHANNELS[name], data))
 
     def release(self, now: float) -> None:
         """Publish what is due."""
         while self._due and self._due[0][0] <= now:
             _, _, channel, data = heapq.heappop(self._due)
-            self._target.Publish(channel, data)
+            self._target.publish(channel, data)
             self.line.counts["sent"] += 1
 
 
@@ -92,21 +91,21 @@ def run_relay(
     """
     if address(url_world)[:2] == address(url_onboard)[:2]:
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")
-    world, onboard = open_lcm(url_world), open_lcm(url_onboard)
-    directions = {
-        "to_onboard": _Direction("world", world, onboard, Line(to_onboard or Faults(), seed, "to_onboard")),
-        "to_world": _Direction("onboard", onboard, world, Line(to_world or Faults(), seed, "to_world")),
-    }
-    uniforms(seed, stream_id("compile now"), 0, 1)  # not at the first packet
-    if ready:
-        ready.set()
-    end = time.monotonic() + seconds
-    try:
-        while time.monotonic() < end and not (stop and stop.is_set()):
-            world.HandleSubscriptions(_WAIT)
-            onboard.HandleSubscriptions(0)
-            for each in directions.values():
-                each.release(time.monotonic())
-    except KeyboardInterrupt:
-        pass
-    return {name: dict(each.line.counts) for name, each in directions.items()}
+    with open_bus(url_world) as world, open_bus(url_onboard) as onboard:
+        directions = {
+            "to_onboard": _Direction("world", world, onboard, Line(to_onboard or Faults(), seed, "to_onboard")),
+            "to_world": _Direction("onboard", onboard, world, Line(to_world or Faults(), seed, "to_world")),
+        }
+        uniforms(seed, stream_id("compile now"), 0, 1)  # not at the first packet
+        if ready:
+            ready.set()
+        end = time.monotonic() + seconds
+        try:
+            while time.monotonic() < end and not (stop and stop.is_set()):
+                world.handle(_WAIT)
+                onboard.handle(0)
+                for each in directions.values():
+                    each.release(time.monotonic())
+        except KeyboardInterrupt:
+            pass
+        return {name: dict(each.line.counts) for name, each in directions.items()}

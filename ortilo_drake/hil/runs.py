@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from pydrake.lcm import DrakeLcm
 
+from ortilo_drake.hil.bus import Bus, open_bus
 from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.checkpoint import session_of
 from ortilo_drake.hil.detector_thread import DetectorThread
@@ -17,17 +17,17 @@ from ortilo_drake.hil.goal_planner import GoalPlanner
 from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.handshake import meet_onboard, meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.lockstep import fly_lockstep
 from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
 from ortilo_drake.hil.packets import FINISHED, PORTS, Hello
 from ortilo_drake.hil.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
-from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.hil.warm_up import no_collecting, warm_up
 from ortilo_drake.scenario import Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; each may be lost
-FAREWELL_EVERY = 0.02  # at once they would be one: pydrake keeps one packet a channel until it is handled [s]
+FAREWELL_EVERY = 0.02  # so that one burst of losses does not take them all [s]
 
 
 def run_world(
@@ -45,7 +45,7 @@ def run_world(
 
     Args:
         scenario: the scenario.
-        url: the bus, see transport.open_lcm.
+        url: the bus, see bus.open_bus.
         lockstep: whether to wait for each answer.
         wait: how long to look for the onboard half [s].
         seconds: in real time, end after that much of the flight.
@@ -60,9 +60,9 @@ def run_world(
     Raises:
         InputError: if the bus does not work or the onboard half is missing, silent or another's.
     """
-    lcm = open_lcm(url)
-    inbox = Inbox(lcm, ("hello", "command", "telemetry"))
     with contextlib.ExitStack() as stack:
+        bus = stack.enter_context(open_bus(url))
+        inbox = Inbox(bus, ("hello", "command", "telemetry"))
         camera = CameraProcess(scenario, url) if scenario.is_rendered and not lockstep else None
         if camera:
             stack.enter_context(camera)
@@ -72,15 +72,15 @@ def run_world(
         world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
         if camera:
             camera.wait_until_ready()
-        session = meet_onboard(lcm, inbox, scenario, lockstep, wait, still_there)
-        stack.enter_context(_saying_farewell(lcm, scenario, session, lockstep))
+        session = meet_onboard(bus, inbox, scenario, lockstep, wait, still_there)
+        stack.enter_context(_saying_farewell(bus, scenario, session, lockstep))
         if lockstep:
-            flight = fly_lockstep(scenario, ask_over_link(lcm, inbox, session), progress, record, world)
+            flight = fly_lockstep(scenario, ask_over_link(bus, inbox, session), progress, record, world)
             report: dict[str, Any] = {"ticks": flight.sizes["tick"]}
         else:
             stack.enter_context(no_collecting())
             flight, watch = fly_in_real_time(
-                scenario, world, lcm, inbox, session, camera, seconds, progress, record, watching
+                scenario, world, bus, inbox, session, camera, seconds, progress, record, watching
             )
             report = watch.summary() | {"latencies_ms": watch.latencies_ms()}
         if camera:
@@ -89,12 +89,12 @@ def run_world(
 
 
 @contextlib.contextmanager
-def _saying_farewell(lcm: DrakeLcm, scenario: Scenario, session: int, lockstep: bool) -> Iterator[None]:
+def _saying_farewell(bus: Bus, scenario: Scenario, session: int, lockstep: bool) -> Iterator[None]:
     try:
         yield
     finally:
         for _ in range(FAREWELLS):
-            say_hello(lcm, Hello("world", scenario_digest(scenario), session, lockstep, FINISHED))
+            say_hello(bus, Hello("world", scenario_digest(scenario), session, lockstep, FINISHED))
             time.sleep(FAREWELL_EVERY)
 
 
@@ -114,20 +114,19 @@ def run_onboard(
     Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
     answered. Call warm_up before.
     """
-    with no_collecting():
-        lcm = open_lcm(url)
-        inbox = Inbox(lcm, ("hello", "goal", "tick", *PORTS))
+    with no_collecting(), open_bus(url) as bus:
+        inbox = Inbox(bus, ("hello", "goal", "tick", *PORTS))
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
         whole = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself, in lockstep
-        hello = meet_world(lcm, inbox, scenario, wait, session_of(checkpoint) if checkpoint else 0)
+        hello = meet_world(bus, inbox, scenario, wait, session_of(checkpoint) if checkpoint else 0)
         report: dict[str, Any] = {}
         if hello.lockstep:
-            report["ticks"] = answer_over_link(whole, lcm, inbox, hello.session, progress, record)
+            report["ticks"] = answer_over_link(whole, bus, inbox, hello.session, progress, record)
         else:
             goals = Goals(scenario, planner) if planner else None
             done = answer_in_real_time(
-                scenario, onboard, lcm, inbox, hello.session, detector, progress, record, checkpoint, goals, say
+                scenario, onboard, bus, inbox, hello.session, detector, progress, record, checkpoint, goals, say
             )
             ages = {str(age): count for age, count in sorted(done.ages.items())}
             report |= {"ticks": done.ticks, "silent_at": done.silent, "age_in_ticks": ages, "overtaken": done.overtaken}

@@ -44,7 +44,7 @@ class _Way:
             heapq.heappush(self._due, (due, next(self._order), packet))
 
     def arrived(self, now: float) -> list[tuple[float, Packet]]:
-        """Return what has come by now, each with when it came, and as transport.Inbox does without duplicates."""
+        """Return what has come by now, each with when it came, and as inbox.Inbox does without duplicates."""
         came = []
         while self._due and self._due[0][0] <= now:
             due, _, packet = heapq.heappop(self._due)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hil_link import answering
+from hil_link import answering, open_bus
 from motions import attitude
 from scipy.spatial.transform import Rotation
 
@@ -28,9 +28,9 @@ from ortilo_drake.hil.bridge import LAG, Ticks, run_bridge
 from ortilo_drake.hil.goal_link import answer_to
 from ortilo_drake.hil.halves import Signals
 from ortilo_drake.hil.handshake import flight_of, say_hello, scenario_digest
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.packets import CHANNELS, FINISHED, TELEMETRY, Hello, encode_goal
 from ortilo_drake.hil.runs import run_world
-from ortilo_drake.hil.transport import Inbox, open_lcm
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.warm_up import warm_up
 from ortilo_drake.hil.wire import publish_command, publish_messages, publish_telemetry
@@ -156,21 +156,21 @@ def test_a_picture_that_took_longer_goes_with_the_next_tick() -> None:
 
 def play_world(url: str, scenario: Scenario, stop: threading.Event) -> None:
     """Be both halves of a flight under way, with the world's heartbeat, until told to stop; refuse goals with x > 2."""
-    lcm, digest, k = open_lcm(url), scenario_digest(scenario), 100
-    inbox = Inbox(lcm, ["goal"], flight_of(scenario, 5))
+    joined, digest, k = open_bus(url), scenario_digest(scenario), 100
+    inbox = Inbox(joined, ["goal"], flight_of(scenario, 5))
     while not stop.is_set():
         for goal in (arrival.packet.value for arrival in inbox.poll()):
             if goal.role == "user":
-                lcm.Publish(CHANNELS["goal"], encode_goal(answer_to(goal, "too far" if goal.x > 2.0 else "")))
-        say_hello(lcm, Hello("world", digest, 5))
-        publish_messages(lcm, 5, k, {})
-        publish_command(lcm, 5, k, {"control": np.full(4, float(k))})
-        publish_telemetry(lcm, 5, k, outputs_of(k))
+                joined.publish(CHANNELS["goal"], encode_goal(answer_to(goal, "too far" if goal.x > 2.0 else "")))
+        say_hello(joined, Hello("world", digest, 5))
+        publish_messages(joined, 5, k, {})
+        publish_command(joined, 5, k, {"control": np.full(4, float(k))})
+        publish_telemetry(joined, 5, k, outputs_of(k))
         k += 1
         time.sleep(0.01)
     for _ in range(5):
         time.sleep(0.01)
-        say_hello(lcm, Hello("world", digest, 5, state=FINISHED))
+        say_hello(joined, Hello("world", digest, 5, state=FINISHED))
 
 
 def with_world(url: str, scenario: Scenario, bridge: Callable[[threading.Event], Any]) -> Any:

@@ -10,18 +10,18 @@ import xarray as xr
 from hil_link import answering, hear_hello, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.lcm import DrakeLcm
 from typer.testing import CliRunner
 
 from ortilo_drake.commands.hil import hil_app
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.hil import goal_link
+from ortilo_drake.hil.bus import MEMORY_URL, Bus
 from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
 from ortilo_drake.hil.handshake import flight_of, say_hello, scenario_digest
+from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_goal
 from ortilo_drake.hil.runs import run_world
-from ortilo_drake.hil.transport import MEMORY_URL, Inbox, open_lcm
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -42,8 +42,8 @@ def sent_by(inbox: Inbox) -> list[Goal]:
 
 
 def link_and_wire(wait: float = 5.0) -> tuple[GoalLink, Inbox]:
-    lcm = open_lcm(MEMORY_URL)
-    return GoalLink(lcm, SESSION, wait), Inbox(lcm, ["goal"], Flight(SESSION, 1 / 30, 8))
+    joined = open_bus(MEMORY_URL)
+    return GoalLink(joined, SESSION, wait), Inbox(joined, ["goal"], Flight(SESSION, 1 / 30, 8))
 
 
 def test_a_wish_is_repeated_until_its_own_answer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,25 +114,25 @@ def test_what_is_asked_for_arrives_or_is_refused_at_once(x: float, y: float) -> 
 ReasonFor = Callable[[Goal, int], str | None]
 
 
-def play_flight(lcm: DrakeLcm, scenario: Scenario, reason_for: ReasonFor, stop: threading.Event) -> None:
+def play_flight(joined: Bus, scenario: Scenario, reason_for: ReasonFor, stop: threading.Event) -> None:
     """Be a world in flight, and an onboard half that answers the n-th packet of a wish with a reason, or not."""
-    inbox = Inbox(lcm, ["goal"], flight_of(scenario, SESSION))
+    inbox = Inbox(joined, ["goal"], flight_of(scenario, SESSION))
     heard, hello = 0, Hello("world", scenario_digest(scenario), SESSION)
     while not stop.is_set():
-        say_hello(lcm, hello)
+        say_hello(joined, hello)
         for arrival in inbox.poll(10):
             goal = arrival.packet.value
             if goal.role == "user":
                 heard += 1
                 if (reason := reason_for(goal, heard)) is not None:
-                    lcm.Publish(CHANNELS["goal"], encode_goal(answer_to(goal, reason)))
+                    joined.publish(CHANNELS["goal"], encode_goal(answer_to(goal, reason)))
 
 
 @contextlib.contextmanager
 def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
-    lcm, stop, scenario = open_bus(bus), threading.Event(), load_scenario("imu_uwb", SETTINGS)
+    joined, stop, scenario = open_bus(bus), threading.Event(), load_scenario("imu_uwb", SETTINGS)
     with ThreadPoolExecutor(1) as pool:
-        flight = pool.submit(play_flight, lcm, scenario, reason_for, stop)
+        flight = pool.submit(play_flight, joined, scenario, reason_for, stop)
         try:
             yield
         finally:
@@ -185,13 +185,13 @@ def test_the_command_takes_numbers_below_zero(bus: str) -> None:
 
 
 def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
-    scenario, lcm = load_scenario("imu_uwb", SETTINGS), open_bus(bus)
-    inbox, answers, refused = Inbox(lcm, ["hello", "goal"]), [], threading.Event()
+    scenario, joined = load_scenario("imu_uwb", SETTINGS), open_bus(bus)
+    inbox, answers, refused = Inbox(joined, ["hello", "goal"]), [], threading.Event()
     with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
         world = pool.submit(run_world, scenario, bus, True, 20.0, record=lambda *tick: refused.wait(5.0))
         session = hear_hello(inbox).session
         inbox.begin(flight_of(scenario, session))
-        link = GoalLink(lcm, session)
+        link = GoalLink(joined, session)
         link.ask(1.0, 2.0)
         while not answers:
             heard = [arrival.packet.value for arrival in inbox.poll(10) if arrival.packet.name == "goal"]

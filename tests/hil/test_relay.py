@@ -14,10 +14,11 @@ from pydantic import ValidationError
 from scipy.stats import binomtest, geom, kstest
 
 from ortilo_drake.hil.faults import Faults, Line
+from ortilo_drake.hil.inbox import Inbox
+from ortilo_drake.hil.multicast import address
 from ortilo_drake.hil.packet_checks import Flight
 from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_goal, encode_hello, encode_vector
 from ortilo_drake.hil.relay import run_relay
-from ortilo_drake.hil.transport import Inbox, address
 from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -149,26 +150,26 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     # One at a time: pydrake's LCM keeps one message per channel until it is handled.
     came = []
     for tick in range(12):
-        world.Publish(CHANNELS["imu"], encode_vector(77, tick, np.concatenate(([1.0, 0.0], np.zeros(9)))))
+        world.publish(CHANNELS["imu"], encode_vector(77, tick, np.concatenate(([1.0, 0.0], np.zeros(9)))))
         came += gather(at_onboard, 5.0 if tick in passed else 0.2)
     assert came == [("imu", tick) for tick in passed]  # the very packets that the seed lets pass
     for tick in range(3):
-        onboard.Publish(CHANNELS["command"], encode_command(77, tick, np.zeros(4)))
+        onboard.publish(CHANNELS["command"], encode_command(77, tick, np.zeros(4)))
         assert gather(at_world, 5.0) == [("command", tick)]
-    onboard.Publish(CHANNELS["hello"], encode_hello(Hello("onboard", "ab", 77)))
+    onboard.publish(CHANNELS["hello"], encode_hello(Hello("onboard", "ab", 77)))
     assert gather(at_world, 5.0) == [("hello", -1)]
     assert gather(at_world, 0.2) == []  # no echo
     wish = Goal(77, 2**61 + 1, "user", 1.5, -2.0)
     answer = wish._replace(role="onboard", reason="no way")
     fate = [bool(line.take("goal", 0.0)) for _ in range(8)]
     for passes in fate:
-        world.Publish(CHANNELS["goal"], encode_goal(wish))
+        world.publish(CHANNELS["goal"], encode_goal(wish))
         assert goals(at_world, 5.0) == [wish]  # hears itself
         assert goals(at_onboard, 5.0 if passes else 0.2) == ([wish] if passes else [])
     time.sleep(0.2)  # until the relay, too, has heard its own last wish there
-    onboard.Publish(CHANNELS["goal"], encode_goal(answer))
+    onboard.publish(CHANNELS["goal"], encode_goal(answer))
     assert goals(at_onboard, 5.0) == goals(at_world, 5.0) == [answer]
-    onboard.Publish(CHANNELS["goal"], b"damaged")
+    onboard.publish(CHANNELS["goal"], b"damaged")
     assert goals(at_world, 0.2) == goals(at_onboard, 0.2) == []
     stop.set()
     relay.join(5.0)

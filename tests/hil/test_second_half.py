@@ -9,8 +9,8 @@ import pytest
 from hil_link import open_bus
 
 from ortilo_drake.hil.handshake import meet_world, say_hello, scenario_digest
-from ortilo_drake.hil.packets import FLYING, PORTS, Hello, encode_command, lane
-from ortilo_drake.hil.transport import Inbox
+from ortilo_drake.hil.inbox import Inbox
+from ortilo_drake.hil.packets import CHANNELS, FLYING, PORTS, Hello, encode_command
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
@@ -21,14 +21,14 @@ SESSION = 4711
 @contextmanager
 def a_flight(bus: str, is_commanded: bool) -> Iterator[None]:
     """A world's heartbeat on the bus, and the commands of an onboard half."""
-    lcm, over = open_bus(bus), threading.Event()
+    joined, over = open_bus(bus), threading.Event()
 
     def fly() -> None:
         tick = 100
         while not over.wait(0.02):
-            say_hello(lcm, Hello("world", scenario_digest(SCENARIO), SESSION, state=FLYING))
+            say_hello(joined, Hello("world", scenario_digest(SCENARIO), SESSION, state=FLYING))
             if is_commanded:
-                lcm.Publish(lane("command", tick), encode_command(SESSION, tick, np.zeros(4)))
+                joined.publish(CHANNELS["command"], encode_command(SESSION, tick, np.zeros(4)))
             tick += 1
 
     thread = threading.Thread(target=fly, daemon=True)
@@ -41,8 +41,8 @@ def a_flight(bus: str, is_commanded: bool) -> Iterator[None]:
 
 
 def join(bus: str, flew: int) -> Hello:
-    lcm = open_bus(bus)
-    return meet_world(lcm, Inbox(lcm, ("hello", "tick", *PORTS)), SCENARIO, 30.0, flew)
+    joined = open_bus(bus)
+    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), SCENARIO, 30.0, flew)
 
 
 def test_another_onboard_half_is_refused(bus: str) -> None:

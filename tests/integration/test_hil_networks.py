@@ -14,7 +14,7 @@ from command_line import end, start
 from halves_in_processes import HOVER, PROJECTED, WAIT, check_in_time, run_both
 
 from ortilo_drake.experiments.flight import fly, load_flight
-from ortilo_drake.hil.transport import MEND, MEND_NETWORK
+from ortilo_drake.hil.multicast import MEND, MEND_NETWORK
 from ortilo_drake.scenario import load_scenario
 
 
@@ -27,25 +27,21 @@ def ip(*words: str) -> None:
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
-def test_without_a_multicast_route_a_line_says_how_to_mend_it(bus: str) -> None:
+def test_on_one_machine_no_route_is_needed_and_else_a_line_names_it(bus: str) -> None:
     if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
         pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
-    before = ("unshare", "-rn", "sh", "-c", 'ip link set lo up; exec "$@"', "sh")
-    code, _, errors = end(start("hil", "world", "imu_uwb", "--url", bus, "--wait", "1", before=before))
-    assert code == 2
-    assert errors.count("\n") == 1
-    assert "no multicast route" in errors
-    assert MEND in errors
-    code, _, errors = end(start("hil", "world", "imu_uwb", "--url", beyond(bus), "--wait", "1", before=before))
-    assert code == 2
-    assert MEND_NETWORK in errors
-    # The command named mends it: what is missing then is the other half.
-    mended = ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
-    code, _, errors = end(start("hil", "world", "imu_uwb", "--url", bus, "--wait", "1", before=mended))
-    assert code == 2
-    assert "onboard half: not heard" in errors
+    alone, up = ("unshare", "-rn"), ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
+    for before, url, said in (
+        (alone, bus, f"no multicast (no such device); as root: {MEND}\n"),
+        (up, bus, "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
+        (up, beyond(bus), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
+    ):
+        code, _, errors = end(start("hil", "world", "imu_uwb", "--url", url, "--wait", "1", before=before))
+        assert code == 2
+        assert errors.count("\n") == 1
+        assert errors.endswith(said), errors
 
 
 @contextlib.contextmanager
