@@ -8,11 +8,11 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 import pytest
+from waiting import HANGS
 
 from ortilo_drake import cli
 
 ORTILO = (sys.executable, "-m", "ortilo_drake.cli")
-_TOO_LONG = 600.0  # no test waits for this but one that hangs [s]
 
 
 class Done(NamedTuple):
@@ -45,7 +45,7 @@ def start(*words: str, folder: Path | None = None, before: tuple[str, ...] = ())
 def end(process: "subprocess.Popen[str]") -> Done:
     """Wait for a process."""
     try:
-        said, errors = process.communicate(timeout=_TOO_LONG)
+        said, errors = process.communicate(timeout=HANGS)
     finally:
         process.kill()
     return Done(process.returncode, said, errors)

@@ -204,6 +204,7 @@ def test_nobody_listening_is_no_error() -> None:
     for k in range(3):
         bridge.send(0.1 * k, estimate(), np.eye(15))
     bridge.close()
+    assert bridge._mavlink.seq == 3  # MAVLink's own count of what was sent
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,16 @@
 """Goals in flight: what is refused, what is flown, and the process that plans."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from waiting import HANGS, wait_for
 
 from ortilo_drake.hil.goal_planner import GONE, GoalPlanner, Plan, goal_settings, reason_of
 from ortilo_drake.hil.goals import REPLACED, Goals, Step
@@ -169,12 +170,9 @@ def planner_of(scenario: Scenario) -> Iterator[GoalPlanner]:
 
 
 def planned(planner: GoalPlanner) -> Plan:
-    until = time.monotonic() + 20.0
-    while time.monotonic() < until:
-        if done := planner.poll():
-            return done
-        time.sleep(0.01)
-    raise AssertionError("nothing was planned")
+    done = wait_for(planner.poll, "a plan")
+    assert done
+    return done
 
 
 def test_the_process_plans_what_the_planner_plans_and_the_newest_goal_counts() -> None:
@@ -209,25 +207,16 @@ def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
         "    with GoalPlanner(load_scenario('imu_uwb')) as planner:\n"
         "        planner.wait_until_ready()\n"
         "        print(planner._process.pid, flush=True)\n"
-        "        time.sleep(60.0)\n"
+        "        time.sleep(600.0)\n"
     )
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout
-        pid = int(parent.stdout.readline())
-        os.kill(pid, 0)  # it is there
+        ended = os.pidfd_open(int(parent.stdout.readline()))  # readable once that process has ended
+        assert select.select([ended], [], [], 0.0)[0] == []
         parent.kill()
-    until = time.monotonic() + 10.0
-    while time.monotonic() < until and is_running(pid):
-        time.sleep(0.02)
-    assert not is_running(pid)
-
-
-def is_running(pid: int) -> bool:
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+    # It yields to whatever else runs: on a busy machine its end takes as long as it takes.
+    assert select.select([ended], [], [], HANGS)[0] == [ended]
+    os.close(ended)
 
 
 def test_a_flight_goes_to_a_goal_and_to_the_next_and_touches_nothing() -> None:

@@ -67,6 +67,9 @@ VALID = {
 }
 
 
+REASONS = ("length", "fingerprint", "crc", "foreign", "tick", "stamp", "value", "text", "picture")
+
+
 def reason(name: str, data: bytes, flight: Flight | None = FLIGHT) -> str:
     try:
         decode(name, data, flight)
@@ -122,8 +125,8 @@ def test_any_bytes_are_refused(name: str, data: bytes, flight: Flight | None) ->
 @given(name=st.sampled_from(list(CHANNELS)), at=st.integers(8, 600), field=st.binary(min_size=1, max_size=30))
 def test_lies_with_a_right_crc_are_decided_without_another_error(name: str, at: int, field: bytes) -> None:
     data = changed(VALID[name], min(at, len(VALID[name]) - 8), field)
-    reason(name, data)
-    reason(name, data, None)
+    assert reason(name, data) in ("accepted", *REASONS)
+    assert reason(name, data, None) in (("accepted", *REASONS) if name == "hello" else REASONS)
 
 
 @pytest.mark.parametrize("size", [-(2**31), -1, 0, 10, 2**27, 2**31 - 1])

@@ -9,11 +9,6 @@ import numpy as np
 import pytest
 from command_line import run
 
-from ortilo_drake.analysis.tube import predict_tube
-from ortilo_drake.experiments.tube_report import why_no_tube
-from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import load_scenario, scenario_names
-
 PARTS = {"plant", "sampled_plant", "closed_loop"}
 
 
@@ -55,16 +50,6 @@ def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str]) -> None:
     for above, row in pairwise(rows):
         if set(row) <= set("|- "):
             assert above.count("|") == row.count("|")
-
-
-@pytest.mark.parametrize("name", scenario_names())
-def test_every_ready_made_scenario_has_a_tube_or_a_reason(name: str) -> None:
-    scenario = load_scenario(name, ("camera=projected",))
-    if why_no_tube(scenario) is None:
-        assert len(predict_tube(scenario).radius) > 0
-    elif {"uwb", "camera"} <= set(scenario.sensors):
-        with pytest.raises(InputError):
-            predict_tube(scenario)
 
 
 @pytest.mark.parametrize(

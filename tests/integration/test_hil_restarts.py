@@ -5,12 +5,12 @@ import os
 import re
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import end, run_apart, start
+from waiting import wait_for
 
 from ortilo_drake.experiments.flight import load_flight
 from ortilo_drake.logs.reader import read_ticks
@@ -18,14 +18,6 @@ from ortilo_drake.scenario import Failsafe
 
 GOAL = (3.0, 0.0)
 TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", "--set", "uwb.link.blackouts=[]")
-
-
-def wait_for(happened: Callable[[], bool], what: str) -> None:
-    """Wait until something has happened, as long as a loaded machine may take to start two processes."""
-    until = time.monotonic() + 120.0
-    while not happened():
-        assert time.monotonic() < until, what
-        time.sleep(0.05)
 
 
 def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path, bus: str) -> None:
