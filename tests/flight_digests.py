@@ -7,6 +7,7 @@ to change flights, and that says so in the CHANGELOG.
 import hashlib
 import json
 import platform
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,7 @@ import numpy as np
 import xarray as xr
 from llvmlite.binding import get_host_cpu_name
 
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.experiments.flight import FlightSimulator
 from ortilo_drake.scenario import load_scenario, scenario_names
 
 FILE: Final = Path(__file__).parent / "data" / "flight_digests.json"
@@ -32,10 +33,12 @@ def this_platform() -> str:
     return ", ".join((platform.machine(), get_host_cpu_name(), *(f"{name} {version(name)}" for name in libraries)))
 
 
-def fly_ready_made(name: str, camera: str, seed: int) -> xr.Dataset:
-    """Fly a ready-made scenario whole with the projected camera, on a short path with the rendered one."""
+def fly_ready_made(name: str, camera: str) -> Iterator[tuple[int, xr.Dataset]]:
+    """Fly a ready-made scenario's SEEDS whole with the projected camera, on a short path with the rendered one."""
     changes = (f"camera={camera}", *((SHORT,) if camera == "rendered" else ()))
-    return fly(load_scenario(name, changes, seed))
+    simulator = FlightSimulator(load_scenario(name, changes))
+    for seed in SEEDS:
+        yield seed, simulator.fly(seed)
 
 
 def digest(flight: xr.Dataset) -> str:
@@ -58,8 +61,7 @@ def main() -> None:
     kept: dict[str, Any] = json.loads(FILE.read_text()) if FILE.exists() else {"digests": {}}
     digests, tracks = {}, {}
     for name, camera in (*PROJECTED, *RENDERED):
-        for seed in SEEDS:
-            flight = fly_ready_made(name, camera, seed)
+        for seed, flight in fly_ready_made(name, camera):
             key = f"{name} {camera} {seed}"
             digests[key] = digest(flight)
             if camera == "projected":

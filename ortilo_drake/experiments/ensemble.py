@@ -4,19 +4,19 @@ import gc
 import hashlib
 import json
 from collections.abc import Callable, Iterable
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 import ortilo_drake
-from ortilo_drake.experiments.flight import fly, load_flight, save_flight
+from ortilo_drake.experiments.flight import FlightSimulator, load_flight, save_flight
 from ortilo_drake.experiments.metrics import summary
 from ortilo_drake.experiments.workers import run_all
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector_network import own_backend
-from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.scenario import Scenario
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
@@ -57,12 +57,15 @@ def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
     return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
 
 
+@lru_cache(maxsize=1)
+def _simulator(scenario_json: str) -> FlightSimulator:
+    """Return what flies a scenario in this process; the last one is kept."""
+    return FlightSimulator(Scenario.model_validate_json(scenario_json))
+
+
 def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
     """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
-    scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
-    flight = fly(scenario)
-    if scenario.is_rendered:
-        gc.collect()  # the renderer's windows go in the thread that drew them; EGL complains in another
+    flight = _simulator(scenario_json).fly(seed)
     flight.attrs["summary"] = json.dumps(summary(flight))
     save_flight(flight, Path(file))
     return dict(json.loads(flight.attrs["summary"]))
@@ -117,7 +120,11 @@ def fly_many(
     missing = [seed for seed in seeds if seed not in summaries]
     text = scenario.model_dump_json()
     jobs = [(text, seed, str(flight_file(out, scenario, seed))) for seed in missing]
-    run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
+    try:
+        run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
+    finally:
+        _simulator.cache_clear()  # files that the scenario names may be others at the next call
+        gc.collect()  # a renderer's windows go in the thread that drew them; EGL complains in another
     return [summaries[seed] for seed in seeds]
 
 

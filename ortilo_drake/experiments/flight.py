@@ -1,21 +1,19 @@
-"""One flight: a scenario in, an xarray Dataset out."""
+"""Flights: a scenario in, an xarray Dataset for each seed out."""
 
 import gc
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, Diagram
 
 from ortilo_drake import __version__
-from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop, set_hovering
+from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
 from ortilo_drake.experiments.files import replacing
-from ortilo_drake.experiments.lost import Lost, find_loss
+from ortilo_drake.experiments.lost import Lost
+from ortilo_drake.experiments.simulator import advance, make_simulator
 from ortilo_drake.model.signals import (
     CONTROL_NAMES,
     MEASUREMENT_DELTA,
@@ -27,10 +25,9 @@ from ortilo_drake.model.signals import (
 )
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner import plan
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Scenario, with_seed
 
 AXES = ("x", "y", "z")
-CHECK_EVERY = 30  # ticks between two looks at whether the flight is lost
 XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
 
@@ -41,92 +38,78 @@ def flight_ticks(scenario: Scenario) -> int:
     return round((trajectory.end_time() + scenario.settle) * scenario.control_rate)
 
 
-def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
-    """Return a simulator of a closed loop that hovers at the start.
+class FlightSimulator:
+    """A scenario's closed loop, built once, that flies one seed after the other.
 
-    A sampled plant leaves Drake nothing to integrate. A continuous one gets one third-order Runge-Kutta step a tick,
-    whose error is far below any noise here; rotors, whose lag is shorter than a tick, get four.
+    A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
+    gives back. A flight needs but a Context: it holds seed, start and all that evolves, and each has its own, so the
+    flights before it change nothing.
+
+    Args:
+        scenario: the scenario; its own seed is not used.
+        meshcat: shows each flight live; it is then paced by the wall clock.
+
+    Raises:
+        InputError: if the scenario has no path or no servo gain.
     """
-    simulator = Simulator(diagram)
-    fix_steps(simulator, scenario)
-    set_hovering(diagram, simulator.get_mutable_context(), scenario)
-    return simulator
 
+    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None):
+        self._scenario, self._is_live = scenario, meshcat is not None
+        self._diagram = make_closed_loop(scenario, meshcat=meshcat)
+        self._ticks = flight_ticks(scenario)
+        # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
+        # scene differs from the later ones in the last bits of a few pixels.
+        make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
 
-def fix_steps(simulator: Simulator, scenario: Scenario) -> None:
-    """Give a simulator its integrator; see make_simulator."""
-    steps = 4 if scenario.world.rotors.kind == "first_order" else 1
-    config = SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=scenario.h / steps, use_error_control=False
-    )
-    ApplySimulatorConfig(config, simulator)
+    def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
+        """Fly one seed.
 
+        Args:
+            seed: the seed of all noise.
+            progress: called with the number of ticks flown.
 
-def _advance(
-    simulator: Simulator,
-    diagram: Diagram,
-    scenario: Scenario,
-    ticks: int,
-    progress: Callable[[int], None] | None,
-) -> tuple[Lost | None, float]:
-    """Fly that many ticks, or until the flight is lost; return the loss and the seconds spent in AdvanceTo."""
-    room = scenario.load_room()
-    context: Context = simulator.get_context()
-    state = diagram.GetOutputPort("state")
-    simulator.Initialize()
-    wall = 0.0
-    for k in range(0, ticks, CHECK_EVERY):
-        end = min(k + CHECK_EVERY, ticks)
-        # Ctrl-C is seen between two of these; asking Drake to look for it costs more.
-        started = time.perf_counter()
-        simulator.AdvanceTo(end * scenario.h, interruptible=False)
-        wall += time.perf_counter() - started
-        if progress:
-            progress(end)
-        if find_loss(state.Eval(context)[np.newaxis], scenario.h, room, scenario.vehicle):
-            break
-    log = diagram.GetSubsystemByName("log").FindLog(context)
-    return find_loss(log.data()[: len(STATE_NAMES)].T, scenario.h, room, scenario.vehicle), wall
+        Returns:
+            A Dataset over ticks; see flight_dataset. The same seed gives the same numbers bit for bit; only the
+            attribute real_time_factor differs.
+
+        Raises:
+            InputError: if the seed is none that a scenario allows.
+        """
+        scenario = with_seed(self._scenario, seed)
+        simulator = make_simulator(self._diagram, scenario)
+        if self._is_live:
+            simulator.set_target_realtime_rate(1.0)
+        collects = gc.isenabled()
+        gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
+        try:
+            lost, wall = advance(simulator, scenario, self._ticks, progress)
+        finally:
+            if collects:
+                gc.enable()
+        log = self._diagram.GetSubsystemByName("log").FindLog(simulator.get_context())
+        end = lost.tick + 1 if lost else self._ticks + 1
+        dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)
+        dataset.attrs["real_time_factor"] = simulator.get_context().get_time() / wall
+        return dataset
 
 
 def fly(
     scenario: Scenario, progress: Callable[[int], None] | None = None, meshcat: Meshcat | None = None
 ) -> xr.Dataset:
-    """Fly one scenario.
+    """Fly one scenario, its seed included; for many seeds of it make one FlightSimulator.
 
     Args:
-        scenario: the scenario, its seed included.
+        scenario: the scenario.
         progress: called with the number of ticks flown.
         meshcat: shows the flight live; it is then paced by the wall clock.
 
     Returns:
-        A Dataset over ticks; see flight_dataset. The same scenario gives the same numbers bit for bit; only the
-        attribute real_time_factor differs.
+        A Dataset over ticks; see FlightSimulator.fly.
 
     Raises:
         InputError: if the scenario has no path or no servo gain.
     """
-    diagram = make_closed_loop(scenario, meshcat=meshcat)
-    ticks = flight_ticks(scenario)
-    # A throwaway start, so that numba's compilation is not taken for flying time.
-    make_simulator(diagram, scenario).AdvanceTo(3.5 * scenario.h)
-
-    simulator = make_simulator(diagram, scenario)
-    if meshcat is not None:
-        simulator.set_target_realtime_rate(1.0)
-    collects = gc.isenabled()
-    gc.collect()
-    gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
-    try:
-        lost, wall = _advance(simulator, diagram, scenario, ticks, progress)
-    finally:
-        if collects:
-            gc.enable()
-    log = diagram.GetSubsystemByName("log").FindLog(simulator.get_context())
-    end = lost.tick + 1 if lost else ticks + 1
-    dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)
-    dataset.attrs["real_time_factor"] = simulator.get_context().get_time() / wall
-    return dataset
+    return FlightSimulator(scenario, meshcat).fly(scenario.seed, progress)
 
 
 def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lost: Lost | None) -> xr.Dataset:

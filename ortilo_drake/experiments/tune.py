@@ -14,7 +14,7 @@ from ortilo_drake.analysis.fit_noise import LIFT_LOST, NoiseFit, fit_noise
 from ortilo_drake.analysis.noise_likelihood import Record, refilter, used_covariance
 from ortilo_drake.analysis.noise_settings import noise_model
 from ortilo_drake.experiments.consistency_flights import START, check_same_scenario, flown, regions
-from ortilo_drake.experiments.flight import fly, load_flight
+from ortilo_drake.experiments.flight import FlightSimulator, load_flight
 from ortilo_drake.experiments.metrics import estimation_mse, position_nees
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_X, SENSORS
@@ -169,8 +169,9 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
     seeds = list(range(first, first + count))
     flights: dict[str, list[xr.Dataset]] = {"before": [], "after": []}
     for name, scenario in (("before", before), ("after", tuning.fit.scenario)):
+        simulator = FlightSimulator(scenario)
         for seed in seeds:
-            flights[name].append(flown(fly(with_seed(scenario, seed))))
+            flights[name].append(flown(simulator.fly(seed)))
             progress()
     lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
     both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]

@@ -19,7 +19,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.diagrams.closed_loop import set_world_hovering
 from ortilo_drake.diagrams.onboard import make_onboard
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.experiments.flight import fix_steps
+from ortilo_drake.experiments.simulator import fix_steps
 from ortilo_drake.hil.resume import about_reference, after_gap
 from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.signals import ARRIVED, N_XBAR

@@ -9,8 +9,9 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.experiments.flight import CHECK_EVERY, flight_dataset, flight_ticks
+from ortilo_drake.experiments.flight import flight_dataset, flight_ticks
 from ortilo_drake.experiments.lost import find_loss
+from ortilo_drake.experiments.simulator import CHECK_EVERY
 from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.halves import OUTPUTS, OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X

@@ -5,7 +5,7 @@ import gc
 from collections.abc import Iterator
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.experiments.flight import make_simulator
+from ortilo_drake.experiments.simulator import make_simulator
 from ortilo_drake.scenario import Scenario
 
 TICKS = 12  # every sensor has sent, and every message entered the filter

@@ -13,10 +13,10 @@ import numpy as np
 import yaml
 
 from ortilo_drake.experiments.files import write_text
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.experiments.flight import FlightSimulator
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector_network import OWN_ONNX, load_detector
-from ortilo_drake.scenario import Detector, load_scenario, with_seed
+from ortilo_drake.scenario import Detector, load_scenario
 from ortilo_drake.training.measured_errors import box_errors
 from ortilo_drake.training.measured_rates import detection_rates
 from ortilo_drake.training.persistence import persistence
@@ -113,7 +113,8 @@ def calibrate(
     camera = room.camera.scaled_to(width)
     size = camera.width, camera.height
     detect = load_detector(detector, room, size)
-    states = [fly(with_seed(scenario, seed))["truth"].values[::every] for seed in seeds]
+    simulator = FlightSimulator(scenario)
+    states = [simulator.fly(seed)["truth"].values[::every] for seed in seeds]
     total, done = sum(map(len, states)), 0
 
     def count() -> None:

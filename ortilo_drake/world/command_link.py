@@ -11,7 +11,7 @@ strategies.
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import N_U
@@ -19,6 +19,7 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.world.link import chain_after, loss_parameters
 from ortilo_drake.world.noise import stream_id, uniforms
+from ortilo_drake.world.seeded_system import SeededSystem
 
 _BAD = 0  # the state: whether the chain is bad, the command held, then the ring of packets in flight
 _HELD = slice(1, 1 + N_U)
@@ -89,7 +90,7 @@ def link_after(
     return after
 
 
-class CommandLink(LeafSystem):
+class CommandLink(SeededSystem):
     """Carries the control packets to the rotors, late, and some never.
 
     Ports:
@@ -107,11 +108,11 @@ class CommandLink(LeafSystem):
     """
 
     def __init__(self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float):
-        super().__init__()
+        super().__init__(seed)
         self.set_name("command_link")
         self._loss, self._holds = loss_parameters(settings.loss), settings.when_lost == "hold"
         self._hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
-        self._seed, self._stream, self._h = seed, stream_id("link/command"), h
+        self._stream, self._h = stream_id("link/command"), h
         self._control = self.DeclareVectorInputPort("control", N_U)
         self._unread = np.zeros(N_U)
         self._is_late = settings.delay > 0
@@ -119,7 +120,7 @@ class CommandLink(LeafSystem):
         start[_HELD] = self._hover
         self.DeclareDiscreteState(start)
         self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
-        needs = {self.time_ticket(), self.xd_ticket()}
+        needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
         if not self._is_late:
             needs.add(self._control.ticket())
         self._applied = self.DeclareVectorOutputPort("applied", N_U, self._calc_applied, prerequisites_of_calc=needs)
@@ -127,10 +128,8 @@ class CommandLink(LeafSystem):
     def _calc_applied(self, context: Context, output: BasicVector) -> None:
         k = tick_of(context.get_time(), self._h)
         u = self._unread if self._is_late else self._control.Eval(context)
-        state = context.get_discrete_state().value()
-        output.SetFromVector(
-            applied_command(k, state, u, self._loss, self._hover, self._holds, self._seed, self._stream)
-        )
+        state, seed = context.get_discrete_state().value(), self.seed_in(context)
+        output.SetFromVector(applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         k = tick_of(context.get_time(), self._h)
@@ -139,4 +138,4 @@ class CommandLink(LeafSystem):
             self._control.Eval(context),
             self._applied.Eval(context),
         )
-        values.set_value(link_after(k, state, u, applied, self._loss, self._seed, self._stream))
+        values.set_value(link_after(k, state, u, applied, self._loss, self.seed_in(context), self._stream))

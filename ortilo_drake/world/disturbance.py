@@ -2,11 +2,12 @@
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.seeded_system import SeededSystem
 
 
 @njit(cache=True)
@@ -21,7 +22,7 @@ def disturbance_at(
     return d
 
 
-class DisturbanceSource(LeafSystem):
+class DisturbanceSource(SeededSystem):
     """A source of white disturbance; a ZeroOrderHold of period h after it holds each draw over its tick.
 
     Read between ticks it gives the nearest tick's draw, so a continuous plant must not take it directly.
@@ -36,14 +37,13 @@ class DisturbanceSource(LeafSystem):
     """
 
     def __init__(self, settings: Disturbance, seed: int, h: float):
-        super().__init__()
+        super().__init__(seed)
         self.set_name("disturbance")
         self._force_sd, self._torque_sd = settings.force_sd, settings.torque_sd
-        self._seed, self._stream, self._h = seed, stream_id("disturbance"), h
-        self.DeclareVectorOutputPort(
-            "disturbance", 6, self._calc_disturbance, prerequisites_of_calc={self.time_ticket()}
-        )
+        self._stream, self._h = stream_id("disturbance"), h
+        needs = {self.time_ticket(), self.all_parameters_ticket()}
+        self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance, prerequisites_of_calc=needs)
 
     def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
-        time = context.get_time()
-        output.SetFromVector(disturbance_at(self._force_sd, self._torque_sd, self._seed, self._stream, time, self._h))
+        seed, time = self.seed_in(context), context.get_time()
+        output.SetFromVector(disturbance_at(self._force_sd, self._torque_sd, seed, self._stream, time, self._h))

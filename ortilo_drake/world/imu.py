@@ -2,13 +2,14 @@
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import body_rates, rotation_matrix
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.seeded_system import SeededSystem
 
 
 @njit(cache=True)
@@ -51,7 +52,7 @@ def imu_message(
     return message
 
 
-class Imu(LeafSystem):
+class Imu(SeededSystem):
     """A memoryless IMU with white noise.
 
     Ports:
@@ -68,17 +69,16 @@ class Imu(LeafSystem):
     """
 
     def __init__(self, settings: ImuSettings, mass: float, seed: int, h: float):
-        super().__init__()
+        super().__init__(seed)
         self.set_name("imu")
         self._sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-        self._mass, self._seed, self._stream, self._h = mass, seed, stream_id("imu"), h
+        self._mass, self._stream, self._h = mass, stream_id("imu"), h
         self._state = self.DeclareVectorInputPort("state", N_X)
         self._control = self.DeclareVectorInputPort("control", N_U)
         self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
-        ports = {self._state.ticket(), self._control.ticket(), self._disturbance.ticket()}
-        self.DeclareVectorOutputPort(
-            "imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=ports | {self.time_ticket()}
-        )
+        needs = {self._state.ticket(), self._control.ticket(), self._disturbance.ticket()}
+        needs |= {self.time_ticket(), self.all_parameters_ticket()}
+        self.DeclareVectorOutputPort("imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=needs)
 
     def _calc_imu(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(
@@ -88,7 +88,7 @@ class Imu(LeafSystem):
                 self._disturbance.Eval(context),
                 self._mass,
                 self._sd,
-                self._seed,
+                self.seed_in(context),
                 self._stream,
                 context.get_time(),
                 self._h,

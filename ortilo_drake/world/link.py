@@ -9,12 +9,13 @@ at tick k with a delay of d ticks arrives at tick k + d; d = 0 is the same tick.
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import ARRIVED, N_X, STAMP
 from ortilo_drake.scenario import Link, Loss
 from ortilo_drake.world.noise import stream_id, uniforms
+from ortilo_drake.world.seeded_system import SeededSystem
 
 NOT_SENT = -1
 _TIME = 3  # a blackout's axis, after x, y, z
@@ -101,7 +102,7 @@ def blackout_rows(settings: Link, h: float) -> np.ndarray:
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
-class SensorLink(LeafSystem):
+class SensorLink(SeededSystem):
     """Carries a sensor's messages to the vehicle, some of them late, some never.
 
     Pulls: the message port is evaluated only in a tick that sends, so a sensor does no work in between.
@@ -127,13 +128,13 @@ class SensorLink(LeafSystem):
     """
 
     def __init__(self, sensor: str, size: int, settings: Link, seed: int, h: float):
-        super().__init__()
+        super().__init__(seed)
         self.set_name(f"{sensor}_link")
         self._every, self._delays = settings.every, (settings.delay, settings.random_delay)
         self._loss, self._blackouts = loss_parameters(settings.loss), blackout_rows(settings, h)
         self._by_position = bool(np.any(self._blackouts[:, 0] != _TIME))
         self._nowhere = np.zeros(N_X)
-        self._seed, self._stream, self._h = seed, stream_id(f"link/{sensor}"), h
+        self._stream, self._h = stream_id(f"link/{sensor}"), h
         self._message = self.DeclareVectorInputPort("message", size)
         self._state = self.DeclareVectorInputPort("state", N_X)
 
@@ -147,7 +148,7 @@ class SensorLink(LeafSystem):
         if self._chain is not None or self._flying is not None:
             self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
 
-        needs = {self.time_ticket(), self.xd_ticket()}
+        needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
         if settings.delay == 0:
             needs |= {self._message.ticket(), self._state.ticket()}
         self.DeclareVectorOutputPort("delivered", size, self._calc_delivered, prerequisites_of_calc=needs)
@@ -157,7 +158,8 @@ class SensorLink(LeafSystem):
             return NOT_SENT
         x = self._state.Eval(context) if self._by_position else self._nowhere
         bad = self._chain is not None and context.get_discrete_state(self._chain)[0] == 1.0
-        return delay_of_message(k, x, bad, self._loss, self._blackouts, self._delays, self._seed, self._stream)
+        seed = self.seed_in(context)
+        return delay_of_message(k, x, bad, self._loss, self._blackouts, self._delays, seed, self._stream)
 
     def _calc_delivered(self, context: Context, output: BasicVector) -> None:
         k = tick_of(context.get_time(), self._h)
@@ -185,4 +187,5 @@ class SensorLink(LeafSystem):
                     put_in_flight(flying.reshape(self._flying_shape), k + d, message)
         if self._chain is not None:
             bad = context.get_discrete_state(self._chain)[0] == 1.0
-            discrete_state.get_mutable_value(self._chain)[0] = chain_after(k, bad, self._loss, self._seed, self._stream)
+            after = chain_after(k, bad, self._loss, self.seed_in(context), self._stream)
+            discrete_state.get_mutable_value(self._chain)[0] = after

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
@@ -26,6 +26,7 @@ from ortilo_drake.world.camera_calibration import load_calibration
 from ortilo_drake.world.camera_tables import Tables, look_up, measured_tables, parametric_tables
 from ortilo_drake.world.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
 from ortilo_drake.world.noise import normals, stream_id, uniforms
+from ortilo_drake.world.seeded_system import SeededSystem
 
 _MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
 STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera errors, slow")
@@ -155,7 +156,7 @@ def detections_message(
     return message
 
 
-class ProjectedCamera(LeafSystem):
+class ProjectedCamera(SeededSystem):
     """A memoryless camera and detector in one, of measured or given errors.
 
     Of more than MAX_DETECTIONS boxes the last are left out. Scores are uniform, on (1/2, 1] for landmarks and
@@ -176,7 +177,7 @@ class ProjectedCamera(LeafSystem):
     """
 
     def __init__(self, settings: ProjectedCameraSettings, room: Room, seed: int, h: float):
-        super().__init__()
+        super().__init__(seed)
         self.set_name("projected_camera")
         camera = room.camera.scaled_to(settings.width).constants
         if isinstance(settings.errors, ParametricErrors):
@@ -184,12 +185,8 @@ class ProjectedCamera(LeafSystem):
         else:
             tables = measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
         streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
-        self._constants = (
-            surroundings(room),
-            room.landmark_labels,
-            camera,
-            tables,
-            seed,
+        self._seen = surroundings(room), room.landmark_labels, camera, tables
+        self._streams = (
             np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
             stream_id("camera false boxes"),
         )
@@ -199,9 +196,9 @@ class ProjectedCamera(LeafSystem):
             "detections",
             DETECTIONS_SIZE,
             self._calc_detections,
-            prerequisites_of_calc={self._state.ticket(), self.time_ticket()},
+            prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
         )
 
     def _calc_detections(self, context: Context, output: BasicVector) -> None:
-        x, time = self._state.Eval(context), context.get_time()
-        output.SetFromVector(detections_message(x, *self._constants, time, self._h))
+        x, seed, time = self._state.Eval(context), self.seed_in(context), context.get_time()
+        output.SetFromVector(detections_message(x, *self._seen, seed, *self._streams, time, self._h))

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.room import Room
@@ -10,6 +10,7 @@ from ortilo_drake.model.signals import N_X, uwb_size
 from ortilo_drake.scenario import Uwb
 from ortilo_drake.world.line_of_sight import walls_crossed
 from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.seeded_system import SeededSystem
 
 
 @njit(cache=True)
@@ -66,7 +67,7 @@ def ranging_settings(settings: Uwb) -> np.ndarray:
     return np.array([s_0, s_1, bias, most_walls, settings.max_distance])
 
 
-class UwbRanging(LeafSystem):
+class UwbRanging(SeededSystem):
     """A memoryless UWB receiver at B's origin.
 
     Ports:
@@ -81,18 +82,18 @@ class UwbRanging(LeafSystem):
     """
 
     def __init__(self, settings: Uwb, room: Room, seed: int, h: float):
-        super().__init__()
+        super().__init__(seed)
         self.set_name("uwb")
         self._anchors = room.anchor_positions
         self._boxes = room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
         self._settings = ranging_settings(settings)
-        self._seed, self._stream, self._h = seed, stream_id("uwb"), h
+        self._stream, self._h = stream_id("uwb"), h
         self._state = self.DeclareVectorInputPort("state", N_X)
         self.DeclareVectorOutputPort(
             "uwb",
             uwb_size(len(self._anchors)),
             self._calc_uwb,
-            prerequisites_of_calc={self._state.ticket(), self.time_ticket()},
+            prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
         )
 
     def _calc_uwb(self, context: Context, output: BasicVector) -> None:
@@ -102,7 +103,7 @@ class UwbRanging(LeafSystem):
                 self._anchors,
                 self._boxes,
                 self._settings,
-                self._seed,
+                self.seed_in(context),
                 self._stream,
                 context.get_time(),
                 self._h,

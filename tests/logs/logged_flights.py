@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
-from ortilo_drake.experiments.flight import fly, make_simulator
+from ortilo_drake.experiments.flight import fly
+from ortilo_drake.experiments.simulator import make_simulator
 from ortilo_drake.scenario import Scenario, load_scenario
 
 
