@@ -1,18 +1,27 @@
-# make setup   a virtual environment in .venv with everything the project needs
-# make fly     set up, fly the paper's scenario 2, write its page and picture to out/
-# make tables  set up, fly both scenarios 20 times, print the paper's tables beside ours
-# make test    set up, run all tests
-# make check   set up, run the linters
-# make bench   set up, measure the speed
+# make setup     a virtual environment in .venv with everything the project needs
+# make fly       set up, fly the paper's scenario 2, write its page and picture to out/
+# make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
+# make test      set up, run the tests but for notebooks, training, real time, processes of their own and videos
+# make test-all  set up, with ROS 2 where there are wheels of it, run all tests
+# make check     set up, run the linters
+# make bench     set up, measure the speed
 
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-# The notebooks first: they are one worker's, and would be the long tail.
-TESTS ?= tests/integration/test_notebooks.py tests
+TESTS ?= tests
+# Tests come in random order: `make test PYTEST_ARGS=--randomly-seed=N` repeats a run that printed that seed.
+PYTEST_ARGS ?=
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
+PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
+LONG := notebook or training or real_time or processes or video
+# What recorded flights the real-data test reads, where they lie beside the checkout.
+ifneq ($(wildcard ../shared/data),)
+export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
+endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup fly tables test check bench clean
+.PHONY: setup ros2 kernels fly tables test test-all check bench clean
 
 setup: $(STAMP)
 
@@ -26,8 +35,21 @@ fly: setup
 tables: setup
 	@$(BIN)/ortilo tables --flights 20 --out out/tables --json out/tables/tables.json
 
-test: setup
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
+# The wheels of ROS 2 are for Python 3.11 on Linux; elsewhere this installs nothing.
+ros2: $(STAMP)-ros2
+
+$(STAMP)-ros2: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[ros2]'
+	@touch $@
+
+kernels: setup
+	@$(ONE_THREAD) $(BIN)/python tests/compile_kernels.py
+
+test: kernels
+	@$(PYTEST) -m "not ($(LONG))" $(TESTS)
+
+test-all: ros2 kernels
+	@$(PYTEST) $(TESTS)
 
 check: setup
 	$(BIN)/ruff check .

@@ -1,19 +1,26 @@
-"""Hypothesis for the whole suite: the same examples in every run, and time for numba to compile; and pictures.
+"""What all tests share: Hypothesis' settings, pictures or none, buses of their own, flights that are flown once.
 
-Profiles that a test file registers itself start from this one, so they keep its settings.
+Hypothesis takes the same examples in every run, and lets numba compile. Profiles that a test file registers itself
+start from this one, so they keep its settings.
 """
 
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
+import xarray as xr
+from filelock import FileLock
 from hypothesis import settings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "egl: draws pictures; skipped where libEGL or a driver for it is missing")
+@pytest.hookimpl(trylast=True)  # once the order is random
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the notebooks: each takes long, and would be the tail that one worker is left with."""
+    items.sort(key=lambda item: item.get_closest_marker("notebook") is None)
 
 
 @pytest.hookimpl(tryfirst=True)  # before the fixtures, which draw as well
@@ -26,6 +33,40 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             check_egl()
         except InputError:
             pytest.skip("libEGL.so.1 or its driver is missing (Debian: libegl1 libgl1-mesa-dri): nothing can be drawn")
+
+
+@pytest.fixture(scope="session")
+def workers_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """A folder that the workers of this run have in common."""
+    folder = tmp_path_factory.getbasetemp()
+    return folder if worker_id == "master" else folder.parent
+
+
+@pytest.fixture(scope="session")
+def flown(workers_folder: Path) -> Callable[..., xr.Dataset]:
+    """A function that returns the flight of load_scenario's arguments, flown once whichever worker asks first."""
+    from ortilo_drake.experiments.flight import fly, load_flight, save_flight
+    from ortilo_drake.scenario import load_scenario
+
+    def flight_of(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> xr.Dataset:
+        scenario = load_scenario(name, changes, seed)
+        file = workers_folder / f"{hashlib.sha256(scenario.model_dump_json().encode()).hexdigest()}.nc"
+        with FileLock(f"{file}.lock"):
+            if not file.exists():
+                save_flight(fly(scenario), file)
+            return load_flight(file)
+
+    return flight_of
+
+
+@pytest.fixture(autouse=True)
+def one_in_real_time(request: pytest.FixtureRequest, workers_folder: Path) -> Iterator[None]:
+    """Two flights by the clock would take each other's processor."""
+    if not request.node.get_closest_marker("real_time"):
+        yield
+        return
+    with FileLock(workers_folder / "real_time.lock"):
+        yield
 
 
 @pytest.fixture

@@ -282,6 +282,7 @@ def fly_with_bridge(bus: str, options: list[str], report: Path) -> tuple[xr.Data
     return flight, found
 
 
+@pytest.mark.processes
 def test_mavlink_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     from pymavlink.dialects.v20 import common
 
@@ -338,6 +339,7 @@ print(json.dumps(got), flush=True)
 """
 
 
+@pytest.mark.processes
 @needs_ros
 def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     with subprocess.Popen([sys.executable, "-c", _RECEIVER], stdout=subprocess.PIPE, text=True, env=LOCAL) as receiver:
@@ -406,6 +408,7 @@ with Ros2Bridge(load_scenario("imu_uwb")) as bridge:
 """
 
 
+@pytest.mark.processes
 @needs_ros
 def test_a_goal_from_ros_crosses_to_the_onboard_half(bus: str) -> None:
     scenario = load_scenario("imu_uwb", SETTINGS)
@@ -432,6 +435,7 @@ def test_a_goal_from_ros_crosses_to_the_onboard_half(bus: str) -> None:
     assert [line.strip() for line in lines[1:]] == ["goal (1.5, -2): flies there", "goal (3, 0): too far"]
 
 
+@pytest.mark.processes
 @needs_ros
 def test_goals_come_back_in_the_map_frame_only() -> None:
     run = subprocess.run(

@@ -141,6 +141,7 @@ def test_saved_flights_are_read_back_in_the_order_asked_for(tmp_path: Path) -> N
         flights_of(SCENARIO, [], tmp_path)
 
 
+@pytest.mark.processes
 def test_four_workers_fly_the_same_bits_as_one(tmp_path: Path) -> None:
     alone = fly_many(SCENARIO, range(5), tmp_path / "one", workers=1)
     together = fly_many(SCENARIO, range(5), tmp_path / "four", workers=4)

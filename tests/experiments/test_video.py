@@ -25,7 +25,7 @@ HOVER = "planner={kind: hover, point: [2, 0.5, 1.5], duration: 0.7}"
 PARAMETRIC = "projected_camera.errors={kind: parametric}"
 ROOM = load_room()
 
-pytestmark = pytest.mark.egl
+pytestmark = [pytest.mark.egl, pytest.mark.video]
 
 
 def scenario(*settings: str) -> Scenario:

@@ -15,6 +15,8 @@ from distributed.comm import CommClosedError
 
 from ortilo_drake.experiments.workers import start_cluster
 
+pytestmark = pytest.mark.processes
+
 LISTENS = "0A"  # the state of a TCP socket in /proc/net/tcp
 
 

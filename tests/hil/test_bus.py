@@ -145,11 +145,13 @@ def in_a_network(sizes: tuple[int, ...], *commands: str) -> str:
     return done.stdout
 
 
+@pytest.mark.processes
 def test_lcms_own_library_hears_us_and_is_heard() -> None:
     said = in_a_network(SIZES, "ip route add 224.0.0.0/4 dev lo")
     assert said == "ours to theirs: all\ntheirs to ours: all\n"
 
 
+@pytest.mark.processes
 def test_what_comes_by_another_interface_is_not_heard() -> None:
     # As on a machine whose multicast goes by its default route: there LCM listens to the whole network.
     cable = ("link add cable type dummy", "address add 10.76.67.1/24 dev cable", "link set cable up")
@@ -157,6 +159,7 @@ def test_what_comes_by_another_interface_is_not_heard() -> None:
     assert said == "ours to theirs: none\ntheirs to ours: none\n"
 
 
+@pytest.mark.processes
 def test_the_datagram_that_kills_lcms_own_library_does_not_kill_ours(bus: str) -> None:
     joined, came = open_bus(bus), []
     joined.subscribe("ORTILO_HELLO", came.append)

@@ -175,6 +175,7 @@ def planned(planner: GoalPlanner) -> Plan:
     return done
 
 
+@pytest.mark.processes
 def test_the_process_plans_what_the_planner_plans_and_the_newest_goal_counts() -> None:
     p = np.array([2.0, 0.5, 1.4])
     with planner_of(SCENARIO) as planner:
@@ -198,6 +199,7 @@ def test_the_process_plans_what_the_planner_plans_and_the_newest_goal_counts() -
             assert planned(planner) == Plan(number, None, GONE)
 
 
+@pytest.mark.processes
 def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
     program = (
         "import time\n"

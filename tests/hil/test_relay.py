@@ -111,6 +111,7 @@ def test_one_bus_is_not_enough(bus: str) -> None:
             run_relay(bus, same)
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("module", ["ortilo_drake.hil.urls", "ortilo_drake.commands.hil"])
 def test_the_buses_are_known_without_drake(module: str) -> None:
     code = f"import sys, {module}; print(sorted(sys.modules.keys() & {{'pydrake', {module!r}}}))"

@@ -255,6 +255,7 @@ def test_every_command_has_help(capsys: pytest.CaptureFixture[str], words: list[
     assert printed.err == ""
 
 
+@pytest.mark.processes
 def test_bad_input_ends_the_process_with_code_two_and_one_line(tmp_path: Path) -> None:
     done = run_apart("fly", "imu_gps", "--json", "flight.json", folder=tmp_path)
     assert done.code == 2

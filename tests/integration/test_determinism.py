@@ -45,6 +45,7 @@ def test_other_flights_in_between_change_nothing() -> None:
     assert digest(fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
 
 
+@pytest.mark.processes
 def test_another_process_flies_the_same_bits() -> None:
     program = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"

@@ -13,6 +13,8 @@ from halves_in_processes import HOVER, PROJECTED, RENDERED, WAIT, check_in_time,
 
 from ortilo_drake.logs.reader import read_messages
 
+pytestmark = pytest.mark.processes
+
 
 @pytest.mark.parametrize("words", [("imu_uwb", *HOVER), ("imu_uwb_yolo", *HOVER, *PROJECTED)])
 def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, words: tuple[str, ...], bus: str) -> None:
@@ -29,6 +31,7 @@ def test_lockstep_is_the_flight_of_a_single_process_with_pictures(tmp_path: Path
     assert report["ticks"] == 31
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("rate", [30, 100])
 def test_three_seconds_in_real_time(tmp_path: Path, rate: int, bus: str) -> None:
     words = ("imu_uwb_yolo", *PROJECTED, "--set", f"control_rate={rate}", "--seconds", "3", "--url", bus)
@@ -78,6 +81,7 @@ def test_a_logged_flight_replays_identically(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.real_time
 def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path: Path, bus: str) -> None:
     log, words = tmp_path / "onboard", ("imu_uwb_yolo", *PROJECTED, "--url", bus, *WAIT)
     for code, _, errors in run_both((*words, "--seconds", "2"), (*words, "--log", str(log))):
@@ -87,6 +91,7 @@ def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path:
     assert report["ticks"] > 50
 
 
+@pytest.mark.real_time
 @pytest.mark.egl
 def test_in_real_time_pictures_are_drawn_and_looked_at_beside_the_ticks(tmp_path: Path, bus: str) -> None:
     log, words = tmp_path / "onboard", ("imu_uwb_yolo", *RENDERED, "--set", "rendered_camera.width=160", "--url", bus)

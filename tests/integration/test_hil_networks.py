@@ -17,6 +17,8 @@ from ortilo_drake.experiments.flight import fly, load_flight
 from ortilo_drake.hil.multicast import MEND, MEND_NETWORK
 from ortilo_drake.scenario import load_scenario
 
+pytestmark = pytest.mark.processes
+
 
 def beyond(bus: str) -> str:
     """Return the URL of a bus whose packets leave their machine."""
@@ -76,6 +78,7 @@ def two_networks() -> Iterator[tuple[str, str]]:
 SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 
 
+@pytest.mark.real_time
 def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
     words, report = ("imu_uwb_yolo", *PROJECTED, "--url", beyond(bus), *WAIT), tmp_path / "world.json"
     with two_networks() as spaces:

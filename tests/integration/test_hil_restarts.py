@@ -16,10 +16,13 @@ from ortilo_drake.experiments.flight import load_flight
 from ortilo_drake.logs.reader import read_ticks
 from ortilo_drake.scenario import Failsafe
 
+pytestmark = pytest.mark.processes
+
 GOAL = (3.0, 0.0)
 TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", "--set", "uwb.link.blackouts=[]")
 
 
+@pytest.mark.real_time
 def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path, bus: str) -> None:
     here = ("imu_uwb", *TO_THE_GOAL, "--url", bus)
     checkpoint, flown, report = tmp_path / "state.npz", tmp_path / "flight.nc", tmp_path / "world.json"
@@ -48,6 +51,7 @@ def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Pa
     np.testing.assert_allclose(load_flight(flown)["truth"].values[-1, :2], GOAL, atol=0.3)
 
 
+@pytest.mark.real_time
 def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path, bus: str) -> None:
     log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", "--url", bus, "--wait", "120")
     onboard = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))

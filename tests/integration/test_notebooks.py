@@ -25,6 +25,7 @@ def test_is_valid_and_stored_without_outputs(path: Path):
     assert with_results == []
 
 
+@pytest.mark.notebook
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, marks=pytest.mark.egl if path.stem.startswith("02") else ()) for path in NOTEBOOKS],

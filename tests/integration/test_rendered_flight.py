@@ -63,6 +63,7 @@ def test_the_same_seed_flies_the_same_bits_twice_and_another_others(bare: str) -
     assert digest(one) != digest(other)
 
 
+@pytest.mark.processes
 @pytest.mark.egl
 def test_the_same_bits_on_one_worker_and_on_two(bare: str, tmp_path: Path) -> None:
     scenario = scenario_of(bare)

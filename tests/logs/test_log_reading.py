@@ -113,6 +113,7 @@ with LogWriter(Path({path!r}), scenario) as log:
 """
 
 
+@pytest.mark.processes
 def test_killed_writer_loses_no_more_than_it_says(tmp_path):
     path = tmp_path / "killed"
     code = KILLED.format(tests=str(Path(__file__).parent), path=str(path))

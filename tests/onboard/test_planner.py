@@ -65,6 +65,7 @@ def test_the_default_flight_keeps_its_limits_and_flies_at_its_speed() -> None:
     assert FLIGHT.start_time() == 0.0
 
 
+@pytest.mark.processes
 def test_the_plan_is_the_same_bit_for_bit_in_another_process() -> None:
     program = (
         "import hashlib, test_planner as t; v = t.plan(t.SETTINGS, t.ROOM, t.M100).vector_values(t.TIMES);"

@@ -30,6 +30,8 @@ from ortilo_drake.world.camera_calibration import CameraCalibration, load_calibr
 from ortilo_drake.world.landmark_view import DISTANCE, VISIBLE
 from ortilo_drake.world.projected_camera import ProjectedCamera
 
+pytestmark = pytest.mark.training
+
 ROOM = load_room()
 SIZE = 320, 240
 KNOTS = np.array([0.0, 1.0, 3.0, 7.0])

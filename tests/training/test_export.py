@@ -22,6 +22,8 @@ from ortilo_drake.onboard.darknet_file import read_network, write_network  # noq
 from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
 from ortilo_drake.training.export import export, fold  # noqa: E402
 
+pytestmark = pytest.mark.training
+
 SPP = """[net]\nwidth=64\nheight=32\nchannels=3
 [convolutional]\nbatch_normalize=1\nfilters=6\nsize=3\nstride=2\npad=1\nactivation=leaky
 [convolutional]\nbatch_normalize=1\nfilters=6\nsize=3\nstride=1\npad=1\nactivation=leaky

@@ -34,6 +34,8 @@ from ortilo_drake.training.shards import load_frames, render_shard
 from ortilo_drake.world.rendering import camera_in_body, make_scene_graph, render_cameras
 from ortilo_drake.world.scene import scene_items
 
+pytestmark = pytest.mark.training
+
 BASE = load_room()
 CAMERA = BASE.camera.scaled_to(320)
 

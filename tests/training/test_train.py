@@ -17,6 +17,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed: nothing can
 from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
 from ortilo_drake.training.train import RARE, batch_of, initialize, train  # noqa: E402
 
+pytestmark = pytest.mark.training
+
 CFG = """[net]\nwidth=64\nheight=48\nchannels=3
 [convolutional]\nbatch_normalize=1\nfilters=8\nsize=3\nstride=2\npad=1\nactivation=leaky
 [convolutional]\nbatch_normalize=1\nfilters=16\nsize=3\nstride=2\npad=1\nactivation=leaky

@@ -113,6 +113,7 @@ def test_all_files_are_small():
     assert sum(file.stat().st_size for file in MESHES.iterdir()) < 3_000_000
 
 
+@pytest.mark.processes
 def test_the_script_makes_what_is_here(tmp_path):
     room = tmp_path / "room.yaml"
     stale = re.sub(r"^(  cat: \[\[).*", r"\g<1>0, 0, 0]]", ORTILO_ROOM.read_text(encoding="utf-8"), flags=re.M)
