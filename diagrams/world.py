@@ -11,7 +11,7 @@ from ortilo_drake.scenario import Link, Scenario
 from ortilo_drake.world.command_link import CommandLink
 from ortilo_drake.world.disturbance import DisturbanceSource
 from ortilo_drake.world.failsafe import Failsafe
-from ortilo_drake.world.image_delay import ImageDelay
+from ortilo_drake.world.image_delay import ImageDelay, check_kept
 from ortilo_drake.world.imu import Imu
 from ortilo_drake.world.link import SensorLink
 from ortilo_drake.world.projected_camera import ProjectedCamera
@@ -117,6 +117,8 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
         image = rendered.GetOutputPort("color_image")
         link = scenario.camera_link
         if link.delay or link.random_delay:
+            camera = room.camera.scaled_to(scenario.rendered_camera.width)
+            check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)
             kept = builder.AddSystem(ImageDelay(link.every, link.delay + link.random_delay, h))
             builder.Connect(image, kept.GetInputPort("color_image"))
             builder.Connect(shutter, kept.GetInputPort("shutter"))

@@ -7,14 +7,16 @@ runs, with one line that names the file, the field, the value and what is allowe
 The groups of settings are in ortilo_drake/settings and can be imported from here.
 """
 
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, read_text, validate
+from ortilo_drake.model.typed_yaml import DEEPEST, FileName, Frozen, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.settings.failsafe import Failsafe
 from ortilo_drake.settings.link import (
@@ -101,7 +103,6 @@ __all__ = [
     "WaypointPlanner",
     "World",
     "load_scenario",
-    "read_text",
     "read_waypoints",
     "scenario_names",
     "with_seed",
@@ -110,6 +111,17 @@ __all__ = [
 SCENARIO_FOLDER = Path(__file__).parent / "diagrams" / "scenarios"
 
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def _as_file_name(name: str) -> str:
+    if not name.isprintable() or set(name) & set("/\\") or not 0 < len(name.encode()) <= 100 or name[0] == ".":
+        raise ValueError(
+            f"{name!r}: must be 1 to 100 bytes of printable text without / and \\, and not begin with a point"
+        )
+    return name
+
+
+Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is called so
 
 
 class Scenario(Frozen):
@@ -129,11 +141,11 @@ class Scenario(Frozen):
         failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
     """
 
-    name: Annotated[str, Field(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$")] = "default"
+    name: Name = "default"
     seed: Seed = 0
     control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
     settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
-    room: str = "ortilo"
+    room: FileName = "ortilo"
     vehicle: Vehicle = Vehicle()
     world: World = World()
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
@@ -194,24 +206,27 @@ def _resolve(name_or_file: str | Path) -> Path:
         return path
     if str(name_or_file) in scenario_names():
         return SCENARIO_FOLDER / f"{name_or_file}.yaml"
+    name, known = str(name_or_file), scenario_names()
+    shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
     raise InputError(
-        f"scenario: {str(name_or_file)!r} is unknown: give a .yaml file or one of {', '.join(scenario_names())}"
+        f"scenario: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
     )
 
 
 def _set_field(data: dict[str, Any], setting: str) -> None:
     key, equals, text = setting.partition("=")
-    if not equals or not all(key.split(".")):
-        raise InputError(f"--set {setting!r}: must read key.key=value")
+    shown = repr(setting) if len(setting) <= 100 else f"{setting[:100]!r}..."
+    if not equals or not all(key.split(".")) or key.count(".") > DEEPEST:
+        raise InputError(f"--set {shown}: must read key.key=value")
     *parents, last = key.split(".")
     for parent in parents:
         child = data.get(parent)
         if child is None:
             child = data[parent] = {}
         if not isinstance(child, dict):
-            raise InputError(f"--set {setting!r}: '{parent}' is not a group of settings")
+            raise InputError(f"--set {shown}: '{parent}' is not a group of settings")
         data = child
-    value = parse_yaml(text, f"--set {setting!r}")
+    value = parse_yaml(text, f"--set {shown}")
     if last == "kind" and data.get("kind") != value:
         data.clear()  # another kind has other settings
     data[last] = value
@@ -253,19 +268,23 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
 def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
     """Return the scenario with the paths in it made absolute and its waypoints read, so that it stands alone."""
     changes: dict[str, Any] = {}
+
+    def absolute(name: str) -> str:
+        return os.path.realpath(folder / name)
+
     if scenario.room != "ortilo":
-        changes["room"] = str((folder / scenario.room).resolve())
+        changes["room"] = absolute(scenario.room)
     if isinstance(scenario.planner, WaypointPlanner) and scenario.planner.file is not None:
-        points = read_waypoints((folder / scenario.planner.file).resolve())
+        points = read_waypoints(Path(absolute(scenario.planner.file)))
         rows = tuple(tuple(row) for row in points.tolist())
         changes["planner"] = scenario.planner.model_copy(update={"file": None, "points": rows})
     files = {key: path for key in ("cfg", "weights", "names") if (path := getattr(scenario.detector, key)) is not None}
     if files:
-        files = {key: str((folder / path).resolve()) for key, path in files.items()}
+        files = {key: absolute(path) for key, path in files.items()}
         changes["detector"] = scenario.detector.model_copy(update=files)
     errors = scenario.projected_camera.errors
     if errors.kind == "measured" and errors.file != "rendered":
-        errors = errors.model_copy(update={"file": str((folder / errors.file).resolve())})
+        errors = errors.model_copy(update={"file": absolute(errors.file)})
         changes["projected_camera"] = scenario.projected_camera.model_copy(update={"errors": errors})
     return scenario.model_copy(update=changes) if changes else scenario
 

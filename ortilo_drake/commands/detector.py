@@ -92,7 +92,7 @@ def train(
     import torch
 
     from ortilo_drake.experiments.files import replacing, write_text
-    from ortilo_drake.model.typed_yaml import read_text
+    from ortilo_drake.model.input_files import read_text
     from ortilo_drake.onboard.darknet_cfg import read_cfg
     from ortilo_drake.onboard.darknet_file import write_network
     from ortilo_drake.onboard.darknet_network import DarknetNetwork

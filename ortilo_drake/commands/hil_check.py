@@ -80,7 +80,8 @@ def check(
     if lockstep and (seconds is not None or png is not None):
         raise InputError("--seconds, --png: belong to a flight in real time, not to --lockstep")
     check_writable(png, json_file)
-    from ortilo_drake.experiments.flight import flight_ticks, fly
+    from ortilo_drake.experiments.flight import fly
+    from ortilo_drake.experiments.flyable import flight_ticks
     from ortilo_drake.hil.latency_figure import latency_figure
     from ortilo_drake.hil.runs import run_world
 

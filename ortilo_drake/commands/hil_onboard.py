@@ -60,7 +60,7 @@ def onboard(
     if keep and log:
         raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
     check_writable(json_file, checkpoint)
-    from ortilo_drake.experiments.flight import flight_ticks
+    from ortilo_drake.experiments.flyable import flight_ticks
     from ortilo_drake.hil.goal_planner import GoalPlanner
     from ortilo_drake.hil.handshake import PATIENCE
     from ortilo_drake.hil.keep_alive import keep_alive

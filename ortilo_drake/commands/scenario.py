@@ -3,9 +3,10 @@
 import typer
 import yaml
 
-from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
+from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption, quiet_drake
 from ortilo_drake.commands.terminal import out
-from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, read_text, scenario_names
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
 
 scenario_app = typer.Typer(help="List, show and check scenarios.", no_args_is_help=True)
 
@@ -27,11 +28,10 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario: its fields, its room, and that there is a path and a servo gain."""
+    """Check a scenario: all that `ortilo fly` would refuse is refused here."""
     chosen = load_scenario(scenario, tuple(settings or ()))
-    from ortilo_drake.experiments.flight import flight_ticks
-    from ortilo_drake.onboard.lq_gain import servo_gain
+    from ortilo_drake.experiments.flyable import check_flyable
 
-    seconds = flight_ticks(chosen) * chosen.h
-    servo_gain(chosen.vehicle, chosen.servo.weights, chosen.h)
+    quiet_drake()
+    seconds = check_flyable(chosen) * chosen.h
     out.print(f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}")

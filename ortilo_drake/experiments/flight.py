@@ -12,6 +12,7 @@ from pydrake.geometry import Meshcat
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
 from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.flyable import check_flyable
 from ortilo_drake.experiments.lost import Lost
 from ortilo_drake.experiments.simulator import advance, make_simulator
 from ortilo_drake.model.signals import (
@@ -24,18 +25,11 @@ from ortilo_drake.model.signals import (
     STATE_NAMES,
 )
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import Scenario, with_seed
 
 AXES = ("x", "y", "z")
 XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
-
-
-def flight_ticks(scenario: Scenario) -> int:
-    """Return how many ticks a flight takes: its path and the time to settle; InputError if there is no path."""
-    trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
-    return round((trajectory.end_time() + scenario.settle) * scenario.control_rate)
 
 
 class FlightSimulator:
@@ -50,13 +44,13 @@ class FlightSimulator:
         meshcat: shows each flight live; it is then paced by the wall clock.
 
     Raises:
-        InputError: if the scenario has no path or no servo gain.
+        InputError: if the scenario cannot be flown, see check_flyable.
     """
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None):
         self._scenario, self._is_live = scenario, meshcat is not None
+        self._ticks = check_flyable(scenario)
         self._diagram = make_closed_loop(scenario, meshcat=meshcat)
-        self._ticks = flight_ticks(scenario)
         # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
         # scene differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
@@ -107,7 +101,7 @@ def fly(
         A Dataset over ticks; see FlightSimulator.fly.
 
     Raises:
-        InputError: if the scenario has no path or no servo gain.
+        InputError: if the scenario cannot be flown, see check_flyable.
     """
     return FlightSimulator(scenario, meshcat).fly(scenario.seed, progress)
 

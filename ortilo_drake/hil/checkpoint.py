@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.trajectories import PiecewisePolynomial
 
+from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.goal_path import knots, through
 
@@ -44,7 +45,7 @@ def _replace(path: Path, **arrays: npt.ArrayLike) -> None:
 def session_of(path: Path) -> int:
     """Return the session that a checkpoint is of; 0 if there is none, or it is damaged."""
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        with open_file(path) as opened, np.load(opened, allow_pickle=False) as file:
             return int(file["session"])
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return 0
@@ -61,7 +62,7 @@ def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) ->
         size: of the state.
     """
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        with open_file(path) as opened, np.load(opened, allow_pickle=False) as file:
             found = Checkpoint(int(file["session"]), int(file["tick"]), np.array(file["state"], dtype=float))
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None
@@ -82,7 +83,7 @@ def save_path(checkpoint: Path, session: int, path: PiecewisePolynomial) -> None
 def load_path(checkpoint: Path, session: int) -> PiecewisePolynomial | None:
     """Return the path that a session flew last; None if it is the scenario's, or the file is damaged."""
     try:
-        with path_file(checkpoint).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        with open_file(path_file(checkpoint)) as opened, np.load(opened, allow_pickle=False) as file:
             found, its_knots = int(file["session"]), np.array(file["knots"], dtype=float)
         if found != session or its_knots.shape[0] != 7 or not np.isfinite(its_knots).all():
             return None

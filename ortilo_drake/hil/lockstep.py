@@ -9,7 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.experiments.flight import flight_dataset, flight_ticks
+from ortilo_drake.experiments.flight import flight_dataset
+from ortilo_drake.experiments.flyable import flight_ticks
 from ortilo_drake.experiments.lost import find_loss
 from ortilo_drake.experiments.simulator import CHECK_EVERY
 from ortilo_drake.hil.flight_record import Record

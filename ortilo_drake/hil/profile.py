@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
-from ortilo_drake.experiments.flight import flight_ticks
+from ortilo_drake.experiments.flyable import flight_ticks
 from ortilo_drake.hil.halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.hil.warm_up import TICKS, warm_up
 from ortilo_drake.model.typed_yaml import InputError

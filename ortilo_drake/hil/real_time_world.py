@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.experiments.flight import flight_ticks
+from ortilo_drake.experiments.flyable import flight_ticks
 from ortilo_drake.experiments.lost import Lost, find_loss
 from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.camera_process import CameraProcess

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.experiments.files import write_text
-from ortilo_drake.experiments.flight import flight_ticks
+from ortilo_drake.experiments.flyable import flight_ticks
 from ortilo_drake.experiments.lost import Lost, find_loss
 from ortilo_drake.experiments.metrics import summary
 from ortilo_drake.hil.faults import Faults, Line

@@ -14,6 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
+from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -30,7 +31,7 @@ class LoggedMessage(NamedTuple):
 
 def _whole_records(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield (opcode, content) of every record that is there to its last byte; DataEnd or the cut ends them."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise InputError(f"{path}: not an MCAP file")
         left = os.fstat(file.fileno()).st_size - len(MAGIC)

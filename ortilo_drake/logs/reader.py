@@ -18,6 +18,7 @@ from ortilo_drake.logs.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.logs.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
 from ortilo_drake.logs.ros_types import from_cdr
 from ortilo_drake.logs.signals import OUTPUTS, Signals
+from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Scenario
 
@@ -33,7 +34,7 @@ class LoggedTick(NamedTuple):
 
 def log_file(path: Path) -> Path:
     """Return the MCAP file of a log's folder, or the path itself if it is a file; InputError if there is none."""
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"{path}: no such log")
     if not path.is_dir():
         return path

@@ -12,20 +12,32 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 
+from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, read_text, validate
+from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, validate
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
 Size3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
 Share = Annotated[float, Field(ge=-1.0, le=1.0)]
-Outline = Annotated[tuple[tuple[Share, Share, Share], ...], Field(min_length=4)]
+Outline = Annotated[tuple[tuple[Share, Share, Share], ...], Field(min_length=4, max_length=1000)]
 
 _BOX = np.array(list(product((-1.0, 1.0), repeat=3)))  # the outline of a class that has none
 
 ORTILO_ROOM = Path(__file__).with_name("ortilo_room.yaml")
+
+
+# Far more than any building has; flights look at each of them at every tick.
+MAX_ANCHORS = 1000
+MAX_LANDMARKS = 1000
+MAX_OBSTACLES = 5000  # walls, stands and pieces of furniture, each
+MAX_HEIGHT = 8192  # of a picture [px]
+MAX_PIXELS = 2**24  # of a picture, 64 MiB
+
+Side = Annotated[int, Field(ge=1, le=100_000)]  # of a picture [px]
+Label = Annotated[str, Field(pattern=r"^\w[\w .+-]*$", max_length=64)]  # it names meshes and is printed
 
 
 class Interior(Frozen):
@@ -41,7 +53,7 @@ class Landmark(Frozen):
     Without a size it has its class's.
     """
 
-    label: str
+    label: Label
     position: Vec3
     yaw: float = 0.0
     size: Size3 | None = None
@@ -50,8 +62,8 @@ class Landmark(Frozen):
 class CameraModel(Frozen):
     """A pinhole camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z."""
 
-    width: PositiveInt
-    height: PositiveInt
+    width: Side
+    height: Side
     focal_length: PositiveFloat
     center: Vec2
     position: Vec3
@@ -60,12 +72,21 @@ class CameraModel(Frozen):
         """Return the same camera at another resolution.
 
         A pixel's centre has integer coordinates, so the principal point moves by c -> (c + 1/2) s - 1/2.
+
+        Raises:
+            InputError: if such a picture has no pixels or too many.
         """
         s = width / self.width
+        height = round(self.height * s)
+        if not (1 <= height <= MAX_HEIGHT and width * height <= MAX_PIXELS):
+            raise InputError(
+                f"width: {width}: pictures of the room's camera, {self.width} x {self.height} px, are then {width} x "
+                f"{height} px: must be 1 to {MAX_HEIGHT} px high and have at most {MAX_PIXELS} px"
+            )
         center = ((self.center[0] + 0.5) * s - 0.5, (self.center[1] + 0.5) * s - 0.5)
         return CameraModel(
             width=width,
-            height=round(self.height * s),
+            height=height,
             focal_length=self.focal_length * s,
             center=center,
             position=self.position,
@@ -78,25 +99,25 @@ class CameraModel(Frozen):
         return Camera(np.array(self.position), self.focal_length, np.array(self.center), image)
 
 
-Furniture = tuple[str, float, float, float, float, float, float]
+Furniture = tuple[Label, float, float, float, float, float, float]
 
 
 class Room(Frozen):
     """The room as its file holds it; see ortilo_room.yaml for the meaning of each field."""
 
-    name: str
+    name: Label
     interior: Interior
-    anchors: tuple[Vec3, ...]
-    landmarks: tuple[Landmark, ...]
-    landmark_size: dict[str, Size3]
-    landmark_outline: dict[str, Outline] = Field(default_factory=dict)
+    anchors: Annotated[tuple[Vec3, ...], Field(max_length=MAX_ANCHORS)]
+    landmarks: Annotated[tuple[Landmark, ...], Field(max_length=MAX_LANDMARKS)]
+    landmark_size: dict[Label, Size3]
+    landmark_outline: dict[Label, Outline] = Field(default_factory=dict)
     wall_size: Size3
-    walls: tuple[Vec3, ...]
+    walls: Annotated[tuple[Vec3, ...], Field(max_length=MAX_OBSTACLES)]
     stand_radius: PositiveFloat
     stand_height: PositiveFloat
-    stands: tuple[Vec2, ...]
-    furniture: tuple[Furniture, ...]
-    furniture_size: dict[str, Size3]
+    stands: Annotated[tuple[Vec2, ...], Field(max_length=MAX_OBSTACLES)]
+    furniture: Annotated[tuple[Furniture, ...], Field(max_length=MAX_OBSTACLES)]
+    furniture_size: dict[Label, Size3]
     camera: CameraModel
 
     @model_validator(mode="after")
@@ -225,7 +246,7 @@ def load_room(path: Path = ORTILO_ROOM) -> Room:
     Raises:
         InputError: naming file, field, value and what is allowed.
     """
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"{path}: no such room file")
     return _room_of(read_text(path), str(path))
 

@@ -8,7 +8,8 @@ and [yolo]; a key that would change what the network computes, and that we do no
 import math
 from pathlib import Path
 
-from ortilo_drake.model.typed_yaml import InputError, read_text
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_layers import (
     ACTIVATIONS,
     Convolutional,

@@ -11,6 +11,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
+from ortilo_drake.model.input_files import check_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_cfg import parse_cfg
 from ortilo_drake.onboard.darknet_network import DarknetNetwork
@@ -58,6 +59,7 @@ def read_network(path: Path) -> tuple[DarknetNetwork, list[str]]:
     Raises:
         InputError: if the file cannot be read, is damaged, or holds other tensors than its own .cfg needs.
     """
+    check_file(path)
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}

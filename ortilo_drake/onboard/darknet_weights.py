@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_cfg import read_cfg
 from ortilo_drake.onboard.darknet_network import DarknetNetwork
@@ -46,7 +47,7 @@ def check_values(path: Path, network: DarknetNetwork) -> None:
 
 def _header_size(path: Path) -> int:
     """Return the bytes before the first weight."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         start = file.read(20)
     major, minor = (int.from_bytes(start[i : i + 4], "little", signed=True) for i in (0, 4))
     if not (0 <= major < 1000 and 0 <= minor < 1000):  # Darknet marks transposed weights by 1000 and more

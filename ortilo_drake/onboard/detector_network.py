@@ -7,8 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.typed_yaml import InputError, read_text
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.coco import COCO_CLASSES
 from ortilo_drake.onboard.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.darknet_layers import DarknetCfg
@@ -38,7 +39,7 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> list[str]:
     count = cfg.heads[0].classes
     assert settings.cfg is not None
     file = Path(settings.names) if settings.names else Path(settings.cfg).with_suffix(".names")
-    if settings.names is None and not file.exists():
+    if settings.names is None and not exists(file):
         if count == len(COCO_CLASSES):
             return list(COCO_CLASSES)
         raise InputError(f"{file}: missing: {settings.cfg} has {count} classes, give their names, one a line")

@@ -17,10 +17,12 @@ from pydrake.trajectories import CompositeTrajectory
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.free_cells import ELBOW, Cell, FreeSpace, cells_along, grow_cell
 
 SPACING = 0.05  # of the grid for the route: narrower gaps are not found [m]
 ORDER = 5  # of the Bezier curves
+MAX_GRID = 4_000_000  # points of the grid, each takes about 420 bytes
 BENDING = 10.0  # cost of squared second differences of control points, against metres of length
 
 
@@ -62,7 +64,16 @@ def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray) -> list[Ce
         space: the free space.
         start: a point with positive room (2) [m].
         goal: another (2) [m].
+
+    Raises:
+        InputError: if the room is too large.
     """
+    sides = space.bounds[1, :2] - space.bounds[0, :2]
+    if np.prod(np.ceil(sides / SPACING)) > MAX_GRID:
+        raise InputError(
+            f"room: interior: {sides[0]:g} m x {sides[1]:g} m: for a planner of kind 'gcs' must not exceed "
+            f"{MAX_GRID * SPACING**2:g} m^2; give waypoints"
+        )
     x, y = (np.arange(low, high, SPACING) for low, high in space.bounds.T[:2])
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     room = space.room_on_grid(x, y)

@@ -21,6 +21,7 @@ STEP = 0.002  # of time, before the knots are chosen [s]
 WINDOW = 0.8  # over which s(t) is averaged [s]
 KNOTS = 0.15  # the longest time between two knots of the result [s]
 TOLERANCE = 0.005  # by which the result may exceed a limit, relative
+LONGEST = 36_000.0  # flight [s]
 TIGHTEST = 0.25  # a path that needs limits tighter than this part of the given ones is refused
 
 
@@ -53,9 +54,15 @@ def averaged_length(ds: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarr
     Args:
         ds: length between neighbouring samples (n - 1) [m].
         v: speed at the samples (n) [m/s], 0 at both ends; between samples it is linear in time.
+
+    Raises:
+        InputError: if it takes longer than LONGEST.
     """
-    t_v = np.concatenate([[0.0], np.cumsum(2.0 * ds / (v[1:] + v[:-1]))])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a speed may have underflowed to 0
+        t_v = np.concatenate([[0.0], np.cumsum(2.0 * ds / (v[1:] + v[:-1]))])
     duration = t_v[-1] + WINDOW
+    if not duration <= LONGEST:
+        raise InputError(f"takes {duration:g} s at this speed and acceleration, must not exceed {LONGEST:g} s")
     fine = np.linspace(0.0, duration, int(np.ceil(duration / STEP)) + 1)
     s = cumulative_trapezoid(np.interp(fine, t_v, v), fine, initial=0.0)
     # The mean over the window that ends at t: the averaged motion starts at 0 too and ends a window later.

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -67,9 +67,9 @@ class Link(Frozen):
         random_delay: largest additional delay [ticks], drawn uniformly for each message.
     """
 
-    every: PositiveInt = 1
+    every: Annotated[int, Field(gt=0, le=1_000_000)] = 1
     loss: Loss = NoLoss()
-    blackouts: tuple[Blackout, ...] = ()
+    blackouts: Annotated[tuple[Blackout, ...], Field(max_length=1000)] = ()
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import FileName, Frozen
 from ortilo_drake.settings.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
@@ -42,9 +42,9 @@ class Detector(Frozen):
         overlap: two boxes of a class that overlap by a larger IoU are one object.
     """
 
-    cfg: str | None = None
-    weights: str | None = None
-    names: str | None = None
+    cfg: FileName | None = None
+    weights: FileName | None = None
+    names: FileName | None = None
     backend: Literal["auto", "onnxruntime", "opencv", "torch"] = "auto"
     threshold: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
     overlap: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.45

@@ -6,8 +6,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
+from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Vec3
-from ortilo_drake.model.typed_yaml import Frozen, InputError, read_text
+from ortilo_drake.model.typed_yaml import LARGEST, FileName, Frozen, InputError
+
+MAX_POINTS = 10_000  # of a path
 
 
 class GcsPlanner(Frozen):
@@ -39,8 +42,8 @@ class WaypointPlanner(Frozen):
     """A smooth path through given points, from the scenario or from a file with one 'x y z' [m] a line."""
 
     kind: Literal["waypoints"]
-    points: tuple[Vec3, ...] = ()
-    file: str | None = None
+    points: Annotated[tuple[Vec3, ...], Field(max_length=MAX_POINTS)] = ()
+    file: FileName | None = None
     speed: PositiveFloat = 0.35
     acceleration: PositiveFloat = 0.2
 
@@ -79,7 +82,9 @@ def read_waypoints(path: Path) -> np.ndarray:
             point = [float(word) for word in words]
         except ValueError:
             raise InputError(f"{path}: line {number}: {line.strip()!r} is not three numbers") from None
-        if len(point) != 3 or not np.all(np.isfinite(point)):
-            raise InputError(f"{path}: line {number}: {line.strip()!r} is not three finite numbers")
+        if len(point) != 3 or not np.all(np.abs(point) <= LARGEST):
+            raise InputError(f"{path}: line {number}: {line.strip()!r} is not three finite numbers up to {LARGEST:g}")
         points.append(point)
+    if len(points) > MAX_POINTS:
+        raise InputError(f"{path}: {len(points)} points: must not be more than {MAX_POINTS}")
     return np.array(points).reshape(-1, 3)

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import FileName, Frozen
 from ortilo_drake.settings.link import Link, Probability
 
 
@@ -72,7 +72,7 @@ class MeasuredErrors(Frozen):
     """
 
     kind: Literal["measured"] = "measured"
-    file: str = "rendered"
+    file: FileName = "rendered"
 
 
 class ParametricErrors(Frozen):

@@ -8,7 +8,8 @@ import numpy as np
 
 from ortilo_drake.experiments.files import write_text
 from ortilo_drake.experiments.workers import run_all
-from ortilo_drake.model.typed_yaml import InputError, read_text
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.labels import Frames
 from ortilo_drake.training.shards import load_frames, render_shard
 from ortilo_drake.world.rendering import check_egl

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ortilo_drake.experiments.files import replacing
+from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 from ortilo_drake.training.renders import render_scene
@@ -44,7 +45,7 @@ def load_frames(folder: Path) -> Frames:
 
 def _read_shard(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as shard:
+        with open_file(path) as file, np.load(file, allow_pickle=False) as shard:
             image, label = shard["images"], shard["labels"]
     except Exception as error:  # zipfile and NumPy raise a dozen kinds for damaged files
         reason = f"{type(error).__name__}: {' '.join(str(error).split())}"[:120]

@@ -21,6 +21,7 @@ from typing import Annotated
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
+from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
 from ortilo_drake.settings.link import Probability
 from ortilo_drake.settings.sensors import MeasuredErrors
@@ -149,6 +150,6 @@ def load_calibration(settings: MeasuredErrors) -> CameraCalibration:
         InputError: if its file is missing or wrong.
     """
     path = CALIBRATION if settings.file == "rendered" else Path(settings.file)
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"{path}: no such camera calibration (ortilo detector calibrate)")
     return load_yaml(CameraCalibration, path)

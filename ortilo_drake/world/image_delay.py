@@ -6,7 +6,25 @@ from pydrake.systems.framework import Context, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
 
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import SHUTTER_SIZE, STAMP
+from ortilo_drake.model.typed_yaml import InputError
+
+MOST_KEPT = 1024 * MIB  # of pictures on the way
+
+
+def check_kept(every: int, longest: int, width: int, height: int) -> None:
+    """Refuse to keep pictures (width x height), one every so many ticks for so many ticks, if they are too large.
+
+    Raises:
+        InputError: naming the setting and what is allowed.
+    """
+    kept = (longest // every + 1) * width * height * 4
+    if kept > MOST_KEPT:
+        raise InputError(
+            f"camera_link.delay: {longest} ticks with random_delay: {kept / MIB:.0f} MiB of pictures of "
+            f"{width} x {height} px are then on the way, must not exceed {MOST_KEPT / MIB:.0f} MiB"
+        )
 
 
 class ImageDelay(LeafSystem):

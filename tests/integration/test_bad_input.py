@@ -9,6 +9,8 @@ import yaml
 from command_line import run
 
 from ortilo_drake.model.room import ORTILO_ROOM
+from ortilo_drake.world import rendering
+from ortilo_drake.world.camera_calibration import CALIBRATION
 
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
 NAN, INF = float("nan"), float("inf")
@@ -227,6 +229,111 @@ def test_a_wrong_line_of_waypoints(refused: Any, tmp_path: Path, content: str) -
     line = refused("scenario", "check", "imu_uwb", "--set", planner)
     assert "points.txt" in line
     assert "line 2" in line
+
+
+# --- check refuses what fly refuses -----------------------------------------------------------------------------
+
+
+def calibration_file(folder: Path, **changes: Any) -> str:
+    calibration = yaml.safe_load(CALIBRATION.read_text(encoding="utf-8"))
+    path = folder / "calibration.yaml"
+    path.write_text(yaml.safe_dump(calibration | changes), encoding="utf-8")
+    return f"projected_camera.errors.file={path}"
+
+
+def refusals(refused: Any, *settings: str) -> str:
+    """Return the line in which `scenario check` and `fly` both refuse these settings of imu_uwb_yolo."""
+    laid_over = [word for setting in (HOVER, *settings) for word in ("--set", setting)]
+    line = refused("scenario", "check", "imu_uwb_yolo", *laid_over)
+    assert refused("fly", "imu_uwb_yolo", *laid_over) == line
+    return str(line)
+
+
+def test_a_calibration_that_is_missing_or_wrong(refused: Any, tmp_path: Path) -> None:
+    projected = "camera=projected"
+    line = refusals(refused, projected, f"projected_camera.errors.file={tmp_path}/none.yaml")
+    assert "none.yaml: no such camera calibration" in line
+    assert "slow_erors" in refusals(refused, projected, calibration_file(tmp_path, slow_erors={}))
+    wrong = {"share": 1.5, "period": 1.0}
+    assert "slow_errors.share: 1.5" in refusals(refused, projected, calibration_file(tmp_path, slow_errors=wrong))
+
+
+@pytest.mark.egl
+def test_a_class_that_the_detector_does_not_know(refused: Any, tmp_path: Path) -> None:
+    room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
+    sizes = room["landmark_size"] | {"unicorn": [1.0, 1.0, 1.0]}
+    landmarks = [room["landmarks"][0] | {"label": "unicorn"}, *room["landmarks"][1:]]
+    setting = room_file(tmp_path, landmark_size=sizes, landmarks=landmarks)
+    assert "'unicorn'" in refusals(refused, setting)
+    assert run("scenario", "check", "imu_uwb_yolo", "--set", setting, "--set", "camera=projected") == 0
+
+
+@pytest.mark.egl
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        (("detector.cfg=none.cfg", "detector.weights=none.weights"), "none.cfg: cannot be read"),
+        (("rendered_camera.width=2048", "camera_link.delay=1000"), "camera_link.delay: 1000"),
+    ],
+)
+def test_pictures_that_nothing_can_look_at_or_hold(refused: Any, settings: tuple[str, ...], named: str) -> None:
+    assert named in refusals(refused, *settings)
+
+
+def test_without_a_renderer(refused: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rendering, "_egl_works", lambda: False)
+    assert "libegl1" in refusals(refused)
+
+
+# --- more than memory holds -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        (("control_rate=1000.0", "planner.duration=36000.0"), ["control_rate: 1000", "MiB", "2048 MiB"]),
+        (("settle=3600.0", "control_rate=1000.0"), ["control_rate: 1000", "2048 MiB"]),
+        (("planner={kind: gcs, goal: [1, 0], speed: 1.0e-6}",), ["planner", "36000 s"]),
+        (("planner={kind: gcs, goal: [1, 0], speed: 1.0e-300}",), ["planner", "36000 s"]),
+        (("planner={kind: gcs, goal: [1, 0], acceleration: 1.0e-300}",), ["planner", "36000 s"]),
+        (("uwb.link.every=1000000000000",), ["uwb.link.every", "1000000"]),
+    ],
+)
+def test_a_flight_that_is_too_long(refused: Any, settings: tuple[str, ...], named: list[str]) -> None:
+    line = refusals(refused, "camera=projected", *settings)
+    assert [word for word in named if word not in line] == [], line
+
+
+def test_a_room_of_a_kilometre(refused: Any, tmp_path: Path) -> None:
+    large = room_file(tmp_path, interior={"min": [-500.0, -500.0, 0.0], "max": [500.0, 500.0, 3.0]})
+    line = refusals(refused, "camera=projected", large, "planner={kind: gcs, goal: [1, 0]}")
+    assert "interior: 1000 m x 1000 m" in line
+    assert "10000 m^2" in line
+    assert run("scenario", "check", "imu_uwb", "--set", large, "--set", HOVER) == 0
+
+
+@pytest.mark.parametrize("camera", ["rendered", "projected"])
+@pytest.mark.parametrize(("width", "height"), [(1, 100_000), (100_000, 1)])
+def test_pictures_without_pixels_or_with_too_many(
+    refused: Any, tmp_path: Path, camera: str, width: int, height: int
+) -> None:
+    room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
+    changed = room_file(tmp_path, camera=room["camera"] | {"width": width, "height": height})
+    line = refusals(refused, f"camera={camera}", changed)
+    assert f"{width} x {height} px" in line
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"anchors": [[0.0, 0.0, 2.0] for _ in range(2000)]}, ["anchors", "1000", "2000"]),
+        ({"stands": [[0.0, 0.0] for _ in range(6000)]}, ["stands", "5000", "6000"]),
+        ({"name": "\x1b[2J"}, ["name", "x1b"]),
+    ],
+)
+def test_a_room_that_holds_too_much(refused: Any, tmp_path: Path, changes: dict[str, Any], named: list[str]) -> None:
+    line = refusals(refused, "camera=projected", room_file(tmp_path, **changes))
+    assert [word for word in named if word not in line] == [], line
 
 
 # --- what cannot be written -----------------------------------------------------------------------------------

@@ -1,0 +1,84 @@
+"""Files that a user names: regular ones only, and no more of them than a limit.
+
+A FIFO that nobody writes to would hang the program, and a device or a file without an end would fill the memory.
+"""
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from ortilo_drake.model.input_error import InputError
+
+MIB = 2**20
+TEXT_LIMIT = 4 * MIB  # scenarios, rooms, waypoints, .cfg: the largest room allowed takes a tenth of it
+DATA_LIMIT = 4096 * MIB  # flights, logs and weights
+
+
+def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
+    """Open a regular file to read its bytes.
+
+    Args:
+        path: the file; a link is followed.
+        limit: the largest size [bytes].
+
+    Raises:
+        InputError: if there is no such file, it is no regular one or larger than the limit, or it cannot be read.
+    """
+    try:
+        # A FIFO opens at once with O_NONBLOCK, which means nothing to a regular file.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (OSError, ValueError) as error:  # ValueError: NUL in the name
+        raise InputError(f"{path}: cannot be read: {reason(error)}") from None
+    found = os.fstat(descriptor)
+    problem = None
+    if stat.S_ISDIR(found.st_mode):
+        problem = os.strerror(errno.EISDIR)
+    elif not stat.S_ISREG(found.st_mode):
+        problem = "is no regular file"
+    elif found.st_size > limit:
+        problem = f"{found.st_size / MIB:.4g} MiB, at most {limit / MIB:g} MiB are read"
+    if problem:
+        os.close(descriptor)
+        raise InputError(f"{path}: cannot be read: {problem}")
+    return os.fdopen(descriptor, "rb")
+
+
+def check_file(path: Path, limit: int = DATA_LIMIT) -> None:
+    """Refuse what open_file refuses, before a library opens the file by its name."""
+    open_file(path, limit).close()
+
+
+def exists(path: Path) -> bool:
+    """Return whether there is something of that name; no error for a name that no file can have."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long, or NUL in it
+        return False
+
+
+def read_bytes(path: Path, limit: int = DATA_LIMIT) -> bytes:
+    """Return the bytes of a file; InputError as open_file."""
+    with open_file(path, limit) as file:
+        try:
+            content = file.read(limit + 1)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {reason(error)}") from None
+    if len(content) > limit:  # it grew, or is of a kind whose size is not told, as in /proc
+        raise InputError(f"{path}: cannot be read: at most {limit / MIB:g} MiB are read")
+    return content
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a UTF-8 file of at most TEXT_LIMIT, with plain line ends; InputError as open_file."""
+    try:
+        text = read_bytes(path, TEXT_LIMIT).decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def reason(error: Exception) -> str:
+    """Return what an error of the system says, without the file's name."""
+    return getattr(error, "strerror", None) or str(error)
