@@ -1,58 +1,85 @@
-"""The command `ortilo`."""
+"""The command `ortilo`: however it ends, it says so in one line.
 
+Nothing but the standard library is imported at the top, because Ctrl-C while an import runs is caught below as well.
+"""
+
+import contextlib
+import os
+import signal
 import sys
-from typing import NoReturn
-
-import typer
-
-from ortilo_drake.commands.analyze import analyze
-from ortilo_drake.commands.detector import detector_app
-from ortilo_drake.commands.diagram import diagram
-from ortilo_drake.commands.fly import fly
-from ortilo_drake.commands.hil import hil_app
-from ortilo_drake.commands.replay import replay
-from ortilo_drake.commands.scenario import scenario_app
-from ortilo_drake.commands.tables import tables
-from ortilo_drake.commands.terminal import err
-from ortilo_drake.commands.tune import tune
-from ortilo_drake.model.typed_yaml import InputError
-
-app = typer.Typer(
-    help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-for command in (fly, tables, diagram, analyze, tune, replay):
-    app.command()(command)
-app.add_typer(scenario_app, name="scenario")
-app.add_typer(detector_app, name="detector")
-app.add_typer(hil_app, name="hil")
+from types import FrameType
+from typing import NoReturn, TextIO
 
 
 def main() -> None:
-    """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130."""
-    usage_error = typer.BadParameter.__base__  # Typer's own copy of click's, by whichever name it has it
-    assert usage_error is not None
+    """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130, a broken pipe with 1."""
+    interrupted = False
+
+    def interrupt(_: int, frame: FrameType | None) -> NoReturn:
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
+    _open_streams()
+    before = signal.signal(signal.SIGINT, interrupt) if signal.getsignal(signal.SIGINT) != signal.SIG_IGN else None
     try:
-        code = app(standalone_mode=False)
-        if code == 130:  # some versions of Typer turn Ctrl-C into this
-            raise KeyboardInterrupt
-        sys.exit(code)
-    except InputError as error:
-        _fail(str(error), 2)
-    except usage_error as error:  # type: ignore[misc]  # an exception class, but mypy cannot know
-        if type(error).__name__ == "NoArgsIsHelpError":
-            error.show()
-            sys.exit(2)
-        _fail(" ".join(error.format_message().split()), 2)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; what is finished is kept", 130)
+        from ortilo_drake.model.input_error import InputError, one_line
 
+        try:
+            from ortilo_drake.commands.app import run
 
-def _fail(line: str, code: int) -> NoReturn:
-    err.print(f"ortilo: {line}", style="red", markup=False, soft_wrap=True)
+            code = run()
+            sys.stdout.flush()
+        except InputError as error:
+            if interrupted:
+                raise KeyboardInterrupt from None
+            code = _say(str(error), 2)
+        except BrokenPipeError:  # whoever reads our output has enough of it
+            _silence(sys.stdout)
+            code = 1
+        except OSError as error:
+            if interrupted:
+                raise KeyboardInterrupt from None
+            _silence(sys.stdout)
+            what = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+            code = _say(one_line(f"{what}{error.strerror or error}"), 2)
+        except MemoryError:
+            code = _say("out of memory", 2)
+    except BaseException as error:
+        # A module in C whose import is interrupted raises an ImportError, or something else.
+        if not interrupted and not isinstance(error, KeyboardInterrupt):
+            raise
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # pressed twice it would find us halfway out
+        before = None
+        code = _say("interrupted; what is finished is kept", 130)
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
     sys.exit(code)
+
+
+def _open_streams() -> None:
+    """Give the streams that whoever started us has closed a place to go; print what they cannot encode as escapes."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError):  # a test's own stream
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+
+
+def _say(line: str, code: int) -> int:
+    with contextlib.suppress(OSError):
+        print(f"ortilo: {line}", file=sys.stderr, flush=True)
+    return code
+
+
+def _silence(stream: TextIO) -> None:
+    """Let a stream that cannot be written go nowhere, so that closing it at the end does not fail too."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 if __name__ == "__main__":

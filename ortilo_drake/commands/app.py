@@ -1,0 +1,49 @@
+"""All commands under one name, and what they end with."""
+
+import typer
+
+from ortilo_drake.commands.analyze import analyze
+from ortilo_drake.commands.detector import detector_app
+from ortilo_drake.commands.diagram import diagram
+from ortilo_drake.commands.fly import fly
+from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.replay import replay
+from ortilo_drake.commands.scenario import scenario_app
+from ortilo_drake.commands.tables import tables
+from ortilo_drake.commands.tune import tune
+from ortilo_drake.model.input_error import InputError
+
+app = typer.Typer(
+    help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (fly, tables, diagram, analyze, tune, replay):
+    app.command()(command)
+app.add_typer(scenario_app, name="scenario")
+app.add_typer(detector_app, name="detector")
+app.add_typer(hil_app, name="hil")
+
+
+def run() -> int:
+    """Run the command that the words of the command line name; return its exit code.
+
+    Raises:
+        InputError: if these words, or the input that they name, are wrong.
+        KeyboardInterrupt: on Ctrl-C.
+    """
+    usage_error = typer.BadParameter.__base__  # Typer's own copy of click's, by whichever name it has it
+    assert usage_error is not None
+    try:
+        code = app(standalone_mode=False)
+    except usage_error as error:  # type: ignore[misc]  # an exception class, but mypy cannot know
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()
+            return 2
+        raise InputError(" ".join(error.format_message().split())) from None
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    if code == 130:  # some versions of Typer turn Ctrl-C into this
+        raise KeyboardInterrupt
+    return int(code or 0)
