@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, model_validator
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.typed_yaml import Frozen, InputError, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, parse_yaml, validate
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
-Size3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+Size3 = tuple[Positive, Positive, Positive]
 Share = Annotated[float, Field(ge=-1.0, le=1.0)]
 Outline = Annotated[tuple[tuple[Share, Share, Share], ...], Field(min_length=4, max_length=1000)]
 
@@ -64,7 +64,7 @@ class CameraModel(Frozen):
 
     width: Side
     height: Side
-    focal_length: PositiveFloat
+    focal_length: Positive
     center: Vec2
     position: Vec3
 
@@ -113,8 +113,8 @@ class Room(Frozen):
     landmark_outline: dict[Label, Outline] = Field(default_factory=dict)
     wall_size: Size3
     walls: Annotated[tuple[Vec3, ...], Field(max_length=MAX_OBSTACLES)]
-    stand_radius: PositiveFloat
-    stand_height: PositiveFloat
+    stand_radius: Positive
+    stand_height: Positive
     stands: Annotated[tuple[Vec2, ...], Field(max_length=MAX_OBSTACLES)]
     furniture: Annotated[tuple[Furniture, ...], Field(max_length=MAX_OBSTACLES)]
     furniture_size: dict[Label, Size3]
@@ -134,6 +134,9 @@ class Room(Frozen):
         for kind in {item[0] for item in self.furniture} - set(self.furniture_size):
             raise ValueError(f"furniture_size: no size for kind '{kind}'")
         return self
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Room) and self._text == other._text  # pydantic's would compare the cached arrays too
 
     def __hash__(self) -> int:
         return hash(self._text)  # the sizes are dicts, which have no hash

@@ -8,17 +8,39 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import read_text
 
-__all__ = ["DEEPEST", "LARGEST", "FileName", "Frozen", "InputError", "load_yaml", "nearest", "parse_yaml", "validate"]
+__all__ = [
+    "DEEPEST",
+    "LARGEST",
+    "SMALLEST",
+    "FileName",
+    "Frozen",
+    "InputError",
+    "Positive",
+    "load_yaml",
+    "nearest",
+    "parse_yaml",
+    "validate",
+]
 
 M = TypeVar("M", bound=BaseModel)
 
 LARGEST = 1e12  # larger numbers are no quantity of a room in SI units, and their squares may overflow
 DEEPEST = 32  # groups within groups; ours go to five
+SMALLEST = 1e-12  # of what must be positive: the square of a smaller number, by which we divide, may underflow
+
+
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"{value}: must be at least {SMALLEST:g}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0.0), AfterValidator(_not_tiny)]
 FileName = Annotated[str, Field(min_length=1, max_length=1024, pattern=r"^[^\x00]*$")]
 _SHOWN = 60  # characters of a value in an error
 

@@ -2,9 +2,9 @@
 
 import math
 
-from pydantic import NonNegativeFloat, PositiveFloat, model_validator
+from pydantic import NonNegativeFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import Frozen, Positive
 
 GRAVITY = 9.81  # m/s^2
 
@@ -27,13 +27,13 @@ class Vehicle(Frozen):
             M100's 0.65 m diagonal wheelbase and its 13 inch propellers.
     """
 
-    mass: PositiveFloat = 2.7
-    inertia: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.1547563, 0.1658929, 0.2077)
-    arm_length: PositiveFloat = 0.17
-    rotor_lift: PositiveFloat = 1.858582798e-5
-    rotor_drag: PositiveFloat = 7.905545266e-7
-    rotor_time_constant: tuple[PositiveFloat, PositiveFloat] = (0.0125, 0.025)
-    rotor_max_speed: PositiveFloat = 838.0
+    mass: Positive = 2.7
+    inertia: tuple[Positive, Positive, Positive] = (0.1547563, 0.1658929, 0.2077)
+    arm_length: Positive = 0.17
+    rotor_lift: Positive = 1.858582798e-5
+    rotor_drag: Positive = 7.905545266e-7
+    rotor_time_constant: tuple[Positive, Positive] = (0.0125, 0.025)
+    rotor_max_speed: Positive = 838.0
     radius: NonNegativeFloat = 0.49
 
     @model_validator(mode="after")

@@ -25,6 +25,7 @@ METHODS: Final[dict[str, Callable[..., Solution]]] = {
 
 MAX_SD = 1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
 MAX_CORRECTION = 3.0  # nor is a fix farther than this from the estimate that its boxes were associated by [m]
+LOST = 1.0e6  # an estimate as large as this associates nothing
 
 
 def landmark_fix_message(
@@ -52,7 +53,7 @@ def landmark_fix_message(
         max_residual: largest disagreement of a box with the others [sd].
     """
     message = np.zeros(FIX_SIZE)
-    if detections[ARRIVED] != 1.0:
+    if detections[ARRIVED] != 1.0 or not (np.all(np.abs(xhat) < LOST) and np.all(np.isfinite(P))):
         return message
     positions, outlines, labels = landmarks
     chosen, centers = associate(detections, xhat, P, positions, outlines, labels, camera, sd, gate)

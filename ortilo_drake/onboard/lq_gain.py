@@ -46,14 +46,16 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
         InputError: if (Phi, Gamma) is not stabilisable or (Phi, Q^1/2) not detectable, where Drake's solver would
             end the process and SciPy's return a solution that does not stabilise.
     """
-    if not is_detectable(Phi.T, Gamma.T):
-        raise InputError("servo: (Phi, Gamma) is not stabilisable, no LQ gain exists")
-    if not is_detectable(Phi, Q):
-        raise InputError(
-            "servo.weights: (Phi, Q^1/2) is not detectable: give positive weights to the integrals and to yaw"
-        )
     try:
+        if not is_detectable(Phi.T, Gamma.T):
+            raise InputError("servo: (Phi, Gamma) is not stabilisable, no LQ gain exists")
+        if not is_detectable(Phi, Q):
+            raise InputError(
+                "servo.weights: (Phi, Q^1/2) is not detectable: give positive weights to the integrals and to yaw"
+            )
         L, S = DiscreteTimeLinearQuadraticRegulator(Phi, Gamma, Q, R)
+    except np.linalg.LinAlgError:
+        raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with") from None
     except (RuntimeError, SystemExit) as error:  # weights too far apart for Drake's own check
         raise InputError(f"servo.weights: Drake finds no stabilising gain with them: {error}") from None
     return L, S

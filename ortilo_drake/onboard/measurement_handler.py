@@ -27,13 +27,18 @@ MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes
 
 @njit(cache=True)
 def squared_distance(fix: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.ndarray, size: int) -> float:
-    """Return the squared Mahalanobis distance e^T (P_pp + V)^-1 e of a fix from the predicted position."""
+    """Return the squared Mahalanobis distance e^T (P_pp + V)^-1 e of a fix from the predicted position.
+
+    It is infinite where the prediction is no longer finite.
+    """
     S = np.empty((3, 3))
     e = np.empty(3)
     for i in range(3):
         e[i] = fix[2 + i] - xhat[i]
         for j in range(3):
             S[i, j] = P[i * size + j] + V[3 * i + j]
+    if not (np.all(np.isfinite(S)) and np.all(np.isfinite(e))):  # solve would raise
+        return np.inf
     return float(e @ np.linalg.solve(S, e))
 
 

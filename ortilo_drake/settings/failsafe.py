@@ -3,9 +3,9 @@
 import math
 from typing import Annotated
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic import Field, NonNegativeFloat
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import Frozen, Positive
 
 Frequency = Annotated[float, Field(gt=0.0, le=20.0)]
 
@@ -24,9 +24,9 @@ class Failsafe(Frozen):
         yaw_frequency: w_psi, where the yaw has its double pole [rad/s].
     """
 
-    timeout: PositiveFloat = 0.2
+    timeout: Positive = 0.2
     hold_for: NonNegativeFloat = 5.0
-    descent_rate: PositiveFloat = 0.3
+    descent_rate: Positive = 0.3
     landing_height: NonNegativeFloat = 0.15
     max_tilt: Annotated[float, Field(gt=0.0, le=math.pi / 4.0)] = math.radians(20.0)
     braking_frequency: Frequency = 3.0

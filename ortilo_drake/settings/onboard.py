@@ -2,12 +2,12 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
+from pydantic import Field, NonNegativeFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import FileName, Frozen
+from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.settings.sensors import ProportionalNoise, RangeNoise
 
-PositiveVec3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+PositiveVec3 = tuple[Positive, Positive, Positive]
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
 
 
@@ -73,10 +73,10 @@ class LandmarkFix(Frozen):
     """
 
     method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
-    center_sd: PositiveFloat = 3.0
+    center_sd: Positive = 3.0
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
-    max_residual: PositiveFloat = 4.0
-    prior_sd: tuple[PositiveFloat, PositiveFloat] | None = None
+    max_residual: Positive = 4.0
+    prior_sd: tuple[Positive, Positive] | None = None
 
 
 class Noise(Frozen):
@@ -105,8 +105,8 @@ class DisturbanceW(Frozen):
     """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick."""
 
     kind: Literal["disturbance"] = "disturbance"
-    force_sd: PositiveFloat = 0.27
-    torque_sd: PositiveFloat = 0.005
+    force_sd: Positive = 0.27
+    torque_sd: Positive = 0.005
 
 
 class DiagonalW(Frozen):
@@ -144,11 +144,11 @@ class ServoWeights(Frozen):
     """Diagonals of the servo's Q (by group of states) and R."""
 
     position: PositiveVec3 = (6.0, 6.0, 6.0)
-    angle: tuple[NonNegativeFloat, NonNegativeFloat, PositiveFloat] = (1.0, 1.0, 1.0)
+    angle: tuple[NonNegativeFloat, NonNegativeFloat, Positive] = (1.0, 1.0, 1.0)
     velocity: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (1.0, 1.0, 1.0)
     rate: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.1, 0.1, 0.1)
     integral: PositiveVec3 = (3.0e-4, 3.0e-4, 3.0e-4)
-    control: tuple[PositiveFloat, PositiveFloat, PositiveFloat, PositiveFloat] = (0.02, 1.0, 1.0, 1.0)
+    control: tuple[Positive, Positive, Positive, Positive] = (0.02, 1.0, 1.0, 1.0)
 
 
 class LqServo(Frozen):

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Vec3
-from ortilo_drake.model.typed_yaml import LARGEST, FileName, Frozen, InputError
+from ortilo_drake.model.typed_yaml import LARGEST, FileName, Frozen, InputError, Positive
 
 MAX_POINTS = 10_000  # of a path
 
@@ -31,9 +31,9 @@ class GcsPlanner(Frozen):
     kind: Literal["gcs"] = "gcs"
     start: tuple[float, float] = (0.0, 0.0)
     goal: tuple[float, float] = (21.0, -3.2)
-    height: PositiveFloat = 1.5
-    speed: PositiveFloat = 0.35
-    acceleration: PositiveFloat = 0.2
+    height: Positive = 1.5
+    speed: Positive = 0.35
+    acceleration: Positive = 0.2
     clearance: NonNegativeFloat = 1.6
     vertical_clearance: NonNegativeFloat = 0.6
 
@@ -44,8 +44,8 @@ class WaypointPlanner(Frozen):
     kind: Literal["waypoints"]
     points: Annotated[tuple[Vec3, ...], Field(max_length=MAX_POINTS)] = ()
     file: FileName | None = None
-    speed: PositiveFloat = 0.35
-    acceleration: PositiveFloat = 0.2
+    speed: Positive = 0.35
+    acceleration: Positive = 0.2
 
     @model_validator(mode="after")
     def _has_points(self) -> "WaypointPlanner":

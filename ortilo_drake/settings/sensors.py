@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic import Field, NonNegativeFloat
 
-from ortilo_drake.model.typed_yaml import FileName, Frozen
+from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.settings.link import Link, Probability
 
 
@@ -59,7 +59,7 @@ class Uwb(Frozen):
 
     noise: RangeNoise = ProportionalNoise()
     walls: WallEffect = WallsIgnored()
-    max_distance: PositiveFloat = 100.0
+    max_distance: Positive = 100.0
     link: Link = Link(every=3)
 
 
@@ -92,7 +92,7 @@ class ParametricErrors(Frozen):
     edge_sd: NonNegativeFloat = 1.3
     miss_base: Probability = 0.02
     miss_per_metre: NonNegativeFloat = 0.02
-    max_distance: PositiveFloat = 12.0
+    max_distance: Positive = 12.0
     min_size: NonNegativeFloat = 6.0
     min_visible: Probability = 0.6
     false_boxes: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1

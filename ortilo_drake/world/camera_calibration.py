@@ -19,10 +19,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveInt, model_validator
 
 from ortilo_drake.model.input_files import exists
-from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
+from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yaml
 from ortilo_drake.settings.link import Probability
 from ortilo_drake.settings.sensors import MeasuredErrors
 
@@ -31,7 +31,7 @@ OTHER = "other"  # the class of landmarks that were not measured
 
 Rates = tuple[Probability, ...]
 Values = tuple[float, ...]
-Sizes = tuple[PositiveFloat, ...]
+Sizes = tuple[Positive, ...]
 
 
 class Source(Frozen):
@@ -78,7 +78,7 @@ class Slow(Frozen):
     """The share of an error's variance that changes slowly, and how slowly: time between its nodes [s]."""
 
     share: Probability
-    period: PositiveFloat
+    period: Positive
 
 
 class FalseBoxes(Frozen):
