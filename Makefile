@@ -42,8 +42,11 @@ $(STAMP)-ros2: $(STAMP)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[ros2]'
 	@touch $@
 
-kernels: setup
+kernels: $(STAMP)-kernels
+
+$(STAMP)-kernels: $(STAMP) tests/compile_kernels.py $(shell find ortilo_drake/ diagrams/ -name '*.py')
 	@$(ONE_THREAD) $(BIN)/python tests/compile_kernels.py
+	@touch $@
 
 test: kernels
 	@$(PYTEST) -m "not ($(LONG))" $(TESTS)

@@ -6,13 +6,17 @@
 Flights are timed as simulated seconds per second of AdvanceTo, logging included, on one core. The filter's step is
 one masked, correlated step of 15 states with 6 of 9 rows there, called from Python, beside filterpy and beside plain
 NumPy on the same numbers; each figure is the least of several rounds, in turn, so that a slow moment hits all alike.
+Writing a log is given as a share of the time that its flight would last in real time (goal: below a twentieth).
 """
 
 import argparse
 import json
 import os
 import platform
+import tempfile
+import time
 import timeit
+from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -21,6 +25,9 @@ import numpy as np
 from filterpy.kalman import KalmanFilter as FilterpyFilter
 
 from ortilo_drake.experiments.flight import fly
+from ortilo_drake.hil.logged_flight import fly_logged
+from ortilo_drake.logs.reader import read_ticks
+from ortilo_drake.logs.writer import LogWriter
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_HOLD, filter_step
@@ -88,6 +95,22 @@ def filterpy_step() -> object:
     return step
 
 
+def log_share(rounds: int) -> float:
+    """Return the time that writing all but pictures to a log takes, over the time flown; the least of the rounds."""
+    scenario = load_scenario("imu_uwb_yolo", ("camera=projected", "settle=0", "planner={kind: hover, duration: 3}"))
+    shares = []
+    with tempfile.TemporaryDirectory() as folder:
+        fly_logged(scenario, Path(folder) / "flown")
+        sent = list(read_ticks(Path(folder) / "flown"))
+        for k in range(rounds):
+            with LogWriter(Path(folder) / f"{k}", scenario) as log:
+                started = time.process_time()
+                for tick in sent:
+                    log.write_tick(*tick)
+                shares.append((time.process_time() - started) / (len(sent) * scenario.h))
+    return min(shares)
+
+
 def step_times(rounds: int, calls: int) -> dict[str, float]:
     """Return microseconds a step, the least of the rounds."""
     steps = {"ortilo_drake": numba_step(), "numpy": numpy_step(), "filterpy": filterpy_step()}
@@ -115,6 +138,7 @@ def main() -> None:
                 "simulated_s_per_s": {
                     n: {"median": round(float(np.median(v))), "max": round(max(v))} for n, v in speeds.items()
                 },
+                "log_writing_share": round(log_share(rounds), 4),
                 "filter_step_us": {name: round(value, 2) for name, value in step.items()},
                 "filter_step_ratio": {n: round(step[n] / step["ortilo_drake"], 1) for n in ("numpy", "filterpy")},
             },

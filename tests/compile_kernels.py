@@ -15,7 +15,7 @@ from ortilo_drake.hil.warm_up import warm_up
 from ortilo_drake.scenario import load_scenario, scenario_names
 
 PROJECTED = "camera=projected"
-MOMENT = ("--set", "settle=0", "--set", "planner={kind: hover, point: [8, 1, 1.5], duration: 4}")
+SHORT = ("--set", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}")
 VARIANTS = (
     ("filter.delay=replay", "uwb.link.delay=2"),
     ("filter.delay=drop", "uwb.link.delay=2"),
@@ -31,7 +31,7 @@ def compile_kernels(folder: Path) -> None:
     for changes in VARIANTS:
         warm_up(load_scenario("imu_uwb", changes))
     flight = str(folder / "flight.nc")
-    assert run("fly", "imu_uwb", *MOMENT, "--log", str(folder / "log"), "--out", flight) == 0
+    assert run("fly", "imu_uwb", *SHORT, "--log", str(folder / "log"), "--out", flight) == 0
     assert run("replay", str(folder / "log")) == 0
     assert run("tune", flight, "--out", str(folder / "tuned.yaml")) == 0
     assert run("analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "analysis")) == 0

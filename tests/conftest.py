@@ -70,10 +70,13 @@ def one_in_real_time(request: pytest.FixtureRequest, workers_folder: Path) -> It
 
 
 @pytest.fixture
-def bus() -> Iterator[str]:
-    """The URL of a bus that is this test's alone."""
+def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The URL of a bus that is this test's alone; halves in this process wait for each other as long as it takes."""
     from hil_link import own_bus
+    from waiting import HANGS
 
+    for module in ("bridge", "lockstep_link", "real_time_onboard"):
+        monkeypatch.setattr(f"ortilo_drake.hil.{module}.PATIENCE", HANGS)
     with own_bus() as url:
         yield url
 

@@ -2,10 +2,11 @@
 
 import secrets
 import socket
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+
+from waiting import HANGS, wait_for
 
 from ortilo_drake.hil import bus as library
 from ortilo_drake.hil.bus import Bus
@@ -50,15 +51,14 @@ def open_bus(url: str) -> Bus:
     return _OPEN[-1]
 
 
-def hear_hello(inbox: Inbox, wait: float = 60.0) -> Hello:
-    """Return the first hello. pydrake waits with Python's lock held: whoever builds a half beside it would stand."""
-    until = time.monotonic() + wait
-    while time.monotonic() < until:
-        for arrival in inbox.poll():
-            if isinstance(arrival.packet.value, Hello):
-                return arrival.packet.value
-        time.sleep(0.005)
-    raise TimeoutError(f"no hello in {wait:g} s")
+def hear_hello(inbox: Inbox) -> Hello:
+    """Return the first hello."""
+
+    def hellos() -> list[Hello]:
+        values = [arrival.packet.value for arrival in inbox.poll()]
+        return [value for value in values if isinstance(value, Hello)]
+
+    return wait_for(hellos, "a hello")[0]
 
 
 @contextmanager
@@ -69,9 +69,9 @@ def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
 
     def answer() -> int:
         hear_hello(inbox)
-        return answer_over_link(onboard, joined, inbox, meet_world(joined, inbox, scenario, 20.0).session)
+        return answer_over_link(onboard, joined, inbox, meet_world(joined, inbox, scenario, HANGS).session)
 
     with ThreadPoolExecutor(1) as pool:
         answered = pool.submit(answer)
         yield answered
-        answered.result(20.0)
+        answered.result(HANGS)

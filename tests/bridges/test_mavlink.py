@@ -15,6 +15,7 @@ from motions import attitude as attitude_in_W
 from motions import state
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
+from waiting import HANGS
 
 from ortilo_drake.bridges.mavlink import MavlinkBridge, odometry_fields, udp_address, vision_fields
 from ortilo_drake.commands.hil import hil_app
@@ -161,7 +162,7 @@ def test_variances_are_positive_and_the_integrals_play_no_part(xbar: np.ndarray)
 def receiver() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         listening.bind(("127.0.0.1", 0))
-        listening.settimeout(5.0)
+        listening.settimeout(HANGS)
         yield listening
 
 

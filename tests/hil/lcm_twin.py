@@ -10,6 +10,7 @@ from pydrake.lcm import DrakeLcm
 
 from ortilo_drake.hil.bus import open_bus
 
+WAIT = 60.0  # [s], of a message that is lost
 URL = "udpm://239.255.76.67:7667?ttl=0"
 
 
@@ -25,14 +26,14 @@ def main() -> None:
         ours.subscribe("X", lambda data: None)
         for data in sent:  # one at a time: pydrake keeps one message a channel until it is handled
             ours.publish("X", data)
-            until, before = time.monotonic() + 2.0, len(to_theirs)
+            until, before = time.monotonic() + WAIT, len(to_theirs)
             while len(to_theirs) == before and time.monotonic() < until:
                 theirs.HandleSubscriptions(10)
         ours.handle()
         ours.subscribe("Y", to_ours.append)
         for data in sent:
             theirs.Publish("Y", data)
-        until = time.monotonic() + 2.0
+        until = time.monotonic() + WAIT
         while len(to_ours) < len(sent) and time.monotonic() < until:
             ours.handle(10)
     print(f"ours to theirs: {verdict(to_theirs, sent)}")

@@ -11,6 +11,7 @@ from hil_link import answering, hear_hello, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
+from waiting import HANGS
 
 from ortilo_drake.commands.hil import hil_app
 from ortilo_drake.experiments.flight import fly
@@ -137,10 +138,10 @@ def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
             yield
         finally:
             stop.set()
-            flight.result(5.0)
+            flight.result(HANGS)
 
 
-def ask(bus: str, reason_for: ReasonFor, wait: float = 5.0, seed: int | None = None) -> None:
+def ask(bus: str, reason_for: ReasonFor, wait: float = HANGS, seed: int | None = None) -> None:
     with flying(bus, reason_for):
         ask_goal(bus, load_scenario("imu_uwb", SETTINGS, seed), 1.0, 2.0, wait)
 
@@ -188,7 +189,7 @@ def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
     scenario, joined = load_scenario("imu_uwb", SETTINGS), open_bus(bus)
     inbox, answers, refused = Inbox(joined, ["hello", "goal"]), [], threading.Event()
     with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
-        world = pool.submit(run_world, scenario, bus, True, 20.0, record=lambda *tick: refused.wait(5.0))
+        world = pool.submit(run_world, scenario, bus, True, HANGS, record=lambda *tick: refused.wait(HANGS))
         session = hear_hello(inbox).session
         inbox.begin(flight_of(scenario, session))
         link = GoalLink(joined, session)
@@ -197,7 +198,7 @@ def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
             heard = [arrival.packet.value for arrival in inbox.poll(10) if arrival.packet.name == "goal"]
             answers += filter(None, [link.turn(heard)])
         refused.set()
-        flight, _ = world.result(20.0)
-        assert answered.result(20.0) == flight.sizes["tick"]
+        flight, _ = world.result(HANGS)
+        assert answered.result(HANGS) == flight.sizes["tick"]
     assert [goal.reason for goal in answers] == [LOCKSTEP_REFUSAL]
     xr.testing.assert_equal(flight, fly(scenario))

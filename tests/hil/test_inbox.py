@@ -1,12 +1,12 @@
 """An inbox that nothing upsets."""
 
 import json
-import time
 import tracemalloc
 
 import numpy as np
 import pytest
 from hil_link import open_bus
+from waiting import HANGS
 
 from ortilo_drake.hil.bus import MEMORY_URL
 from ortilo_drake.hil.inbox import Inbox
@@ -76,11 +76,10 @@ def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str,
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
             joined.publish(channel, bytes(data) if rng.random() < 0.5 else rng.bytes(rng.integers(0, 200)))
         heard += len(CHANNELS)
-        until = time.monotonic() + 2.0
-        while inbox.counts()["rejected"] < heard and time.monotonic() < until:
+        while inbox.counts()["rejected"] < heard:  # for ever, were one lost
             assert inbox.poll(10) == []
     counts = inbox.counts()
     assert counts["rejected"] == rounds * len(CHANNELS) == sum(counts["refused"].values())
     assert counts["accepted"] == 0
     joined.publish(CHANNELS["imu"], bytes(valid))  # and after all that it still listens
-    assert len(inbox.poll(1000)) == 1
+    assert len(inbox.poll(round(1e3 * HANGS))) == 1

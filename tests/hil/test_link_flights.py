@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import xarray as xr
 from hil_link import answering
+from waiting import HANGS
 
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.hil import runs
@@ -28,14 +29,14 @@ def test_a_bad_link_costs_time_but_not_a_bit(
     del alone.attrs["real_time_factor"]
     stop, relays = threading.Event(), threading.Event()
     with answering(scenario, other_bus) as answered, ThreadPoolExecutor(1) as pool:
-        relay = pool.submit(run_relay, bus, other_bus, BAD, BAD, 3, 60.0, stop, relays)
+        relay = pool.submit(run_relay, bus, other_bus, BAD, BAD, 3, HANGS, stop, relays)
         try:
-            assert relays.wait(20.0)
-            flight, report = runs.run_world(scenario, bus, True, 20.0)
-            assert answered.result(20.0) == flight.sizes["tick"]
+            assert relays.wait(HANGS)
+            flight, report = runs.run_world(scenario, bus, True, HANGS)
+            assert answered.result(HANGS) == flight.sizes["tick"]
         finally:
             stop.set()
-        counted = relay.result(20.0)
+        counted = relay.result(HANGS)
     assert xr.Dataset.identical(flight, alone)
     # The faults were there: a packet was lost about once in five, and the world had answers twice.
     for direction in counted.values():

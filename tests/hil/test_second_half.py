@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from hil_link import open_bus
+from waiting import HANGS
 
 from ortilo_drake.hil.handshake import meet_world, say_hello, scenario_digest
 from ortilo_drake.hil.inbox import Inbox
@@ -37,15 +38,16 @@ def a_flight(bus: str, is_commanded: bool) -> Iterator[None]:
         yield
     finally:
         over.set()
-        thread.join(10.0)
+        thread.join(HANGS)
 
 
 def join(bus: str, flew: int) -> Hello:
     joined = open_bus(bus)
-    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), SCENARIO, 30.0, flew)
+    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), SCENARIO, HANGS, flew)
 
 
-def test_another_onboard_half_is_refused(bus: str) -> None:
+def test_another_onboard_half_is_refused(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ortilo_drake.hil.handshake.OTHERS", HANGS)
     with a_flight(bus, is_commanded=True), pytest.raises(InputError, match="flies with another onboard half already"):
         join(bus, 0)
 
