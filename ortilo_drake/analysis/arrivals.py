@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.analysis.modes import Mode, unseen_modes
+from ortilo_drake.analysis.riccati_problem import real_matrices
 from ortilo_drake.model.typed_yaml import InputError
 
 # Rows of y by pattern: none, uwb, camera, both, each with the imu (4 x 9).
@@ -56,8 +57,8 @@ def pattern_probabilities(uwb: float, camera: float) -> np.ndarray:
 
 
 def check_model(model: Model) -> Model:
-    """Return the model as contiguous floats; InputError if shapes, W or V are wrong."""
-    A, C, W, V = (np.ascontiguousarray(M, dtype=float) for M in model[:4])
+    """Return the model as contiguous floats; InputError if it is complex or shapes, W or V are wrong."""
+    A, C, W, V = map(np.ascontiguousarray, real_matrices(A=model.A, C=model.C, W=model.W, V=model.V))
     rows = np.ascontiguousarray(model.rows, dtype=bool)
     n, m = A.shape[0], C.shape[0]
     for name, M, shape in (("A", A, (n, n)), ("C", C, (m, n)), ("W", W, (n, n)), ("V", V, (m, m))):

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.linalg import schur
 
 from ortilo_drake.analysis.modes import unseen_modes
+from ortilo_drake.analysis.riccati_problem import real_matrices
 from ortilo_drake.model.typed_yaml import InputError
 
 ON_THE_CIRCLE = 1e-6  # |s| up to 1 + this counts as on the unit circle
@@ -115,7 +116,7 @@ def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
     Raises:
         InputError: if (A, C) is not detectable; its eigenvalues and states are named.
     """
-    A, C = np.atleast_2d(np.asarray(A, dtype=float)), np.atleast_2d(np.asarray(C, dtype=float))
+    A, C = (np.atleast_2d(M) for M in real_matrices(A=A, C=C))
     unseen = unseen_modes(A, C)
     if unseen:
         raise InputError(f"critical rate: (A, C) is not detectable: C never sees {'; '.join(map(str, unseen))}")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.analysis.riccati_problem import regularise, symmetrise
+from ortilo_drake.analysis.riccati_problem import real_matrices, regularise, symmetrise
 from ortilo_drake.model.typed_yaml import InputError
 
 LIMIT = 60  # doublings; 2^60 steps of the recursion
@@ -29,7 +29,8 @@ def doubling(
     Raises:
         InputError: if it does not converge within the limit, or overflows.
     """
-    regular = regularise(A, B, Q, R, np.zeros(B.shape) if N is None else N)
+    A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
+    regular = regularise(A, B, Q, R, N)
     A_k, H = regular.A, regular.Q
     G = symmetrise(B @ np.linalg.solve(regular.R, B.T))
     with np.errstate(all="ignore"):

@@ -6,7 +6,7 @@ import numpy as np
 
 from ortilo_drake.analysis.riccati import gain
 from ortilo_drake.analysis.riccati_condition import condition
-from ortilo_drake.analysis.riccati_problem import symmetrise
+from ortilo_drake.analysis.riccati_problem import real_matrices, symmetrise
 from ortilo_drake.analysis.stability_radius import stability_radius
 
 
@@ -43,8 +43,10 @@ def residual(
 def check(
     A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, X: np.ndarray, N: np.ndarray | None = None
 ) -> RiccatiCheck:
-    """Return what X is worth as a solution of the DARE."""
-    A, B, Q, R = (np.asarray(M, dtype=float) for M in (A, B, Q, R))
+    """Return what X is worth as a solution of the DARE; InputError if a matrix is complex."""
+    A, B, Q, R, X = real_matrices(A=A, B=B, Q=Q, R=R, X=X)
+    if N is not None:
+        (N,) = real_matrices(N=N)
     size = np.linalg.norm(X) or 1.0
     eigenvalues = np.linalg.eigvalsh(symmetrise(X))
     A_cl = A - B @ gain(A, B, R, X, N)

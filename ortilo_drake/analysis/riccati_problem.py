@@ -13,7 +13,7 @@ R + B^T X_0 B, N + A^T X_0 B and Q + A^T X_0 A - X_0. A few steps of the recursi
 first is positive definite and the last still positive semidefinite, as the recursion only grows.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,21 @@ class Regular(NamedTuple):
     Q: np.ndarray
     R: np.ndarray
     X_0: np.ndarray
+
+
+def real_matrices(**matrices: Any) -> list[np.ndarray]:
+    """Return matrices as floats; InputError, by name, for one that is complex or holds no numbers.
+
+    A complex one is refused also where its imaginary part is 0: the equations here are those of real matrices.
+    """
+    found = []
+    for name, M in matrices.items():
+        M = np.asarray(M)
+        if M.dtype.kind not in "biuf":
+            what = "is complex" if M.dtype.kind == "c" else f"holds {M.dtype}"
+            raise InputError(f"{name}: {what}: must be a matrix of real numbers")
+        found.append(M.astype(float))
+    return found
 
 
 def symmetrise(X: np.ndarray) -> np.ndarray:
@@ -129,8 +144,8 @@ def require_well_posed(
     Raises:
         InputError: naming the matrix, or the modes that are not reached or not seen.
     """
-    A, B, Q, R = (np.asarray(M, dtype=float) for M in (A, B, Q, R))
-    N = np.zeros(B.shape) if N is None else np.asarray(N, dtype=float)
+    N = np.zeros(np.shape(B)) if N is None else N
+    A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=N)
     _require_shapes(A, B, Q, R, N)
     _require_weights(Q, R, N)
     if modes := unreached_modes(A, B, names):

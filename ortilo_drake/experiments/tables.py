@@ -44,6 +44,11 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "p25": lambda values, axis=-1: np.percentile(values, 25, axis=axis),
 }
 
+# From how many flights on a percentile bootstrap's 95 % interval holds the true value in 90 % of all cases, if errors
+# are log-normal with a sigma of 1. Drawn: a mean's 0.39 of 2 flights, 0.83 of 13, 0.86 of 20, 0.90 of 60; a median's
+# 0.74 of 3, 0.93 of 5; a quartile's 0.75 of 5, 0.89 of 8, 0.91 of 10.
+ENOUGH_FLIGHTS = {"mean": 60, "median": 6, "p75": 10, "p25": 10}
+
 
 def statistics(values: list[float]) -> dict[str, float | None]:
     """Return mean, median and quartiles; None each if there is no value."""

@@ -10,7 +10,7 @@ import numpy as np
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.coco import COCO_CLASSES
+from ortilo_drake.onboard.coco import COCO_CLASSES, COCO_NAME
 from ortilo_drake.onboard.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector import Boxes
@@ -30,8 +30,8 @@ def own_backend(backend: str) -> str:
     return backend
 
 
-def class_names(settings: Detector, cfg: DarknetCfg) -> list[str]:
-    """Return the class names of a network of the user's, in the network's order.
+def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
+    """Return the class names of a network of the user's, in the network's order, and which file they are from.
 
     Raises:
         InputError: if there are none or not as many as the network has classes.
@@ -41,24 +41,34 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> list[str]:
     file = Path(settings.names) if settings.names else Path(settings.cfg).with_suffix(".names")
     if settings.names is None and not exists(file):
         if count == len(COCO_CLASSES):
-            return list(COCO_CLASSES)
+            return list(COCO_CLASSES), f"{settings.cfg}, of COCO's {count} classes"
         raise InputError(f"{file}: missing: {settings.cfg} has {count} classes, give their names, one a line")
     names = [line.strip() for line in read_text(file).splitlines() if line.strip()]
     if len(names) != count:
         raise InputError(f"{file}: holds {len(names)} names, {settings.cfg} has {count} classes")
-    return names
+    return names, str(file)
 
 
 def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
     """Return the room's label of each of the network's classes, -1 for one that is no landmark here.
 
+    A 'pottedplant' is a 'potted plant', whichever of the two calls it so.
+
+    Args:
+        names: the network's classes.
+        room: gives the landmarks' classes.
+        source: the file that the names are from, for errors.
+
     Raises:
         InputError: if the network does not know a class of the room's landmarks.
     """
-    unknown = [label for label in room.classes if label not in names]
+    label_of = {COCO_NAME.get(name, name): label for label, name in enumerate(room.classes)}
+    label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may have both words
+    labels = [label_of.get(name, label_of.get(COCO_NAME.get(name, name), -1)) for name in names]
+    unknown = [name for label, name in enumerate(room.classes) if label not in labels]
     if unknown:
         raise InputError(f"{source}: does not know the class '{unknown[0]}' of a landmark of room '{room.name}'")
-    return np.array([room.classes.index(name) if name in room.classes else -1 for name in names])
+    return np.array(labels)
 
 
 def load_detector(settings: Detector, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
@@ -78,11 +88,11 @@ def load_detector(settings: Detector, room: Room, size: tuple[int, int]) -> Call
     if settings.cfg is not None:
         assert settings.weights is not None
         cfg = read_cfg(Path(settings.cfg))
-        names, source = class_names(settings, cfg), settings.cfg
+        names, source = class_names(settings, cfg)
         compute = torch_network(Path(settings.weights), cfg)
     else:
         cfg = parse_cfg(read_text(OWN_CFG), str(OWN_CFG))
-        names, source = list(OWN_CLASSES), OWN_CFG.name
+        names, source = list(OWN_CLASSES), OWN_CFG.with_suffix(".names").name
         match own_backend(settings.backend):
             case "onnxruntime":
                 compute = onnxruntime_network(OWN_ONNX)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ortilo_drake.analysis.arrivals import check_model
 from ortilo_drake.analysis.critical_rate import critical_rate, critical_recovery
 from ortilo_drake.analysis.expected_riccati import vehicle_model
 from ortilo_drake.model.typed_yaml import InputError
@@ -15,6 +16,13 @@ VEHICLE = vehicle_model(np.eye(12), np.eye(9), 1.0 / 30.0)
 def test_scalar() -> None:
     found = critical_rate(np.array([[1.25]]), np.array([[1.0]]))
     assert (found.rate, found.lower, found.upper) == pytest.approx((0.36, 0.36, 0.36), abs=1e-12)
+
+
+def test_complex_matrices_are_refused_not_cut() -> None:
+    with pytest.raises(InputError, match=r"^A: is complex: must be a matrix of real numbers$"):
+        critical_rate(np.array([[1.25 + 1.0j]]), np.array([[1.0]]))
+    with pytest.raises(InputError, match=r"^V: is complex"):
+        check_model(VEHICLE._replace(V=VEHICLE.V * (1.0 + 0.1j)))
 
 
 @pytest.mark.parametrize("A", [[[1.25, 0.0], [1.0, 1.1]], [[1.25, 1.0], [0.0, 1.1]]])

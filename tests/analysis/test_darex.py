@@ -162,6 +162,7 @@ CASES = {
     "2.4 eps=1e6": petkov(1e6),
     "2.5 tau=1.57": paper_process(1.57, 12.34),
     "2.5 tau=100": paper_process(100.0),
+    "2.5 tau=1e4": paper_process(1e4),
     "2.5 tau=1e8": paper_process(1e8),
     "4.1 n=3": shift(3, 4.0),
     "4.1 n=100": shift(100),

@@ -97,6 +97,26 @@ def test_cross_weight_too_large_and_unknown_solver():
         solve(np.eye(1), np.zeros((1, 1)) + [[1.0, 0.0]], np.eye(1), np.diag([1.0, 0.0]))
 
 
+@pytest.mark.parametrize("solver", [*RAW.values(), *SOLVERS.values()], ids=[*RAW, *(f"{name} checked" for name in RAW)])
+@pytest.mark.parametrize("name", ["A", "B", "Q", "R", "N"])
+def test_complex_matrices_are_refused_not_cut(solver, name):
+    rng = np.random.default_rng(0)
+    matrices = {"A": 0.5 * np.eye(2), "B": np.eye(2), "Q": np.eye(2), "R": np.eye(2), "N": np.zeros((2, 2))}
+    X = solver(**matrices)
+    matrices[name] = matrices[name] + 0.1j * rng.normal(size=(2, 2))
+    with pytest.raises(InputError, match=f"^{name}: is complex: must be a matrix of real numbers$"):
+        solver(**matrices)
+    with pytest.raises(InputError, match=f"^{name}: is complex"):
+        check(X=X, **matrices)
+    with pytest.raises(InputError, match=f"^{name}: is complex"):
+        require_well_posed(**matrices)
+
+
+def test_words_are_refused_as_matrices():
+    with pytest.raises(InputError, match=r"^Q: holds <U1: must be a matrix of real numbers$"):
+        solve(np.eye(1), np.eye(1), np.array([["1"]]), np.eye(1))
+
+
 def test_hidden_mode_on_the_circle_is_an_eigenvalue_of_the_pencil():
     A, B, Q, R = ILL_POSED["hidden on the circle"]
     left = np.block([[A, np.zeros((2, 2)), B], [-Q, np.eye(2), np.zeros((2, 1))], [np.zeros((1, 4)), R]])

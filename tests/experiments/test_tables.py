@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from ortilo_drake.experiments.report import table_text
-from ortilo_drake.experiments.tables import PAPER, STATISTICS, drop_in_x, interval, make_tables, statistics
+from ortilo_drake.experiments.tables import (
+    ENOUGH_FLIGHTS,
+    PAPER,
+    STATISTICS,
+    drop_in_x,
+    interval,
+    make_tables,
+    statistics,
+)
 
 # Tables I and II as the paper prints them, row by row: mean, median, 75 %, 25 %.
 PRINTED_ESTIMATION = {
@@ -172,6 +180,55 @@ def test_the_text_shows_ours_beside_the_papers() -> None:
         assert f"{found['estimation'][name][axis][statistic]:.4f} [" in text
         assert f"| {PAPER['estimation'][name][axis][statistic]:.4f} |" in text
     assert "paper 93.35 %" in text
+
+
+@pytest.mark.parametrize(("statistic", "true"), [("mean", np.exp(0.5)), ("median", 1.0), ("p75", np.exp(0.67449))])
+def test_from_enough_flights_on_an_interval_holds_the_true_value_in_nine_of_ten(statistic: str, true: float) -> None:
+    enough, rng = ENOUGH_FLIGHTS[statistic], np.random.default_rng(5)
+
+    def coverage(flights: int, ensembles: int = 400) -> float:
+        values = rng.lognormal(size=(ensembles, flights))
+        drawn = values[np.arange(ensembles)[:, None, None], rng.integers(0, flights, (ensembles, 500, flights))]
+        function = {"mean": np.mean, "median": np.median, "p75": lambda v, axis: np.percentile(v, 75, axis=axis)}
+        low, high = np.percentile(function[statistic](drawn, axis=2), [2.5, 97.5], axis=1)
+        return float(np.mean((low <= true) & (true <= high)))
+
+    # The share of 400 has a standard deviation of 0.015.
+    assert coverage(enough) > 0.90 - 3.0 * 0.015
+    assert coverage(enough // 3) < 0.90 - 3.0 * 0.015
+
+
+def rows_of(text: str, heading: str, title: str) -> list[str]:
+    return text.split(heading)[1].split(f"| {title} | ")[1].splitlines()[2:6]
+
+
+def test_numbers_say_of_how_many_flights_they_are() -> None:
+    lost = [made_up_summary((1e9,) * 3, 1e9, lost="hit a wall")] * 7
+    summaries = {"imu_uwb": [*random_summaries(0, 13), *lost], "imu_uwb_yolo": random_summaries(1)}
+    text = table_text(make_tables("paper", summaries))
+    assert text.count("IMU+UWB: of 13 flights that were not lost; the other 7 are not counted.") == 2  # tables I and II
+    assert text.count("IMU+UWB+YOLO: of 20 flights that were not lost; none was lost.") == 2
+
+
+@pytest.mark.parametrize(
+    ("flights", "marked"),
+    [
+        (5, {"mean", "median", "75 %", "25 %"}),
+        (9, {"mean", "75 %", "25 %"}),
+        (20, {"mean"}),
+        (60, set()),
+    ],
+)
+def test_intervals_too_narrow_to_mean_anything_are_marked(flights: int, marked: set[str]) -> None:
+    text = table_text(make_tables("tuned", {name: random_summaries(seed, flights) for seed, name in enumerate(NAMES)}))
+    for heading in ("## Table I:", "## Table II:"):
+        rows = {row.split(" | ")[0].strip("| "): row for row in rows_of(text, heading, "IMU+UWB")}
+        assert set(rows) == {"mean", "median", "75 %", "25 %"}
+        for name, row in rows.items():
+            assert row.count("] (!) |") == (row.count(" [") if name in marked else 0), row
+    efficiency = text.split("## Efficiency")[1]
+    assert ("(!)" in efficiency.split("| tick by tick |")[1].splitlines()[0]) == ("mean" in marked)
+    assert ("] (!); paper 93.35 %" in text) == ("median" in marked)
 
 
 def test_efficiency_is_over_single_flights_and_over_all_of_them() -> None:

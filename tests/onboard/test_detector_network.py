@@ -161,13 +161,14 @@ def test_a_label_is_the_rooms_and_other_classes_are_none() -> None:
 def test_a_room_with_a_class_that_the_network_does_not_know_is_refused() -> None:
     landmark = ROOM.landmarks[0].model_copy(update={"label": "unicorn"})
     room = Room.model_construct(**{**dict(ROOM), "landmarks": (*ROOM.landmarks, landmark)})
-    with pytest.raises(InputError, match=r"ortilo\.cfg: does not know the class 'unicorn' of a landmark of room"):
+    with pytest.raises(InputError, match=r"ortilo\.names: does not know the class 'unicorn' of a landmark of room"):
         load_detector(Detector(), room, (320, 240))
 
 
 def test_the_80_classes_of_coco_are_known_by_heart(tmp_path: Path) -> None:
     settings = darknet(tmp_path, 80)
-    names = class_names(settings, read_cfg(tmp_path / "net.cfg"))
+    names, source = class_names(settings, read_cfg(tmp_path / "net.cfg"))
+    assert source == f"{tmp_path}/net.cfg, of COCO's 80 classes"
     assert len(names) == len(set(names)) == 80
     # Places that everyone who has used these networks knows, and the room's classes are among them.
     assert [names[k] for k in (0, 2, 14, 15, 16, 56, 58, 74, 79)] == [
@@ -177,13 +178,50 @@ def test_the_80_classes_of_coco_are_known_by_heart(tmp_path: Path) -> None:
     assert set(ROOM.classes) <= set(OWN_CLASSES)
 
 
+# Darknet's data/coco.names where it differs from COCO's own list, by the place in the list.
+DARKNETS_WORDS = {3: "motorbike", 4: "aeroplane", 57: "sofa", 58: "pottedplant", 60: "diningtable", 62: "tvmonitor"}
+
+
+def test_darknets_own_words_for_cocos_classes_are_known(tmp_path: Path) -> None:
+    words = [DARKNETS_WORDS.get(k, name) for k, name in enumerate(COCO_CLASSES)]
+    settings = darknet(tmp_path, 80, words)
+    names, source = class_names(settings, read_cfg(tmp_path / "net.cfg"))
+    assert names == words
+    np.testing.assert_array_equal(room_labels(names, ROOM, source), room_labels(list(COCO_CLASSES), ROOM, source))
+    assert "potted plant" in ROOM.classes
+
+
+@pytest.mark.parametrize(
+    ("names", "classes", "expected"),
+    [
+        (["sofa", "cat"], ["cat", "couch"], [1, 0]),
+        (["couch", "cat"], ["cat", "sofa"], [1, 0]),
+        (["sofa", "couch"], ["couch", "sofa"], [1, 0]),  # who has both words means two things
+        (["tv", "cat"], ["cat"], [-1, 0]),
+    ],
+)
+def test_either_word_on_either_side(names: list[str], classes: list[str], expected: list[int]) -> None:
+    landmarks = [ROOM.landmarks[0].model_copy(update={"label": label}) for label in classes]
+    room = Room.model_construct(**{**dict(ROOM), "landmarks": tuple(landmarks)})
+    order = list(room.classes)
+    found = room_labels(names, room, "net.names")
+    assert [order[k] if k >= 0 else None for k in found] == [classes[k] if k >= 0 else None for k in expected]
+
+
+@needs_torch
+def test_the_file_without_a_class_of_the_room_is_named(tmp_path: Path) -> None:
+    settings = darknet(tmp_path, 2, ["cat", "dog"])
+    with pytest.raises(InputError, match=rf"^{tmp_path}/net\.names: does not know the class"):
+        load_detector(settings, ROOM, (64, 64))
+
+
 def test_names_come_from_the_file_given_or_beside_the_cfg(tmp_path: Path) -> None:
     settings = darknet(tmp_path, 2, ["cat", " dog "])
     cfg = read_cfg(tmp_path / "net.cfg")
-    assert class_names(settings, cfg) == ["cat", "dog"]
+    assert class_names(settings, cfg) == (["cat", "dog"], f"{tmp_path}/net.names")
     (tmp_path / "other").write_text("clock\nbird\n")
     given = settings.model_copy(update={"names": str(tmp_path / "other")})
-    assert class_names(given, cfg) == ["clock", "bird"]
+    assert class_names(given, cfg) == (["clock", "bird"], f"{tmp_path}/other")
 
 
 @pytest.mark.parametrize(
