@@ -19,7 +19,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ortilo_drake.experiments.flight import load_flight
 from ortilo_drake.experiments.late_flights import (
     AT_30_HZ,
     BOTH_WAYS_AT_30_HZ,
@@ -31,6 +30,7 @@ from ortilo_drake.experiments.late_flights import (
     paired,
 )
 from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.experiments.saved_flight import load_flight
 from ortilo_drake.experiments.workers import run_all
 from ortilo_drake.hil.faults import Faults
 from ortilo_drake.hil.virtual_time import summary_in_virtual_time

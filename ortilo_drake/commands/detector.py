@@ -91,10 +91,10 @@ def train(
     check_writable(out_folder / NETWORK.name)
     import torch
 
-    from ortilo_drake.experiments.files import replacing, write_text
+    from ortilo_drake.experiments.files import write_bytes, write_text
     from ortilo_drake.model.input_files import read_text
     from ortilo_drake.onboard.darknet_cfg import read_cfg
-    from ortilo_drake.onboard.darknet_file import write_network
+    from ortilo_drake.onboard.darknet_file import OWN_EPSILON, network_bytes
     from ortilo_drake.onboard.darknet_network import DarknetNetwork
     from ortilo_drake.onboard.detector_network import OWN_CFG, OWN_CLASSES
     from ortilo_drake.training.losses_figure import losses_figure
@@ -110,7 +110,7 @@ def train(
         raise InputError(f"{pictures}: pictures of {width} x {height}, {wanted}")
     torch.set_num_threads(threads or os.cpu_count() or 1)
     torch.manual_seed(seed)
-    network = DarknetNetwork(cfg)
+    network = DarknetNetwork(cfg, OWN_EPSILON)
     initialize(network)
     steps = len(frames.images) // BATCH
     with progress_bar() as progress:
@@ -121,8 +121,7 @@ def train(
 
         history = train_network(network, frames, epochs, seed, out_folder, show)
     target = out_folder / NETWORK.name
-    with replacing(target) as partial:
-        write_network(partial, network, list(OWN_CLASSES))
+    write_bytes(target, network_bytes(network, list(OWN_CLASSES), str(target)))
     for file in (OWN_CFG, OWN_CFG.with_suffix(".names")):  # beside it, so that --detector takes the three as they are
         write_text(out_folder / file.name, read_text(file))
     figure = losses_figure(history, out_folder / "losses.png")

@@ -72,9 +72,9 @@ def fly(
     from ortilo_drake.experiments.display import flight_page, fly_live
     from ortilo_drake.experiments.figures import flight_figure
     from ortilo_drake.experiments.flight import fly as fly_once
-    from ortilo_drake.experiments.flight import save_flight
     from ortilo_drake.experiments.flyable import flight_ticks
     from ortilo_drake.experiments.metrics import summary
+    from ortilo_drake.experiments.saved_flight import save_flight
     from ortilo_drake.hil.logged_flight import fly_logged
 
     if video:

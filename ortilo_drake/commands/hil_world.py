@@ -45,8 +45,8 @@ def world(
     if seconds is not None and lockstep:
         raise InputError("--seconds: ends a flight in real time, not in --lockstep")
     check_writable(out_file, json_file)
-    from ortilo_drake.experiments.flight import save_flight
     from ortilo_drake.experiments.flyable import flight_ticks
+    from ortilo_drake.experiments.saved_flight import save_flight
     from ortilo_drake.hil.runs import run_world
     from ortilo_drake.hil.spare import Spare
     from ortilo_drake.logs.ros_messages import SENT, TAKEN

@@ -56,7 +56,7 @@ def tables(
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.experiments.ensemble import flight_file, fly_many
     from ortilo_drake.experiments.figures import arrival_figure, error_figure, trajectory_figure
-    from ortilo_drake.experiments.flight import load_flight
+    from ortilo_drake.experiments.saved_flight import load_flight
 
     for flown in chosen.values():
         make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown

@@ -1,15 +1,13 @@
 """What the commands share: where they print, their progress bars, and checks before anything runs."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ortilo_drake.experiments.files import write_text
-from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.experiments.files import check_output, write_text
 
 # Results go to stdout, progress and errors to stderr.
 out = Console(highlight=False)
@@ -29,13 +27,8 @@ def check_writable(*paths: Path | None) -> None:
         InputError: naming the file and why.
     """
     for path in paths:
-        if path is None:
-            continue
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder, give a file")
-        folder = next(parent for parent in path.absolute().parents if parent.exists())
-        if not folder.is_dir() or not os.access(folder, os.W_OK):
-            raise InputError(f"{path}: cannot be written: no permission in {folder}")
+        if path is not None:
+            check_output(path)
 
 
 def progress_bar() -> Progress:

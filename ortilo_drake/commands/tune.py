@@ -69,8 +69,9 @@ def tune(
     check_writable(out_file, json_file, figure)
     from ortilo_drake.experiments.consistency_figures import tuning_figure
     from ortilo_drake.experiments.files import write_text
-    from ortilo_drake.experiments.flight import load_flight, scenario_of
+    from ortilo_drake.experiments.flight import scenario_of
     from ortilo_drake.experiments.pictures import check_picture
+    from ortilo_drake.experiments.saved_flight import load_flight
     from ortilo_drake.experiments.tune import check_flights, find_flights, overlay_text, tuning_data
     from ortilo_drake.experiments.tune import tune as tune_flights
 

@@ -3,6 +3,7 @@
 import gc
 import hashlib
 import json
+import logging
 from collections.abc import Callable, Iterable
 from functools import cache, lru_cache
 from pathlib import Path
@@ -11,12 +12,16 @@ from typing import Any
 import xarray as xr
 
 import ortilo_drake
-from ortilo_drake.experiments.flight import FlightSimulator, load_flight, save_flight
+from ortilo_drake.experiments.files import remove_stale
+from ortilo_drake.experiments.flight import FlightSimulator
 from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.experiments.saved_flight import load_flight, load_summary, save_flight
 from ortilo_drake.experiments.workers import run_all
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector_network import own_backend
 from ortilo_drake.scenario import Scenario
+
+_LOG = logging.getLogger(__name__)
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
@@ -72,13 +77,13 @@ def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
 
 
 def _finished(path: Path) -> dict[str, Any] | None:
-    """Return the summary of a flight that is already there, None if it is missing or damaged."""
+    """Return the summary of a flight that is already there; None, and a warning, if it is damaged."""
     if not path.exists():
         return None
     try:
-        with xr.open_dataset(path, engine="h5netcdf") as flight:
-            return dict(json.loads(flight.attrs["summary"]))
-    except (OSError, KeyError, ValueError):
+        return load_summary(path)
+    except InputError as error:
+        _LOG.warning("%s: flown again", error)
         return None
 
 
@@ -91,9 +96,9 @@ def fly_many(
 ) -> list[dict[str, Any]]:
     """Fly a scenario once for each seed and return the summaries in the order of the seeds.
 
-    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped. Each flight
-    is written as it ends. A flight depends on its scenario and seed alone, not on the number of workers; a worker
-    that dies is replaced and its flight flown again.
+    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one is,
+    with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone, not on the
+    number of workers; a worker that dies is replaced and its flight flown again.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -113,6 +118,7 @@ def fly_many(
         if progress:
             progress(result)
 
+    remove_stale(flight_folder(out, scenario))
     for seed in seeds:
         done = _finished(flight_file(out, scenario, seed))
         if done is not None:

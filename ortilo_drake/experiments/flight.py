@@ -3,7 +3,6 @@
 import gc
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -11,7 +10,6 @@ from pydrake.geometry import Meshcat
 
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
-from ortilo_drake.experiments.files import replacing
 from ortilo_drake.experiments.flyable import check_flyable
 from ortilo_drake.experiments.lost import Lost
 from ortilo_drake.experiments.simulator import advance, make_simulator
@@ -24,7 +22,6 @@ from ortilo_drake.model.signals import (
     SENSORS,
     STATE_NAMES,
 )
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
 
 AXES = ("x", "y", "z")
@@ -198,35 +195,6 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "frames": "W: east, north, up; B: forward, left, up",
         },
     )
-
-
-def save_flight(flight: xr.Dataset, path: Path) -> None:
-    """Write a flight to a netCDF file, under a temporary name first.
-
-    Raises:
-        InputError: if the folder cannot be written.
-    """
-    encoding = {name: {"zlib": True, "complevel": 1} for name in flight.data_vars}
-    with replacing(path) as partial:
-        flight.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-
-
-def load_flight(path: Path) -> xr.Dataset:
-    """Read a flight that save_flight wrote.
-
-    Raises:
-        InputError: if the file is missing or is not such a flight.
-    """
-    if not path.exists():
-        raise InputError(f"{path}: no such flight")
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as dataset:
-            flight = dataset.load()
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: not a netCDF flight: {' '.join(str(error).split())}") from None
-    if "scenario" not in flight.attrs or "truth" not in flight:
-        raise InputError(f"{path}: not a flight: has no scenario or truth")
-    return flight
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:

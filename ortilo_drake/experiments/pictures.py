@@ -1,10 +1,11 @@
 """Pictures on disk, by matplotlib."""
 
+import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.files import write_bytes
 from ortilo_drake.model.typed_yaml import InputError
 
 
@@ -16,8 +17,9 @@ def check_picture(path: Path) -> None:
 
 
 def save_picture(figure: Figure, path: Path) -> Path:
-    """Write a figure, under a temporary name first; return its path. Errors as check_picture."""
+    """Write a figure and return its path. Errors as check_picture and write_bytes."""
     check_picture(path)
-    with replacing(path) as partial:
-        figure.savefig(partial)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format=path.suffix[1:])
+    write_bytes(path, drawn.getvalue())
     return path

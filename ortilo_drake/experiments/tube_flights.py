@@ -30,7 +30,7 @@ from ortilo_drake.analysis.tube import predict_tube
 from ortilo_drake.analysis.tube_map import bursts, with_losses, with_rates
 from ortilo_drake.analysis.tube_tails import chance_outside, mixture, mixture_radius
 from ortilo_drake.experiments.ensemble import flight_file, fly_many
-from ortilo_drake.experiments.flight import load_flight
+from ortilo_drake.experiments.saved_flight import load_flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 

@@ -14,8 +14,9 @@ from ortilo_drake.analysis.fit_noise import LIFT_LOST, NoiseFit, fit_noise
 from ortilo_drake.analysis.noise_likelihood import Record, refilter, used_covariance
 from ortilo_drake.analysis.noise_settings import noise_model
 from ortilo_drake.experiments.consistency_flights import START, check_same_scenario, flown, regions
-from ortilo_drake.experiments.flight import FlightSimulator, load_flight
+from ortilo_drake.experiments.flight import FlightSimulator
 from ortilo_drake.experiments.metrics import estimation_mse, position_nees
+from ortilo_drake.experiments.saved_flight import load_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_X, SENSORS
 from ortilo_drake.model.typed_yaml import InputError

@@ -1,5 +1,6 @@
 """A flight as a video, and one moment of it as a picture."""
 
+import io
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 import xarray as xr
 from PIL import Image
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.files import write_bytes
 from ortilo_drake.experiments.flight import scenario_of
 from ortilo_drake.experiments.flight_frames import make_frames, make_views
 from ortilo_drake.experiments.scene_view import class_bgr
@@ -48,20 +49,22 @@ def frame_ticks(flight: xr.Dataset, rate: float) -> np.ndarray:
     return np.flatnonzero(there)[::stride]
 
 
-def _write_mp4(path: Path, draw: Draw, ticks: np.ndarray, fps: float, step: Progress) -> None:
+def _write_mp4(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, step: Progress) -> None:
     """Write H.264, which every browser plays."""
     import av
 
     first = draw(int(ticks[0]))
-    with av.open(str(path), "w") as file:
-        stream = file.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000), options={"preset": "veryfast"})
+    with av.open(file, "w", format="mp4") as container:
+        stream = container.add_stream(
+            "libx264", rate=Fraction(fps).limit_denominator(1000), options={"preset": "veryfast"}
+        )
         stream.height, stream.width, _ = first.shape
         stream.pix_fmt = "yuv420p"
         for k, tick in enumerate(ticks):
             frame = first if k == 0 else draw(int(tick))
-            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="bgr24")))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="bgr24")))
             step(k + 1, len(ticks))
-        file.mux(stream.encode())
+        container.mux(stream.encode())
 
 
 def _image(frame: np.ndarray) -> Image.Image:
@@ -76,7 +79,7 @@ def _palette(frames: list[np.ndarray], fixed: list[tuple[int, int, int]]) -> Ima
     return palette
 
 
-def _write_gif(path: Path, draw: Draw, ticks: np.ndarray, fps: float, room: Room, step: Progress) -> None:
+def _write_gif(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, room: Room, step: Progress) -> None:
     sampled = [draw(int(tick)) for tick in ticks[:: max(1, len(ticks) // SAMPLES)]]
     palette = _palette(sampled, [class_bgr(room, label) for label in room.classes])
 
@@ -87,8 +90,7 @@ def _write_gif(path: Path, draw: Draw, ticks: np.ndarray, fps: float, room: Room
 
     images = frames()
     duration = 10 * round(100 / fps)  # a gif counts hundredths of a second
-    with path.open("wb") as file:  # so that it is closed whatever happens
-        next(images).save(file, "GIF", save_all=True, append_images=images, duration=duration, loop=0)
+    next(images).save(file, "GIF", save_all=True, append_images=images, duration=duration, loop=0)
 
 
 def flight_video(flight: xr.Dataset, path: Path, progress: Progress | None = None, speed: float = SPEED) -> Path:
@@ -114,11 +116,12 @@ def flight_video(flight: xr.Dataset, path: Path, progress: Progress | None = Non
     fps = speed * scenario.control_rate / stride
     draw = make_frames(flight, PANEL[kind])
     step = progress or (lambda done, total: None)
-    with replacing(path) as partial:
-        if kind == ".mp4":
-            _write_mp4(partial, draw, ticks, fps, step)
-        else:
-            _write_gif(partial, draw, ticks, fps, scenario.load_room(), step)
+    drawn = io.BytesIO()
+    if kind == ".mp4":
+        _write_mp4(drawn, draw, ticks, fps, step)
+    else:
+        _write_gif(drawn, draw, ticks, fps, scenario.load_room(), step)
+    write_bytes(path, drawn.getvalue())
     return path
 
 
@@ -138,6 +141,7 @@ def flight_picture(flight: xr.Dataset, tick: int, path: Path) -> Path:
     if not 0 <= tick < flight.sizes["tick"]:
         raise InputError(f"tick: {tick}: the flight has ticks 0 to {flight.sizes['tick'] - 1}")
     picture = make_views(flight, PANEL[".mp4"])(tick)
-    with replacing(path) as partial:
-        _image(picture).save(partial)
+    drawn = io.BytesIO()
+    _image(picture).save(drawn, "PNG")
+    write_bytes(path, drawn.getvalue())
     return path

@@ -1,7 +1,8 @@
 """Our own file of a Darknet network: safetensors with its .cfg and its class names inside.
 
 Kernels are float16, a thousandth of error for half the size; biases and normalisation, a hundredth of the whole, stay
-float32, because a variance may leave float16's range. A safetensors file holds plain numbers and no code.
+float32, because a variance may leave float16's range. A safetensors file holds plain numbers and no code. Its .cfg does
+not say what batch normalisation adds to a variance: another number than OWN_EPSILON stands beside it.
 """
 
 import json
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from ortilo_drake.model.input_files import check_file
 from ortilo_drake.model.typed_yaml import InputError
@@ -17,40 +18,45 @@ from ortilo_drake.onboard.darknet_cfg import parse_cfg
 from ortilo_drake.onboard.darknet_network import DarknetNetwork
 from ortilo_drake.onboard.darknet_weights import check_values
 
+OWN_EPSILON = 1e-5  # torch's, with which our own network was trained
+
 
 def _state(network: DarknetNetwork) -> dict[str, torch.Tensor]:
     """Return what is stored: all but torch's count of training batches."""
     return {key: value for key, value in network.state_dict().items() if not key.endswith("num_batches_tracked")}
 
 
-def _check_classes(path: Path, classes: object, network: DarknetNetwork) -> list[str]:
+def _check_classes(source: str, classes: object, network: DarknetNetwork) -> list[str]:
     """Return the class names, checked against the network."""
     needed = network.cfg.heads[0].classes
     if not isinstance(classes, list) or not all(isinstance(name, str) and name for name in classes):
-        raise InputError(f"{path}: classes: {str(classes)[:60]!r}: must be a list of names")
+        raise InputError(f"{source}: classes: {str(classes)[:60]!r}: must be a list of names")
     if len(classes) != needed:
-        raise InputError(f"{path}: classes: holds {len(classes)} names, this network needs {needed}")
+        raise InputError(f"{source}: classes: holds {len(classes)} names, this network needs {needed}")
     return classes
 
 
-def write_network(path: Path, network: DarknetNetwork, classes: list[str]) -> None:
-    """Write a network, its .cfg and its class names.
+def network_bytes(network: DarknetNetwork, classes: list[str], source: str) -> bytes:
+    """Return what a .safetensors file of a network, its .cfg and its class names holds.
 
     Args:
-        path: the file, .safetensors.
-        network: what to write.
+        network: the network.
         classes: a name for each class.
+        source: what to call it in an error.
 
     Raises:
         InputError: if the class names do not fit, or a weight is not finite or too large for float16.
     """
-    _check_classes(path, classes, network)
+    _check_classes(source, classes, network)
     tensors = {}
     for key, value in _state(network).items():
         tensors[key] = value.detach().cpu().to(torch.float16 if value.ndim > 1 else torch.float32).contiguous()
         if not bool(torch.isfinite(tensors[key]).all()):
-            raise InputError(f"{path}: {key}: holds NaN, inf or more than float16's 65504")
-    save_file(tensors, path, metadata={"cfg": network.cfg.text, "classes": json.dumps(classes)})
+            raise InputError(f"{source}: {key}: holds NaN, inf or more than float16's 65504")
+    metadata = {"cfg": network.cfg.text, "classes": json.dumps(classes)}
+    if network.epsilon != OWN_EPSILON:
+        metadata["epsilon"] = repr(network.epsilon)
+    return save(tensors, metadata=metadata)
 
 
 def read_network(path: Path) -> tuple[DarknetNetwork, list[str]]:
@@ -66,8 +72,11 @@ def read_network(path: Path) -> tuple[DarknetNetwork, list[str]]:
             for key in ("cfg", "classes"):
                 if key not in metadata:
                     raise InputError(f"{path}: metadata '{key}': is missing, must be there")
-            network = DarknetNetwork(parse_cfg(metadata["cfg"], f"{path}: cfg"))
-            classes = _check_classes(path, _json(metadata["classes"]), network)
+            epsilon = _json(metadata.get("epsilon", repr(OWN_EPSILON)))
+            if not isinstance(epsilon, float) or not 0.0 < epsilon < 1.0:
+                raise InputError(f"{path}: epsilon: {repr(epsilon)[:60]}: must be a number between 0 and 1")
+            network = DarknetNetwork(parse_cfg(metadata["cfg"], f"{path}: cfg"), epsilon)
+            classes = _check_classes(str(path), _json(metadata["classes"]), network)
             state = _state(network)
             odd = sorted(set(state) ^ set(file.keys()))
             if odd:

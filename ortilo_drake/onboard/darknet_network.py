@@ -8,7 +8,9 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_layers import Convolutional, DarknetCfg, Maxpool, Route, Shortcut, Upsample, Yolo
 
 LEAK = 0.1  # slope of Darknet's leaky activation below 0
-EPSILON = 1e-5  # added to a variance, as on the graphics cards that Darknet's networks are trained on
+# Added to a variance before its root, as OpenCV's importer does (darknet_io.cpp, setBatchNorm). Darknet itself adds
+# 1e-6 to the root (blas.c, normalize_cpu); its later code for graphics cards 1e-5 to the variance (blas_kernels.cu).
+EPSILON = 1e-6
 
 
 class Activation(nn.Module):
@@ -28,12 +30,12 @@ class Activation(nn.Module):
 class Convolution(nn.Module):
     """A convolution, batch normalisation where the .cfg has it, and the activation."""
 
-    def __init__(self, layer: Convolutional):
+    def __init__(self, layer: Convolutional, epsilon: float = EPSILON):
         super().__init__()
         self.convolution = nn.Conv2d(
             layer.inputs, layer.filters, layer.size, layer.stride, layer.size // 2, bias=not layer.batch_normalize
         )
-        self.norm = nn.BatchNorm2d(layer.filters, eps=EPSILON) if layer.batch_normalize else None
+        self.norm = nn.BatchNorm2d(layer.filters, eps=epsilon) if layer.batch_normalize else None
         self.activation = Activation(layer.activation)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -64,11 +66,12 @@ class DarknetNetwork(nn.Module):
 
     Args:
         cfg: the network, from darknet_cfg.py.
+        epsilon: of the batch normalisation.
     """
 
-    def __init__(self, cfg: DarknetCfg):
+    def __init__(self, cfg: DarknetCfg, epsilon: float = EPSILON):
         super().__init__()
-        self.cfg = cfg
+        self.cfg, self.epsilon = cfg, epsilon
         named = [layer.sources for layer in cfg.layers if isinstance(layer, Route)]
         named += [(layer.source,) for layer in cfg.layers if isinstance(layer, Shortcut)]
         self._kept = {n for sources in named for n in sources}
@@ -76,7 +79,7 @@ class DarknetNetwork(nn.Module):
         for layer in cfg.layers:
             match layer:
                 case Convolutional():
-                    self.layers.append(Convolution(layer))
+                    self.layers.append(Convolution(layer, epsilon))
                 case Maxpool():
                     self.layers.append(Pool(layer))
                 case Shortcut():

@@ -93,15 +93,13 @@ def read_darknet(cfg: Path, weights: Path) -> DarknetNetwork:
     return network.eval()
 
 
-def write_weights(path: Path, network: DarknetNetwork, seen: int = 0) -> None:
-    """Write a network as a .weights file of version 0.2, the inverse of read_weights.
+def weights_bytes(network: DarknetNetwork, seen: int = 0) -> bytes:
+    """Return what a .weights file of version 0.2 holds of a network, the inverse of read_weights.
 
     Args:
-        path: the file.
-        network: what to write.
+        network: the network.
         seen: number of images seen in training, for Darknet's learning rate.
     """
-    with path.open("wb") as file:
-        file.write(np.array(_VERSION, dtype="<i4").tobytes() + np.array(seen, dtype="<i8").tobytes())
-        for tensor in _tensors(network):
-            file.write(tensor.detach().cpu().numpy().astype("<f4").tobytes())
+    header = np.array(_VERSION, dtype="<i4").tobytes() + np.array(seen, dtype="<i8").tobytes()
+    tensors = (tensor.detach().cpu().numpy().astype("<f4").tobytes() for tensor in _tensors(network))
+    return header + b"".join(tensors)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.files import write_bytes
 from ortilo_drake.onboard.darknet_file import read_network
 from ortilo_drake.onboard.darknet_network import DarknetNetwork
 
@@ -39,5 +39,4 @@ def export(source: Path, onnx: Path) -> None:
         input_names=["image"],
         output_names=names,
     )
-    with replacing(onnx) as partial:
-        partial.write_bytes(made.getvalue())
+    write_bytes(onnx, made.getvalue())

@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.files import write_bytes
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector_network import load_detector, own_backend
@@ -43,8 +43,7 @@ def _worst_figure(
         drawn = [draw_boxes(frames.images[i], detect(frames.images[i]), frames.labels[i], classes) for i in worst[:8]]
         drawn += [np.zeros_like(drawn[0])] * (-len(drawn) % 4)
         rows += [np.hstack(drawn[k : k + 4]) for k in range(0, len(drawn), 4)]
-    with replacing(path) as partial:
-        cv2.imwrite(str(partial), np.vstack(rows))
+    write_bytes(path, cv2.imencode(".png", np.vstack(rows))[1].tobytes())
 
 
 def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> dict[str, Any]:

@@ -4,12 +4,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.pictures import save_picture
 
 
 def losses_figure(history: list[dict[str, float]], path: Path) -> Path:
     """Draw the loss of each epoch and its parts to a PNG; return its path."""
-    figure = Figure(figsize=(6.0, 3.6), layout="constrained")
+    figure = Figure(figsize=(6.0, 3.6), dpi=120, layout="constrained")
     axes = figure.add_subplot()
     epochs = range(1, len(history) + 1)
     for name in ("loss", "box", "object", "class"):
@@ -17,6 +17,4 @@ def losses_figure(history: list[dict[str, float]], path: Path) -> Path:
     axes.set(xlabel="epoch", ylabel="loss a picture")
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
-    with replacing(path) as partial:
-        figure.savefig(partial, dpi=120)
-    return path
+    return save_picture(figure, path)

@@ -1,10 +1,11 @@
 """Rendered pictures on disk, one file a scene."""
 
+import io
 from pathlib import Path
 
 import numpy as np
 
-from ortilo_drake.experiments.files import replacing
+from ortilo_drake.experiments.files import write_bytes
 from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.labels import LABEL_SIZE, MAX_OBJECTS, Frames
@@ -16,8 +17,9 @@ def render_shard(kind: str, seed: int, scene: int, frames: int, width: int, path
     file = Path(path)
     if not file.exists():
         made = render_scene(kind, seed, scene, frames, width)
-        with replacing(file) as partial, partial.open("wb") as out:
-            np.savez(out, images=made.images, labels=made.labels)
+        packed = io.BytesIO()
+        np.savez(packed, images=made.images, labels=made.labels)
+        write_bytes(file, packed.getvalue())
     return path
 
 

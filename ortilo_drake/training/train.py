@@ -1,5 +1,6 @@
 """Training the detector: seeded, resumable, with its loss curve kept."""
 
+import io
 import json
 import math
 import zlib
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ortilo_drake.experiments.files import replacing, write_text
+from ortilo_drake.experiments.files import write_bytes, write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_layers import Yolo
 from ortilo_drake.onboard.darknet_network import Convolution, DarknetNetwork
@@ -142,8 +143,9 @@ def train(
         names = ("loss", "box", "object", "class")  # the last three before their weights
         history.append(dict(zip(names, (sums / (count // batch)).tolist(), strict=True)))
         state = {"of": of, "network": network.state_dict(), "optimizer": optimizer.state_dict()}
-        with replacing(checkpoint) as partial:
-            torch.save({**state, "average": average, "history": history}, partial)
+        packed = io.BytesIO()
+        torch.save({**state, "average": average, "history": history}, packed)
+        write_bytes(checkpoint, packed.getvalue())
         write_text(folder / "losses.json", json.dumps(history, indent=2) + "\n")
     network.load_state_dict(average)
     network.eval()

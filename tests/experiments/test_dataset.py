@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 from scipy.linalg import expm
 
-from ortilo_drake.experiments.flight import fly, load_flight, save_flight, scenario_of
+from ortilo_drake.experiments.flight import fly, scenario_of
+from ortilo_drake.experiments.saved_flight import load_flight, save_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.intermittent_filter import INTEGRATORS, filter_step

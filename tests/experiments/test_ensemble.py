@@ -1,6 +1,7 @@
 """Many flights: resumable, independent of the number of workers, nothing half-written."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ import xarray as xr
 
 from ortilo_drake.experiments import ensemble
 from ortilo_drake.experiments.ensemble import flight_file, flight_folder, flights_of, fly_many
-from ortilo_drake.experiments.flight import fly, load_flight
+from ortilo_drake.experiments.flight import fly
 from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.experiments.saved_flight import load_flight, save_flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 
@@ -69,26 +71,45 @@ def test_the_scenarios_own_seed_does_not_matter(tmp_path: Path, flown: list[int]
     assert flown == [0, 1]
 
 
-@pytest.mark.parametrize("damage", ["deleted", "truncated", "emptied", "without a summary"])
-def test_only_a_missing_or_damaged_flight_is_flown_again(tmp_path: Path, flown: list[int], damage: str) -> None:
+def flipped(data: bytes) -> bytes:
+    """Return the bytes with one bit of the middle one changed: xarray reads such a file, or HDF5 ends the process."""
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+@pytest.mark.parametrize("damage", ["deleted", "truncated", "emptied", "one bit", "text", "without a summary"])
+def test_only_a_missing_or_damaged_flight_is_flown_again_and_told(
+    tmp_path: Path, flown: list[int], damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
     first = fly_many(SCENARIO, range(3), tmp_path)
     before = written(tmp_path)
     path = flight_file(tmp_path, SCENARIO, 1)
+    whole = path.read_bytes()
     match damage:
         case "deleted":
             path.unlink()
         case "truncated":
-            path.write_bytes(path.read_bytes()[:-1000])
+            path.write_bytes(whole[:-1000])
         case "emptied":
             path.write_bytes(b"")
+        case "one bit":
+            path.write_bytes(flipped(whole))
+        case "text":
+            path.write_text("not a flight\n")
         case "without a summary":
             flight = load_flight(path)
             del flight.attrs["summary"]
-            flight.to_netcdf(path, engine="h5netcdf")
+            save_flight(flight, path)
     assert without_speed(fly_many(SCENARIO, range(3), tmp_path)) == without_speed(first)
     assert flown == [0, 1, 2, 1]
     changed = {name for name, mtime in written(tmp_path).items() if before[name] != mtime}
     assert changed == {str(path.relative_to(tmp_path))}
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == (0 if damage == "deleted" else 1)
+    assert all(line.startswith(f"{path}: ") and line.endswith(": flown again") for line in told)
+    caplog.clear()
+    fly_many(SCENARIO, range(3), tmp_path)
+    assert (flown, caplog.records) == ([0, 1, 2, 1], [])
 
 
 def test_an_interrupted_run_keeps_what_it_flew_and_goes_on_there(tmp_path: Path, flown: list[int]) -> None:
@@ -104,14 +125,21 @@ def test_an_interrupted_run_keeps_what_it_flew_and_goes_on_there(tmp_path: Path,
 
 
 def test_a_write_that_fails_leaves_no_partial_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fill_the_disk(self: xr.Dataset, path: Path, **_: Any) -> None:
-        Path(path).write_bytes(b"half a flight")
+    def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", fill_the_disk)
-    with pytest.raises(InputError, match="No space left on device"):
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=r"seed_000000\.nc: cannot be written: No space left on device"):
         fly_many(SCENARIO, [0], tmp_path)
     assert written(tmp_path) == {}
+
+
+def test_what_a_killed_run_left_half_written_is_removed(tmp_path: Path, flown: list[int]) -> None:
+    folder = flight_folder(tmp_path, SCENARIO)
+    folder.mkdir()
+    (folder / ".ortilo-0123456789abcdef.partial").write_bytes(b"half a flight")
+    fly_many(SCENARIO, [0], tmp_path)
+    assert [p.name for p in folder.iterdir()] == ["seed_000000.nc"]
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ from command_line import run
 
 from ortilo_drake.experiments.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.experiments.consistency_flights import consistency_report
-from ortilo_drake.experiments.flight import fly, save_flight
+from ortilo_drake.experiments.flight import fly
 from ortilo_drake.experiments.metrics import estimation_mse, position_nees
+from ortilo_drake.experiments.saved_flight import save_flight
 from ortilo_drake.experiments.tune import Tuning, find_flights, overlay_text, tune, tuning_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario

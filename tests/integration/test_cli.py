@@ -14,8 +14,9 @@ from command_line import run, run_apart
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.experiments.flight import fly, load_flight, scenario_of
+from ortilo_drake.experiments.flight import fly, scenario_of
 from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.experiments.saved_flight import load_flight
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"

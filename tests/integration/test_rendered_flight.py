@@ -13,7 +13,8 @@ from command_line import run
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.experiments.ensemble import flight_file, fly_many
-from ortilo_drake.experiments.flight import fly, load_flight
+from ortilo_drake.experiments.flight import fly
+from ortilo_drake.experiments.saved_flight import load_flight
 from ortilo_drake.experiments.simulator import make_simulator
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP

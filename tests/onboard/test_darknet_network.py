@@ -103,10 +103,10 @@ def test_pool_is_darknets_loop(size: int, stride: int) -> None:
 def test_convolution_normalises_and_then_activates(activation: str, expected: float) -> None:
     layer = Convolution(Convolutional(1, 1, 1, 1, True, activation)).eval()
     values = {"convolution.weight": 3.0, "norm.weight": 0.5, "norm.bias": 1.0}
-    values |= {"norm.running_mean": 9.0, "norm.running_var": 1.0}
+    values |= {"norm.running_mean": 9.0, "norm.running_var": 1.0 - 1e-6}
     for key, value in values.items():
         layer.state_dict()[key].fill_(value)
-    with torch.inference_mode():  # 0.5 (3 x 1 - 9) / sqrt(1 + 1e-6) + 1 = -2
+    with torch.inference_mode():  # 0.5 (3 x 1 - 9) / sqrt(1 - 1e-6 + 1e-6) + 1 = -2
         assert float(layer(torch.ones(1, 1, 1, 1))) == pytest.approx(expected, rel=1e-6)
 
 

@@ -17,9 +17,10 @@ pytest.importorskip("safetensors", reason="safetensors is not installed: the net
 
 from safetensors.torch import save  # noqa: E402
 
-from ortilo_drake.onboard.darknet_file import read_network, write_network  # noqa: E402
+from ortilo_drake.onboard.darknet_file import network_bytes, read_network  # noqa: E402
 from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
-from ortilo_drake.onboard.darknet_weights import read_darknet, read_weights, write_weights  # noqa: E402
+from ortilo_drake.onboard.darknet_weights import read_darknet, read_weights, weights_bytes  # noqa: E402
+from ortilo_drake.onboard.detector_network import OWN_NETWORK  # noqa: E402
 
 CFG = """[net]\nwidth=64\nheight=32\nchannels=3
 [convolutional]\nbatch_normalize=1\nfilters=4\nsize=3\nstride=2\npad=1\nactivation=leaky
@@ -70,7 +71,7 @@ def test_weights_there_and_back(seed: int, tmp_path_factory: pytest.TempPathFact
     folder = tmp_path_factory.mktemp("weights")
     made, cfg, weights = network(seed), folder / "net.cfg", folder / "net.weights"
     cfg.write_text(CFG)
-    write_weights(weights, made, seen=seed)
+    weights.write_bytes(weights_bytes(made, seen=seed))
     assert weights.read_bytes()[:20] == header(0, 2, seed)
     read = read_darknet(cfg, weights)
     assert not read.training
@@ -111,29 +112,43 @@ def test_refuses_files_that_are_not_there(tmp_path: Path) -> None:
 
 def test_own_file_there_and_back(tmp_path: Path) -> None:
     path, made = tmp_path / "net.safetensors", network()
-    write_network(path, made, CLASSES)
+    path.write_bytes(network_bytes(made, CLASSES, "net"))
     read, classes = read_network(path)
     assert classes == CLASSES
     assert read.cfg == made.cfg
     assert not read.training
     assert_same(made, read, rtol=2.0**-11)  # float16 keeps 11 bits
     again = tmp_path / "again.safetensors"
-    write_network(again, read, classes)
+    again.write_bytes(network_bytes(read, classes, "net"))
     assert_same(read, read_network(again)[0], rtol=0.0)  # the second rounding to float16 changes nothing
 
 
+@pytest.mark.parametrize("epsilon", [1e-6, 1e-5, 1e-3])
+def test_own_file_keeps_what_is_added_to_a_variance(epsilon: float, tmp_path: Path) -> None:
+    made = DarknetNetwork(parse_cfg(CFG, "small.cfg"), epsilon).eval()
+    path = tmp_path / "net.safetensors"
+    path.write_bytes(network_bytes(made, CLASSES, "net"))
+    norms = [layer.norm for layer in read_network(path)[0].convolutions() if layer.norm is not None]
+    assert [norm.eps for norm in norms] == [epsilon] * len(norms) != []
+
+
+def test_our_network_is_computed_as_it_was_trained() -> None:
+    (epsilon,) = {layer.norm.eps for layer in read_network(OWN_NETWORK)[0].convolutions() if layer.norm is not None}
+    assert epsilon == 1e-5
+
+
 @pytest.mark.parametrize("classes", [["cat"], ["cat", ""], ["cat", "clock", "dog"]])
-def test_refuses_to_write_other_classes(classes: list[str], tmp_path: Path) -> None:
+def test_refuses_to_write_other_classes(classes: list[str]) -> None:
     with pytest.raises(InputError, match="classes: "):
-        write_network(tmp_path / "net.safetensors", network(), classes)
+        network_bytes(network(), classes, "net")
 
 
 @pytest.mark.parametrize("value", [70_000.0, float("nan")])
-def test_refuses_to_write_what_float16_cannot_hold(value: float, tmp_path: Path) -> None:
+def test_refuses_to_write_what_float16_cannot_hold(value: float) -> None:
     made = network()
     made.convolutions()[0].convolution.weight.data[0] = value
     with pytest.raises(InputError, match=r"layers.0.convolution.weight: holds NaN, inf or more than float16's 65504"):
-        write_network(tmp_path / "net.safetensors", made, CLASSES)
+        network_bytes(made, CLASSES, "net")
 
 
 def own_file(metadata: dict[str, str] | None = None, **tensors: object) -> bytes:
@@ -157,6 +172,8 @@ BIAS = "layers__1__convolution__bias"
         (own_file({"classes": "["}), "classes: '[': must be a list of names"),
         (own_file({"classes": '{"cat": 1}'}), "must be a list of names"),
         (own_file({"classes": '["cat"]'}), "classes: holds 1 names, this network needs 2"),
+        (own_file({"epsilon": "0.0"}), "epsilon: 0.0: must be a number between 0 and 1"),
+        (own_file({"epsilon": "small"}), "epsilon: 'small': must be a number between 0 and 1"),
         (own_file(**{BIAS: None}), "tensor 'layers.1.convolution.bias': is missing"),
         (own_file(other=torch.zeros(1)), "tensor 'other': is not of its cfg"),
         (

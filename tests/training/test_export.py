@@ -18,7 +18,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: nothing can
 pytest.importorskip("safetensors", reason="safetensors is not installed: a trained network cannot be read")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: nothing to compare with")
 
-from ortilo_drake.onboard.darknet_file import read_network, write_network  # noqa: E402
+from ortilo_drake.onboard.darknet_file import network_bytes, read_network  # noqa: E402
 from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
 from ortilo_drake.training.export import export, fold  # noqa: E402
 
@@ -66,7 +66,8 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     source, onnx = folder / "net.safetensors", folder / "new" / "net.onnx"
     text = OWN_CFG.read_text() if request.param == "ours" else SPP
     network = seeded(text)
-    write_network(source, network, list(OWN_CLASSES) if request.param == "ours" else ["cat", "clock"])
+    classes = list(OWN_CLASSES) if request.param == "ours" else ["cat", "clock"]
+    source.write_bytes(network_bytes(network, classes, str(source)))
     with warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", category=DeprecationWarning
