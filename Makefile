@@ -3,6 +3,7 @@
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
 # make test      set up, run the tests but for notebooks, training, real time, processes of their own and videos
 # make test-all  set up, with ROS 2 where there are wheels of it, run all tests
+# make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
 
@@ -21,7 +22,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup ros2 kernels fly tables test test-all check bench clean
+.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench clean
 
 setup: $(STAMP)
 
@@ -53,6 +54,12 @@ test: kernels
 
 test-all: ros2 kernels
 	@$(PYTEST) $(TESTS)
+
+# Whatever reads ORTILO_FUZZ_CASES.
+FUZZ := $(wildcard tests/integration/test_schema_fuzz.py tests/hil/test_udpm_fuzz.py)
+
+fuzz: kernels
+	@ORTILO_FUZZ_CASES=$${ORTILO_FUZZ_CASES:-20000} $(PYTEST) $(FUZZ)
 
 check: setup
 	$(BIN)/ruff check .

@@ -250,7 +250,7 @@ def load_room(path: Path = ORTILO_ROOM) -> Room:
         InputError: naming file, field, value and what is allowed.
     """
     if not exists(path):
-        raise InputError(f"{path}: no such room file")
+        raise InputError(f"room: {path}: no such room file")
     return _room_of(read_text(path), str(path))
 
 

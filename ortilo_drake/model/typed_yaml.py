@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterable
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -154,11 +155,16 @@ def _shown(value: Any) -> str:
     return type(value).__name__ if isinstance(value, dict | list) else f"{text[:_SHOWN]}..."
 
 
+@cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
 def _first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     problems = error.errors()
     # A misspelt key explains more than the errors that follow from it.
     problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    loc, schema = problem["loc"], model.model_json_schema()
+    loc, schema = problem["loc"], _schema(model)
     field, here = _place(schema, loc)
     shown = _shown(problem["input"])
     match problem["type"]:

@@ -33,6 +33,7 @@ finally:
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     "module",
     ["typer", "numpy", "pydrake.systems.framework", "xarray"],
@@ -65,6 +66,7 @@ def test_an_interrupt_that_a_library_turns_into_another_error_is_still_one(
     assert capsys.readouterr().err == "ortilo: interrupted; what is finished is kept\n"
 
 
+@pytest.mark.processes
 def test_a_reader_that_has_enough_is_no_error() -> None:
     read, write = os.pipe()
     os.close(read)
@@ -90,11 +92,13 @@ def test_a_full_disk_for_what_is_printed_takes_one_line(
     assert capsys.readouterr().err == "ortilo: No space left on device\n"
 
 
+@pytest.mark.processes
 def test_closed_streams_are_no_error() -> None:
     words = ("sh", "-c", f'exec "{sys.executable}" -m ortilo_drake.cli scenario list <&- >&- 2>&-')
     assert subprocess.run(words, timeout=300, check=False).returncode == 0
 
 
+@pytest.mark.processes
 def test_a_name_that_is_not_utf_8_is_shown_by_its_bytes() -> None:
     words = [word.encode() for word in (*ORTILO, "fly")] + [b"\xff\x1b[2J.yaml"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)

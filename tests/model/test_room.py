@@ -180,7 +180,7 @@ def test_a_wrong_room_is_refused_in_one_line(changes: dict[str, Any], words: lis
 
 
 def test_a_missing_file_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^/nowhere/room\.yaml: no such room file$"):
+    with pytest.raises(InputError, match=r"^room: /nowhere/room\.yaml: no such room file$"):
         load_room(Path("/nowhere/room.yaml"))
 
 
