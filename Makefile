@@ -70,6 +70,7 @@ check: setup
 bench: setup
 	@$(BIN)/python benchmarks/bench_flight.py
 	@$(BIN)/python benchmarks/bench_camera.py
+	@$(BIN)/python benchmarks/bench_wire.py
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info

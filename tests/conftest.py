@@ -69,6 +69,14 @@ def one_in_real_time(request: pytest.FixtureRequest, workers_folder: Path) -> It
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def own_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A folder for the settings of a user who runs the tests, not that user's own: there is the halves' key."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
+        yield
+
+
 @pytest.fixture
 def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The URL of a bus that is this test's alone; halves in this process wait for each other as long as it takes."""

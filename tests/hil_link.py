@@ -5,18 +5,22 @@ import socket
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
-from waiting import HANGS, wait_for
+from waiting import HANGS
 
 from ortilo_drake.hil import bus as library
 from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.halves import OnboardHalf
-from ortilo_drake.hil.handshake import meet_world
+from ortilo_drake.hil.handshake import Greeter, draw, flight_of, meet_world
 from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.lockstep_link import answer_over_link
-from ortilo_drake.hil.packets import PORTS, Hello
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.hil.packet_checks import Flight
+from ortilo_drake.hil.packets import PORTS, Goal, Hello
+from ortilo_drake.hil.wire import Outbox
+from ortilo_drake.scenario import Scenario, load_scenario
 
+KEY, FLIGHT_KEY = 32 * b"k", 32 * b"f"  # that the halves share, and of a flight
 _OPEN: list[Bus] = []
 PORTS_TO_TRY = range(20_000, 32_000)  # below those that the kernel hands out by itself
 
@@ -51,25 +55,49 @@ def open_bus(url: str) -> Bus:
     return _OPEN[-1]
 
 
-def hear_hello(inbox: Inbox) -> Hello:
-    """Return the first hello."""
+def key_file(folder: Path) -> Path:
+    """Write KEY to a file in a folder and return it."""
+    file = folder / "key"
+    file.touch(0o600)
+    file.write_text(KEY.hex())
+    return file
 
-    def hellos() -> list[Hello]:
-        values = [arrival.packet.value for arrival in inbox.poll()]
-        return [value for value in values if isinstance(value, Hello)]
 
-    return wait_for(hellos, "a hello")[0]
+def flight_for_packets(session: int = 77, shape: tuple[int, int] | None = None) -> Flight:
+    """Return a flight of imu_uwb_yolo, 30 Hz, under FLIGHT_KEY, whose pictures have a shape."""
+    scenario = load_scenario("imu_uwb_yolo", ("camera=projected",))
+    return flight_of(scenario, session, FLIGHT_KEY)._replace(shape=shape)
+
+
+class PlayedWorld:
+    """A world under way, as far as those see it who join it or listen; it hears hello and goals."""
+
+    def __init__(self, url: str, scenario: Scenario):
+        joined = open_bus(url)
+        self.inbox, self._greeter = Inbox(joined, ("hello", "goal"), KEY), Greeter(joined, KEY, scenario, False)
+        self.flight = self._greeter.meet(draw())
+        self.inbox.begin(self.flight)
+        self.outbox = Outbox(joined, self.flight.session, self.flight.key)
+
+    def turn(self, tick: int, state: str = "") -> list[Goal]:
+        """Say hello at a tick; return the goals that users asked for since the last turn."""
+        heard = [arrival.packet.value for arrival in self.inbox.poll()]
+        for hello in heard:
+            if isinstance(hello, Hello):
+                self._greeter.hear(hello)
+        self._greeter.say(tick, state)
+        return [goal for goal in heard if isinstance(goal, Goal) and goal.role == "user"]
 
 
 @contextmanager
 def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
     """Be the onboard half of one flight in lockstep, beside the caller; yield how many ticks it will have answered."""
     joined = open_bus(bus)
-    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *PORTS)), OnboardHalf(scenario)
+    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *PORTS), KEY), OnboardHalf(scenario)
 
     def answer() -> int:
-        hear_hello(inbox)
-        return answer_over_link(onboard, joined, inbox, meet_world(joined, inbox, scenario, HANGS).session)
+        flight = meet_world(joined, inbox, scenario, KEY, HANGS).flight
+        return answer_over_link(onboard, Outbox(joined, flight.session, flight.key), inbox)
 
     with ThreadPoolExecutor(1) as pool:
         answered = pool.submit(answer)

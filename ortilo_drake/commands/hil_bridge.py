@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import UrlOption, WaitOption, show_report
+from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption, WaitOption, show_report
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,
@@ -31,6 +31,8 @@ def bridge(
         bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE in place of ODOMETRY.")
     ] = False,
     url: UrlOption = DEFAULT_URL,
+    key: KeyOption = None,
+    insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="End after that long [s].")] = None,
     json_file: JsonOption = None,
@@ -48,8 +50,10 @@ def bridge(
     from ortilo_drake.bridges.mavlink import MavlinkBridge
     from ortilo_drake.bridges.ros2 import Ros2Bridge
     from ortilo_drake.hil.bridge import Goals, Target, mavlink_target, ros2_target, run_bridge
+    from ortilo_drake.hil.key_file import choose_key
 
     quiet_drake()
+    secret = choose_key(url, key, insecure)
     targets: dict[str, Target] = {}
     goals: Goals | None = None
     with contextlib.ExitStack() as stack:
@@ -59,7 +63,7 @@ def bridge(
         if ros2:
             node = stack.enter_context(Ros2Bridge(chosen))
             targets["ros2"], goals = ros2_target(node), node.goal
-        report = run_bridge(url, chosen, targets, seconds, wait, lambda line: print(line, flush=True), goals)
+        report = run_bridge(url, secret, chosen, targets, seconds, wait, lambda line: print(line, flush=True), goals)
     write_json(json_file, report)
     show_report(report)
     say_written(json_file)

@@ -36,16 +36,23 @@ def _bus_of_our_own() -> str:
 
 
 @contextlib.contextmanager
-def _other_half(scenario: Scenario, url: str, wait: float) -> Iterator[Callable[[], None]]:
+def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterator[Callable[[], None]]:
     """Run `ortilo hil onboard` beside this process; yields what raises InputError, in its words, once it has failed."""
     with tempfile.TemporaryDirectory() as folder:
         import yaml
 
+        from ortilo_drake.hil.key_file import STDIN
+
         file = Path(folder) / f"{scenario.name}.yaml"
         file.write_text(yaml.safe_dump(scenario.model_dump(mode="json")), encoding="utf-8")
-        words = ("hil", "onboard", str(file), "--url", url, "--wait", str(wait))
+        words = ("hil", "onboard", str(file), "--url", url, "--key", STDIN, "--wait", str(wait))
         command = (sys.executable, "-m", "ortilo_drake.cli", *words)
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe, text=True) as process:
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError):  # it has ended already, see still_there
+                process.stdin.write(f"{key.hex()}\n")
+                process.stdin.close()
 
             def still_there() -> None:
                 if process.poll():
@@ -82,16 +89,17 @@ def check(
     check_writable(png, json_file)
     from ortilo_drake.experiments.flight import fly
     from ortilo_drake.experiments.flyable import flight_ticks
+    from ortilo_drake.hil.key_file import new_key
     from ortilo_drake.hil.latency_figure import latency_figure
     from ortilo_drake.hil.runs import run_world
 
     quiet_drake()
-    url = url or _bus_of_our_own()
+    url, key = url or _bus_of_our_own(), new_key()
     with (
         showing_flight("flying", flight_ticks(chosen), lockstep) as shown,
-        _other_half(chosen, url, wait) as still_there,
+        _other_half(chosen, url, key, wait) as still_there,
     ):
-        flight, report = run_world(chosen, url, lockstep, wait, seconds, still_there=still_there, **shown)
+        flight, report = run_world(chosen, url, key, lockstep, wait, seconds, still_there=still_there, **shown)
     identical = None
     if lockstep:
         import xarray as xr

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import UrlOption
+from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, quiet_drake
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.hil.urls import DEFAULT_URL
@@ -18,6 +18,8 @@ def goal(
     seed: SeedOption = None,
     settings: SetOption = None,
     url: UrlOption = DEFAULT_URL,
+    key: KeyOption = None,
+    insecure: InsecureOption = False,
     wait: Annotated[
         float, typer.Option(min=0.1, help="How long to look for the world, and then for an answer [s].")
     ] = 5.0,
@@ -30,7 +32,8 @@ def goal(
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     from ortilo_drake.hil.goal_link import ask_goal
+    from ortilo_drake.hil.key_file import choose_key
 
     quiet_drake()
-    ask_goal(url, chosen, x, y, wait)
+    ask_goal(url, choose_key(url, key, insecure), chosen, x, y, wait)
     out.print(f"goal ({x:g}, {y:g}): flies there", markup=False)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import UrlOption, WaitOption, show_report
+from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption, WaitOption, show_report
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,
@@ -39,6 +39,8 @@ def onboard(
     seed: SeedOption = None,
     settings: SetOption = None,
     url: UrlOption = DEFAULT_URL,
+    key: KeyOption = None,
+    insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
     log: Annotated[Path | None, typer.Option(help="Write what it took and made of it as MCAP to this folder.")] = None,
     checkpoint: Annotated[
@@ -64,6 +66,7 @@ def onboard(
     from ortilo_drake.hil.goal_planner import GoalPlanner
     from ortilo_drake.hil.handshake import PATIENCE
     from ortilo_drake.hil.keep_alive import keep_alive
+    from ortilo_drake.hil.key_file import choose_key
     from ortilo_drake.hil.runs import run_onboard
     from ortilo_drake.hil.spare import Spare
     from ortilo_drake.hil.warm_up import warm_up
@@ -73,6 +76,7 @@ def onboard(
     if profile:
         _profile(chosen, json_file)
         return
+    secret = choose_key(url, key, insecure)
     if checkpoint:
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
     ticks = flight_ticks(chosen)
@@ -87,7 +91,7 @@ def onboard(
             def show(k: int) -> None:
                 bar.update(task, completed=k)
 
-            report = run_onboard(chosen, url, wait, show, record, checkpoint, say_error, planner)
+            report = run_onboard(chosen, url, secret, wait, show, record, checkpoint, say_error, planner)
             write_json(json_file, report)
             show_report(report)
         if record and record.error:

@@ -9,6 +9,13 @@ import typer
 from ortilo_drake.commands.terminal import err, out, progress_bar
 
 UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
+KeyOption = Annotated[
+    str | None,
+    typer.Option("--key", metavar="FILE", help="The secret of both halves, of `ortilo hil key`; by default your own."),
+]
+InsecureOption = Annotated[
+    bool, typer.Option("--insecure", help="No secret: whoever is on the network may command the vehicle.")
+]
 WaitOption = Annotated[float, typer.Option(min=1.0, help="How long to look for the other half [s].")]
 LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]
 SecondsOption = Annotated[

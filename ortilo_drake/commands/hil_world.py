@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import (
+    InsecureOption,
+    KeyOption,
     LockstepOption,
     SecondsOption,
     UrlOption,
@@ -34,6 +36,8 @@ def world(
     settings: SetOption = None,
     lockstep: LockstepOption = False,
     url: UrlOption = DEFAULT_URL,
+    key: KeyOption = None,
+    insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
     seconds: SecondsOption = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
@@ -47,17 +51,19 @@ def world(
     check_writable(out_file, json_file)
     from ortilo_drake.experiments.flyable import flight_ticks
     from ortilo_drake.experiments.saved_flight import save_flight
+    from ortilo_drake.hil.key_file import choose_key
     from ortilo_drake.hil.runs import run_world
     from ortilo_drake.hil.spare import Spare
     from ortilo_drake.logs.ros_messages import SENT, TAKEN
     from ortilo_drake.logs.writer import LogWriter
 
     quiet_drake()
+    secret = choose_key(url, key, insecure)
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(LogWriter(log, chosen, TAKEN if lockstep else SENT)) if log else None
         record = Spare(writer.write_tick, say_error) if writer else None
         shown = stack.enter_context(showing_flight("world", flight_ticks(chosen), lockstep))
-        flight, report = run_world(chosen, url, lockstep, wait, seconds, record=record, **shown)
+        flight, report = run_world(chosen, url, secret, lockstep, wait, seconds, record=record, **shown)
         if out_file:
             save_flight(flight, out_file)
         report.pop("latencies_ms", None)

@@ -1,8 +1,6 @@
 """A listener on the bus: it puts the ticks of a flight together and hands them to other systems.
 
-It says nothing itself but a user's goals, so else the halves fly as if it were not there. The session is the world's
-hello's: in real time the world repeats it in flight, in lockstep it is said only before, so there a bridge has to be
-started first.
+It says nothing itself but hello to the world, and a user's goals, so else the halves fly as if it were not there.
 """
 
 import time
@@ -16,11 +14,12 @@ from ortilo_drake.bridges.mavlink import MavlinkBridge
 from ortilo_drake.bridges.ros2 import Ros2Bridge
 from ortilo_drake.hil.bus import open_bus
 from ortilo_drake.hil.goal_link import GoalLink, goal_text
-from ortilo_drake.hil.handshake import PATIENCE, find_world, flight_of
+from ortilo_drake.hil.handshake import PATIENCE, find_world
 from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.packets import FINISHED, PORTS, Goal
 from ortilo_drake.hil.tick_inbox import TickInbox
 from ortilo_drake.hil.unpack import Packet
+from ortilo_drake.hil.wire import Outbox
 from ortilo_drake.logs.signals import OUTPUTS, Signals
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -144,6 +143,7 @@ def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callab
 
 def run_bridge(
     url: str,
+    key: bytes,
     scenario: Scenario,
     targets: Mapping[str, Target],
     seconds: float | None = None,
@@ -155,6 +155,7 @@ def run_bridge(
 
     Args:
         url: the bus, see bus.open_bus.
+        key: that the halves share, see key_file.py.
         scenario: what is flown, the same as the halves'.
         targets: what takes the ticks, by name. One that raises is told of in one line and given no more.
         seconds: end after that long [s]; by default with the flight.
@@ -171,14 +172,13 @@ def run_bridge(
             target has failed.
     """
     with open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "tick", *PORTS, "command", "telemetry", "goal"))
+        inbox = Inbox(bus, ("hello", "tick", *PORTS, "command", "telemetry", "goal"), key)
         say(f"listening on {url}")
-        session = find_world(inbox, scenario, wait).session
-        inbox.begin(flight_of(scenario, session))
+        flight = find_world(bus, inbox, scenario, key, wait).flight
         ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()
         answers: deque[Goal] = deque(maxlen=_ANSWERS)
         if goals:
-            alive["goals"] = goals_target(goals, GoalLink(bus, session), answers, say)
+            alive["goals"] = goals_target(goals, GoalLink(Outbox(bus, flight.session, flight.key), inbox), answers, say)
         heard = time.monotonic()
         end = heard + seconds if seconds is not None else np.inf
         finished = False
@@ -189,8 +189,8 @@ def run_bridge(
                     continue  # its sender is not a half, or may be this bridge
                 if packet.name != "hello":
                     ticks.put(packet)
-                elif packet.value.session == session:
-                    finished |= packet.value.role == "world" and packet.value.state == FINISHED
+                elif packet.value.role == "world":
+                    finished |= packet.value.state == FINISHED
                 else:
                     continue
                 heard = time.monotonic()

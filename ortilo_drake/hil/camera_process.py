@@ -9,7 +9,8 @@ import numpy as np
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.hil.bus import open_bus
-from ortilo_drake.hil.packets import CHANNELS, encode_picture
+from ortilo_drake.hil.packets import encode_picture
+from ortilo_drake.hil.wire import Outbox
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -59,13 +60,13 @@ class CameraProcess:
         if error:
             raise InputError(f"camera: {error}")
 
-    def shoot(self, session: int, tick: int, stamp: float, x: np.ndarray) -> None:
-        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick.
+    def shoot(self, outbox: Outbox, tick: int, stamp: float, x: np.ndarray) -> None:
+        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick, as by an outbox.
 
         The flight goes on without pictures if the process has ended.
         """
         try:
-            self._jobs.send((session, tick, stamp, x))
+            self._jobs.send((outbox.session, outbox.key, tick, stamp, x))
         except OSError:
             with self._skipped.get_lock():
                 self._skipped.value += 1
@@ -93,9 +94,9 @@ def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized
                     job = newer
                     with skipped.get_lock():
                         skipped.value += 1
-                session, tick, stamp, x = job
+                session, key, tick, stamp, x = job
                 state.FixValue(context, x)
                 pixels = np.array(image.Eval(context).data)
-                bus.publish(CHANNELS["image"], encode_picture(session, tick, stamp, pixels))
+                Outbox(bus, session, key).send("image", encode_picture(session, tick, stamp, pixels))
     except (EOFError, KeyboardInterrupt, BrokenPipeError):
         return

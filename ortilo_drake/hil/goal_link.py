@@ -4,16 +4,17 @@ The onboard half flies there at the height at which it then is, or refuses with 
 tells the answers apart, and lets the onboard half know a repeated wish.
 """
 
-import secrets
 import time
 from collections.abc import Iterable
 from typing import Final
 
-from ortilo_drake.hil.bus import Bus, open_bus
-from ortilo_drake.hil.handshake import find_world, flight_of
+from ortilo_drake.hil.bus import open_bus
+from ortilo_drake.hil.handshake import draw, find_world
 from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packets import CHANNELS, Goal, encode_goal
-from ortilo_drake.model.typed_yaml import LARGEST, InputError
+from ortilo_drake.hil.limits import FARTHEST
+from ortilo_drake.hil.packets import Goal
+from ortilo_drake.hil.wire import Outbox, publish_goal
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 LOCKSTEP_REFUSAL: Final = "flies in lockstep, which takes no goals"
@@ -36,21 +37,21 @@ class GoalLink:
     """Sends one wish at a time and hears its answer, and never waits.
 
     Args:
-        bus: the bus.
-        session: of the flight.
+        outbox: to the flight.
+        inbox: hears goals, and the flight's tick.
         wait: after how long without an answer a wish is given up [s].
     """
 
-    def __init__(self, bus: Bus, session: int, wait: float = ANSWER_WAIT):
-        self._bus, self._session, self._wait = bus, session, wait
+    def __init__(self, outbox: Outbox, inbox: Inbox, wait: float = ANSWER_WAIT):
+        self._outbox, self._inbox, self._wait = outbox, inbox, wait
         self._wish: Goal | None = None
         self._until = self._next = 0.0
 
     def ask(self, x: float, y: float) -> None:
         """Wish to fly to (x, y) in W [m], instead of what was wished for before; InputError if that is no place."""
-        wish = Goal(self._session, secrets.randbelow(2**62) + 1, "user", float(x), float(y))
-        if not (abs(wish.x) <= LARGEST and abs(wish.y) <= LARGEST):  # False for NaN
-            raise InputError(f"{goal_text(wish)}: must be two finite numbers of at most {LARGEST:g}")
+        wish = Goal(self._outbox.session, 0, draw(), "user", float(x), float(y))
+        if not (abs(wish.x) <= FARTHEST and abs(wish.y) <= FARTHEST):  # False for NaN
+            raise InputError(f"{goal_text(wish)}: must be two finite numbers of at most {FARTHEST:g}")
         self._wish, self._next = wish, time.monotonic()
         self._until = self._next + self._wait
 
@@ -70,16 +71,17 @@ class GoalLink:
             self._wish = None
             return answers[0]
         if now >= self._next:
-            self._bus.publish(CHANNELS["goal"], encode_goal(wish))
+            publish_goal(self._outbox, wish._replace(tick=max(self._inbox.tick, 0)))
             self._next = now + EVERY
         return None
 
 
-def ask_goal(url: str, scenario: Scenario, x: float, y: float, wait: float = ANSWER_WAIT) -> None:
+def ask_goal(url: str, key: bytes, scenario: Scenario, x: float, y: float, wait: float = ANSWER_WAIT) -> None:
     """Have a flight in real time go to a goal; return once the onboard half is on its way.
 
     Args:
         url: the bus, see bus.open_bus.
+        key: that the halves share, see key_file.py.
         scenario: what is flown, the same as the halves'.
         x: east [m], in W.
         y: north [m], in W.
@@ -90,10 +92,9 @@ def ask_goal(url: str, scenario: Scenario, x: float, y: float, wait: float = ANS
             or not answered.
     """
     with open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "goal"))
-        hello = find_world(inbox, scenario, wait)
-        inbox.begin(flight_of(scenario, hello.session))
-        link = GoalLink(bus, hello.session, wait)
+        inbox = Inbox(bus, ("hello", "goal"), key)
+        flight = find_world(bus, inbox, scenario, key, wait).flight
+        link = GoalLink(Outbox(bus, flight.session, flight.key), inbox, wait)
         link.ask(x, y)
         answer = link.turn(())
         while answer is None:

@@ -8,10 +8,13 @@ from typing import Any, Final, NamedTuple
 
 from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.packet_checks import BadPacket, Flight
-from ortilo_drake.hil.packets import CHANNELS
+from ortilo_drake.hil.packets import CHANNELS, Goal, Hello
+from ortilo_drake.hil.seal import hello_key
 from ortilo_drake.hil.unpack import Packet, decode
+from ortilo_drake.hil.window import Window
 
-REMEMBERED: Final = 4096  # ticks of a channel by which a duplicate is known: more than a link holds a packet back
+GOAL_AGE: Final = 10.0  # an older wish is not heard [s]
+_SENDERS: Final = 64  # of hellos, whose last number is known
 
 
 class Arrival(NamedTuple):
@@ -24,18 +27,29 @@ class Arrival(NamedTuple):
 class Inbox:
     """Takes what comes on our channels, refuses and counts what is not of this flight, and never raises on any of it.
 
+    A packet is taken once: a tick of a channel, and of each sender only newer hellos. Of what was sent before this half
+    joined the flight nothing is taken. Refused is what is "old", what packet_checks.py refuses, and what is no datagram
+    of LCM's (udpm.Reassembly).
+
     Args:
         bus: the bus; only poll handles its subscriptions.
         names: the channels to listen on, keys of CHANNELS.
+        key: that the halves share, see key_file.py.
         flight: what packets are checked against; None lets only a hello pass, until begin.
+
+    Attributes:
+        flight: the flight.
+        tick: the newest that was heard of; -1 before any.
     """
 
-    def __init__(self, bus: Bus, names: Iterable[str], flight: Flight | None = None):
-        self.flight = flight
-        self._bus = bus
+    def __init__(self, bus: Bus, names: Iterable[str], key: bytes, flight: Flight | None = None):
+        self.flight, self.tick = flight, -1
+        self._bus, self._hello_key = bus, hello_key(key)
         self._raw: deque[tuple[str, float, bytes]] = deque()
         self._newest = dict.fromkeys(names, -1)
-        self._seen: dict[str, dict[int, None]] = {name: {} for name in self._newest}  # a set that keeps its order
+        self._windows = {name: Window() for name in self._newest}
+        self._hellos: dict[tuple[str, int, int], int] = {}
+        self._joined = 0
         self._distinct: Counter[str] = Counter()
         self._first: dict[str, int] = {}
         self._count: Counter[str] = Counter()
@@ -46,49 +60,68 @@ class Inbox:
     def _keep(self, name: str, data: bytes) -> None:
         self._raw.append((name, time.perf_counter(), data))
 
-    def begin(self, flight: Flight) -> None:
-        """Take the packets of a flight from now on, and count anew."""
-        self.flight = flight
+    def begin(self, flight: Flight, tick: int = 0) -> None:
+        """Take the packets of a flight, of a tick and later ones, from now on, and count anew."""
+        self.flight, self._joined, self.tick = flight, tick, tick - 1
+        self._windows = {name: Window(tick) for name in self._newest}
         self._count.clear()
         self._refused.clear()
+        self._bus.refused.clear()
 
     def poll(self, timeout_ms: int = 0) -> list[Arrival]:
         """Return what has come and passed, in order of arrival; wait for the first as long as given.
 
-        A duplicate of one of the last REMEMBERED ticks of its channel is dropped. A late one, of an older tick than
-        the newest of its channel, is returned.
+        A late packet, of an older tick than the newest of its channel, is returned.
         """
         self._bus.handle(timeout_ms)
         arrivals = []
         while self._raw:
             name, received, data = self._raw.popleft()
             try:
-                packet = decode(name, data, self.flight)
+                packet = decode(name, data, self._hello_key, self.flight)
+                is_new = self._is_new(name, packet)
             except BadPacket as problem:
                 self._refused[problem.reason] += 1
                 continue
-            if packet.name == "hello" and self.flight and packet.value.session != self.flight.session:
-                self._refused["foreign"] += 1
-                continue
-            if packet.tick >= 0 and not self._is_new(name, packet.tick):
-                continue
-            self._count["accepted"] += 1
-            arrivals.append(Arrival(received, packet))
+            self._count["accepted" if is_new else "duplicates"] += 1
+            if is_new:
+                arrivals.append(Arrival(received, packet))
         return arrivals
 
-    def _is_new(self, name: str, tick: int) -> bool:
-        """Note a tick; return whether it is the first packet of its channel and tick."""
-        seen, newest = self._seen[name], self._newest[name]
-        if tick in seen:
-            self._count["duplicates"] += 1
+    def _is_new(self, name: str, packet: Packet) -> bool:
+        """Note a packet; return whether it was not there before. BadPacket if it is too old to tell."""
+        if isinstance(packet.value, Hello):
+            return self._is_new_hello(packet.value)
+        if isinstance(packet.value, Goal):
+            goal, age = packet.value, GOAL_AGE / self.flight.h if self.flight else 0.0
+            if goal.tick < max(self._joined, self.tick - age):
+                raise BadPacket("old")
+            return True  # the same wish again asks for the same answer
+        window, newest, tick = self._windows[name], self._newest[name], packet.tick
+        if window.is_old(tick):
+            raise BadPacket("old")
+        if window.is_known(tick):
             return False
-        seen[tick] = None
-        if len(seen) > REMEMBERED:
-            del seen[next(iter(seen))]
+        window.take(tick)
         self._distinct[name] += 1
         self._count["late"] += tick < newest
         self._newest[name] = max(newest, tick)
         self._first[name] = min(self._first.get(name, tick), tick)
+        self.tick = max(self.tick, tick)
+        return True
+
+    def _is_new_hello(self, hello: Hello) -> bool:
+        if self.flight and hello.session != self.flight.session:
+            raise BadPacket("foreign")
+        sender = hello.role, hello.session, hello.nonce if hello.role != "world" else 0
+        last = self._hellos.pop(sender, -1)
+        self._hellos[sender] = max(last, hello.sequence)  # now the newest of the senders
+        if len(self._hellos) > _SENDERS:
+            del self._hellos[next(iter(self._hellos))]
+        if hello.sequence <= last:
+            return False
+        if self.flight and hello.role == "world":
+            self.tick = max(self.tick, hello.tick)
         return True
 
     def counts(self, name: str = "") -> dict[str, Any]:
@@ -98,5 +131,6 @@ class Inbox:
         not speak in every tick.
         """
         lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
+        refused = self._refused + self._bus.refused
         plain = {key: self._count[key] for key in ("accepted", "late", "duplicates")}
-        return plain | {"lost": lost, "rejected": self._refused.total(), "refused": dict(sorted(self._refused.items()))}
+        return plain | {"lost": lost, "rejected": refused.total(), "refused": dict(sorted(refused.items()))}

@@ -65,11 +65,10 @@ def fly_lockstep(
         rows.append(np.concatenate([x, *(outputs[name] for name in OUTPUTS)]))
         if record:
             record(k, x, messages, outputs)
-        if k % CHECK_EVERY == 0 or k == ticks:
-            if progress:
-                progress(k)
-            if find_loss(x[np.newaxis], scenario.h, room, scenario.vehicle):
-                break
+        if progress and (k % CHECK_EVERY == 0 or k == ticks):
+            progress(k)
+        if find_loss(x[np.newaxis], scenario.h, room, scenario.vehicle):  # a tumbling vehicle's signals pass no limits
+            break
         if k < ticks:
             world.advance(outputs["control"])
     logged = np.array(rows)

@@ -8,43 +8,45 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, answer_to
 from ortilo_drake.hil.halves import OUTPUTS, OnboardHalf, Signals
-from ortilo_drake.hil.handshake import PATIENCE, say_hello
+from ortilo_drake.hil.handshake import PATIENCE, Greeter
 from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.lockstep import Ask
-from ortilo_drake.hil.packets import CHANNELS, FINISHED, Goal, Hello, encode_goal
+from ortilo_drake.hil.packets import FINISHED, Goal
 from ortilo_drake.hil.tick_inbox import TickInbox
-from ortilo_drake.hil.wire import publish_command, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
 from ortilo_drake.model.typed_yaml import InputError
 
 SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30
 POLL_MS: Final = 10
 
 
-def ask_over_link(bus: Bus, inbox: Inbox, session: int) -> Ask:
+def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
     """Return the onboard half on the other side of a link, to be asked by lockstep.fly_lockstep.
 
     Asking raises InputError if the other half is silent for PATIENCE.
     """
 
     def ask(tick: int, messages: Signals) -> Signals:
-        publish_messages(bus, session, tick, messages)
+        publish_messages(outbox, tick, messages)
         outputs: Signals = {}
         heard = said = time.monotonic()
         while not outputs.keys() >= OUTPUTS.keys():
             arrivals = inbox.poll(POLL_MS)
-            for packet in (arrival.packet for arrival in arrivals if arrival.packet.tick == tick):
-                outputs |= {"control": packet.value} if packet.name == "command" else packet.value
+            for packet in (arrival.packet for arrival in arrivals):
+                if packet.name == "hello" and greeter.hear(packet.value):
+                    greeter.say(tick)
+                elif packet.tick == tick:
+                    outputs |= {"control": packet.value} if packet.name == "command" else packet.value
             now = time.monotonic()
-            if arrivals:
+            if any(arrival.packet.name != "hello" for arrival in arrivals):
                 heard = said = now
             elif now > heard + PATIENCE:
                 raise InputError(f"onboard half: silent for {PATIENCE:g} s at tick {tick}")
             elif now > said + 1e-3 * SILENCE_MS:  # a duplicate ends a poll early, and is no reason to repeat
-                publish_messages(bus, session, tick, messages)
+                publish_messages(outbox, tick, messages)
                 said = now
         return outputs
 
@@ -53,9 +55,8 @@ def ask_over_link(bus: Bus, inbox: Inbox, session: int) -> Ask:
 
 def answer_over_link(
     onboard: OnboardHalf,
-    bus: Bus,
+    outbox: Outbox,
     inbox: Inbox,
-    session: int,
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
 ) -> int:
@@ -72,18 +73,16 @@ def answer_over_link(
         packets = [arrival.packet for arrival in inbox.poll(POLL_MS)]
         for packet in packets:
             if packet.name == "goal":
-                _refuse(bus, packet.value)
+                _refuse(outbox, packet.value)
             elif packet.name != "hello":
                 ticks.put(packet)
-            elif packet.value.role == "world" and packet.value.session == session:
-                if packet.value.state == FINISHED:
-                    return k
-                say_hello(bus, Hello("onboard", packet.value.scenario_digest, session, True))  # it missed the first
+            elif packet.value.role == "world" and packet.value.state == FINISHED:
+                return k
         if ticks.is_complete(k):
             messages = ticks.take(k)
             onboard.take(messages)
             last = onboard.outputs()
-            _answer(bus, session, k, last)
+            _answer(outbox, k, last)
             onboard.advance()
             if record:
                 record(k, None, messages, last)
@@ -96,15 +95,15 @@ def answer_over_link(
         elif now > heard + PATIENCE:
             raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
         elif last is not None and now > said + 1e-3 * SILENCE_MS:
-            _answer(bus, session, k - 1, last)
+            _answer(outbox, k - 1, last)
             said = now
 
 
-def _refuse(bus: Bus, goal: Goal) -> None:
+def _refuse(outbox: Outbox, goal: Goal) -> None:
     if goal.role == "user":  # else it is our own refusal
-        bus.publish(CHANNELS["goal"], encode_goal(answer_to(goal, LOCKSTEP_REFUSAL)))
+        publish_goal(outbox, answer_to(goal, LOCKSTEP_REFUSAL))
 
 
-def _answer(bus: Bus, session: int, tick: int, outputs: Signals) -> None:
-    publish_command(bus, session, tick, outputs)
-    publish_telemetry(bus, session, tick, outputs)
+def _answer(outbox: Outbox, tick: int, outputs: Signals) -> None:
+    publish_command(outbox, tick, outputs)
+    publish_telemetry(outbox, tick, outputs)

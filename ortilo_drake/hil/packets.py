@@ -1,11 +1,9 @@
-"""What crosses between the halves, as bytes: LCM types (lcmtypes/*.bus), each with a checksum at its end.
+"""What crosses between the halves, as bytes: LCM types (lcmtypes/*.lcm), still without the tag of seal.py at their end.
 
-unpack.py turns the bytes back, strictly. A packet of one tick belongs to a session, a number that the world chooses for
+unpack.py turns packets back, strictly. A packet of one tick belongs to a session, a number that the world draws for
 each flight, so that packets of another flight on the same wire are known as foreign.
 """
 
-import struct
-import zlib
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -22,7 +20,7 @@ from ortilo_drake.hil.lcmtypes.ortilo import (
 from ortilo_drake.logs.picture_codec import encode_png
 from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_XBAR, REFERENCE_SIZE
 
-PROTOCOL: Final = 1
+PROTOCOL: Final = 2
 PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick
 CHANNELS: Final = {name: f"ORTILO_{name.upper()}" for name in (*PORTS, "tick", "command", "telemetry", "hello", "goal")}
 TELEMETRY: Final = {
@@ -33,6 +31,8 @@ TELEMETRY: Final = {
 }
 NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
 LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
+ROLES: Final = ("world", "onboard", "user")
+MAX_HEARD: Final = 8
 MAX_TEXT: Final = 500  # bytes of a text
 
 
@@ -40,21 +40,27 @@ class Hello(NamedTuple):
     """Handshake and heartbeat.
 
     Attributes:
-        role: "world" or "onboard".
-        scenario_digest: hash of the scenario that the sender flies.
-        session: the flight's number; 0 for none yet.
-        lockstep: whether the sender waits for every answer.
+        role: of ROLES; a user is who listens or asks for a goal.
+        scenario_digest: hash of the scenario that the sender flies, 16 hexadecimal digits.
+        session: the flight's number, which the world draws.
+        lockstep: whether the world waits for every answer.
         state: of STATES: looking for the other half, flying with one, or finished.
-        reason: why the other half is refused; empty otherwise.
+        nonce: which the sender drew; of the world that of the onboard half it met, 0 before.
+        sequence: grows with each hello of a sender.
+        tick: of the world now; -1 before the first.
+        heard: nonces that the world has heard lately, which tells their senders that it is no recording.
         protocol: version of the types and of the order in which they are sent.
     """
 
     role: str
     scenario_digest: str
-    session: int = 0
+    session: int
     lockstep: bool = False
     state: str = LOOKING
-    reason: str = ""
+    nonce: int = 0
+    sequence: int = 0
+    tick: int = -1
+    heard: tuple[int, ...] = ()
     protocol: int = PROTOCOL
 
 
@@ -63,6 +69,7 @@ class Goal(NamedTuple):
 
     Attributes:
         session: the flight's number.
+        tick: of the world when it was asked: an old wish is no wish.
         number: of the wish, positive, chosen at random by who asks; an answer has the wish's.
         role: "user" asks, "onboard" answers.
         x: east [m], in W.
@@ -71,6 +78,7 @@ class Goal(NamedTuple):
     """
 
     session: int
+    tick: int
     number: int
     role: str
     x: float
@@ -78,9 +86,8 @@ class Goal(NamedTuple):
     reason: str = ""
 
 
-def _seal(message: Any) -> bytes:
-    body = message.encode()[:-8]
-    return body + struct.pack(">q", zlib.crc32(body))
+def _body(message: Any) -> bytes:
+    return bytes(message.encode())  # its mac is empty
 
 
 def _cut(text: str) -> str:
@@ -92,7 +99,7 @@ def encode_vector(session: int, tick: int, values: np.ndarray) -> bytes:
     message = lcmt_vector()
     message.session, message.tick = session, tick
     message.size, message.values = len(values), values.tolist()
-    return _seal(message)
+    return _body(message)
 
 
 def encode_picture(session: int, tick: int, stamp: float, image: np.ndarray) -> bytes:
@@ -101,21 +108,21 @@ def encode_picture(session: int, tick: int, stamp: float, image: np.ndarray) -> 
     message.session, message.tick, message.stamp = session, tick, stamp
     message.data = encode_png(image)
     message.size = len(message.data)
-    return _seal(message)
+    return _body(message)
 
 
 def encode_tick(session: int, tick: int, sent: tuple[str, ...]) -> bytes:
     """Return the bytes that tell which ports, names of PORTS, have a message in a tick."""
     message = lcmt_tick()
     message.session, message.tick, message.n, message.sent = session, tick, len(sent), list(sent)
-    return _seal(message)
+    return _body(message)
 
 
 def encode_command(session: int, tick: int, u: np.ndarray) -> bytes:
     """Return the bytes of a command u (4): thrust [N] and torques [N m]."""
     message = lcmt_command()
     message.session, message.tick, message.u = session, tick, u.tolist()
-    return _seal(message)
+    return _body(message)
 
 
 def encode_telemetry(session: int, tick: int, outputs: dict[str, np.ndarray]) -> bytes:
@@ -124,21 +131,21 @@ def encode_telemetry(session: int, tick: int, outputs: dict[str, np.ndarray]) ->
     message.session, message.tick = session, tick
     for name in TELEMETRY:
         setattr(message, name, outputs[name].tolist())
-    return _seal(message)
+    return _body(message)
 
 
 def encode_hello(hello: Hello) -> bytes:
-    """Return the bytes of a handshake or heartbeat; a reason is cut to MAX_TEXT bytes."""
+    """Return the bytes of a handshake or heartbeat."""
     message = lcmt_hello()
     for name, value in hello._asdict().items():
         setattr(message, name, value)
-    message.reason = _cut(hello.reason)
-    return _seal(message)
+    message.n = len(hello.heard)
+    return _body(message)
 
 
 def encode_goal(goal: Goal) -> bytes:
     """Return the bytes of a wish or an answer; a reason is cut to MAX_TEXT bytes."""
     message = lcmt_goal()
-    message.session, message.number, message.role = goal.session, goal.number, goal.role
+    message.session, message.tick, message.number, message.role = goal[:4]
     message.p_W, message.reason = [goal.x, goal.y], _cut(goal.reason)
-    return _seal(message)
+    return _body(message)

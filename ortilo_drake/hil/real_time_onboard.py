@@ -10,18 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
 from ortilo_drake.hil.detector_thread import DetectorThread
 from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf
-from ortilo_drake.hil.handshake import PATIENCE, say_hello
+from ortilo_drake.hil.handshake import PATIENCE
 from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.onboard_ticks import OnboardTicks
-from ortilo_drake.hil.packets import CHANNELS, FINISHED, Hello, encode_goal
+from ortilo_drake.hil.packets import FINISHED
 from ortilo_drake.hil.spare import Spare
-from ortilo_drake.hil.wire import publish_command, publish_telemetry
+from ortilo_drake.hil.wire import Outbox, publish_command, publish_goal, publish_telemetry
 from ortilo_drake.scenario import Scenario
 
 
@@ -44,9 +43,8 @@ class Answered(NamedTuple):
 def answer_in_real_time(
     scenario: Scenario,
     onboard: OnboardHalf,
-    bus: Bus,
+    outbox: Outbox,
     inbox: Inbox,
-    session: int,
     detector: DetectorThread | None = None,
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
@@ -59,9 +57,8 @@ def answer_in_real_time(
     Args:
         scenario: the scenario.
         onboard: its onboard half, at the start.
-        bus: the bus.
+        outbox: to the world.
         inbox: hears hello, goal, tick and the sensors' messages of this flight.
-        session: of this flight.
         detector: looks at the pictures, if there is a rendered camera; onboard then takes detections.
         progress: called at every tick with the number of it.
         record: called with what was taken and made of it in every tick; of the true state it knows nothing.
@@ -69,7 +66,7 @@ def answer_in_real_time(
         goals: takes the goals of a user; by default they are not heard.
         say: takes a line about a checkpoint that cannot be written; the flight goes on without it.
     """
-    ticks = OnboardTicks(scenario)
+    ticks, session = OnboardTicks(scenario), outbox.session
     heard = time.perf_counter()
     goal: np.ndarray | None = None
     keep, keep_path = Spare(save_checkpoint, say), Spare(save_path, say)
@@ -82,11 +79,8 @@ def answer_in_real_time(
                 continue
             heard = received
             if packet.name == "hello":
-                hello = packet.value
-                if hello.role == "world":
-                    if hello.state == FINISHED:
-                        return _answered(ticks, None)
-                    say_hello(bus, Hello("onboard", hello.scenario_digest, session))
+                if packet.value.role == "world" and packet.value.state == FINISHED:
+                    return _answered(ticks, None)
             elif packet.name != "image":
                 joins = ticks.first is None
                 ticks.hear(packet, received)
@@ -103,9 +97,9 @@ def answer_in_real_time(
             if goal is not None:
                 messages["goal"] = goal
             onboard.take(messages)
-            publish_command(bus, session, k, {"control": onboard.answer()})
+            publish_command(outbox, k, {"control": onboard.answer()})
             outputs = onboard.outputs()
-            publish_telemetry(bus, session, k, outputs)
+            publish_telemetry(outbox, k, outputs)
             onboard.advance()
             if record:
                 record(k, None, messages, outputs)
@@ -113,7 +107,7 @@ def answer_in_real_time(
                 step = goals.step(ticks.next * scenario.h, onboard.path)
                 goal = step.taken
                 for answer in step.answers:
-                    bus.publish(CHANNELS["goal"], encode_goal(answer))
+                    publish_goal(outbox, answer)
                 if step.path:
                     onboard.fly_path(step.path)
                     if checkpoint:

@@ -14,16 +14,14 @@ import xarray as xr
 
 from ortilo_drake.experiments.flyable import flight_ticks
 from ortilo_drake.experiments.lost import Lost, find_loss
-from ortilo_drake.hil.bus import Bus
 from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.flight_record import FlightRecord, Record
 from ortilo_drake.hil.halves import WorldHalf
-from ortilo_drake.hil.handshake import say_hello, scenario_digest
+from ortilo_drake.hil.handshake import Greeter
 from ortilo_drake.hil.inbox import Arrival, Inbox
-from ortilo_drake.hil.packets import FLYING, Hello
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.watch import Watch
-from ortilo_drake.hil.wire import publish_messages
+from ortilo_drake.hil.wire import Outbox, publish_messages
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import STAMP
 from ortilo_drake.scenario import Scenario
@@ -39,9 +37,9 @@ LATE_TELEMETRY: Final = 0.5  # how long the telemetry of a tick is waited for [s
 def fly_in_real_time(
     scenario: Scenario,
     world: WorldHalf,
-    bus: Bus,
+    outbox: Outbox,
     inbox: Inbox,
-    session: int,
+    greeter: Greeter,
     camera: CameraProcess | None = None,
     seconds: float | None = None,
     progress: Callable[[int], None] | None = None,
@@ -53,9 +51,9 @@ def fly_in_real_time(
     Args:
         scenario: the scenario.
         world: its world, with COMMAND_PERIOD, at the start.
-        bus: the bus.
+        outbox: to the onboard half.
         inbox: hears command and telemetry of this flight.
-        session: of this flight.
+        greeter: says hello.
         camera: draws the pictures, if there is a rendered camera.
         seconds: end after that much of the flight; by default at its end.
         progress: called at every tick with the number of it.
@@ -69,7 +67,6 @@ def fly_in_real_time(
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
     room, h, watch = scenario.load_room(), scenario.h, Watch(scenario.h)
     flown, command = FlightRecord(record), Command(scenario.vehicle.hover_thrust)
-    hello = Hello("world", scenario_digest(scenario), session, state=FLYING)
     heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
     if watching:
@@ -81,6 +78,8 @@ def fly_in_real_time(
     def listen(until: float) -> None:
         """Take what comes until a time of the flight, and return then."""
         for received, packet in _polled(inbox, start + until):
+            if packet.name == "hello":
+                greeter.hear(packet.value)
             if packet.name == "hello" or packet.tick > k + lag:
                 continue  # no onboard half is that far ahead, not even of a world that was held up
             flown.hear(packet)
@@ -95,11 +94,11 @@ def fly_in_real_time(
         flown.send(x, messages)
         shutter = messages.pop("shutter", None)
         if camera and shutter is not None:
-            camera.shoot(session, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
-        publish_messages(bus, session, k, messages)
+            camera.shoot(outbox, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
+        publish_messages(outbox, k, messages)
         watch.sent(start + k * h, time.perf_counter())
         if k % heartbeat == 0:
-            say_hello(bus, hello)
+            greeter.say(k)
         if progress:
             progress(k)
         found = find_loss(x[np.newaxis], h, room, scenario.vehicle)

@@ -1,8 +1,8 @@
 """A process between the halves that passes their packets on, with faults.
 
 Each half has a bus of its own; the relay listens on both. A packet of a half that is heard on the other's bus is the
-relay's own, and is not sent back: a channel, or the role in a hello, tells which half a packet comes from. A goal
-is wished for on the world's side.
+relay's own, and is not sent back: a channel, or the role in a hello, tells which half a packet comes from. Who listens
+or wishes for a goal does so on the world's side. It passes on bytes and needs no key.
 """
 
 import heapq
@@ -15,9 +15,8 @@ from typing import Final
 from ortilo_drake.hil.bus import Bus, open_bus
 from ortilo_drake.hil.faults import Faults, Line
 from ortilo_drake.hil.multicast import address
-from ortilo_drake.hil.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.packets import CHANNELS, NO_TICK, PORTS
-from ortilo_drake.hil.unpack import decode
+from ortilo_drake.hil.unpack import role_of
 from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.noise import stream_id, uniforms
@@ -25,15 +24,6 @@ from ortilo_drake.world.noise import stream_id, uniforms
 _FROM: Final = {"world": (*PORTS, "tick"), "onboard": ("command", "telemetry")}
 _ROLES: Final = {"world": ("world", "user"), "onboard": ("onboard",)}  # that a packet without a tick states
 _WAIT = 1  # [ms]
-
-
-def _role(name: str, data: bytes) -> str:
-    """Return the role that a hello or a goal states; none if it is no such packet, of whatever flight."""
-    session = int.from_bytes(data[8:16], "big", signed=True)  # of a goal, after its fingerprint
-    try:
-        return str(decode(name, data, Flight(session, 1.0, 0)).value.role)
-    except BadPacket:
-        return ""
 
 
 class _Direction:
@@ -47,7 +37,7 @@ class _Direction:
             source.subscribe(CHANNELS[name], partial(self._take, name))
 
     def _take(self, name: str, data: bytes) -> None:
-        if name in NO_TICK and _role(name, data) not in _ROLES[self._half]:
+        if name in NO_TICK and role_of(name, data) not in _ROLES[self._half]:
             return
         for due in self.line.take(name, time.monotonic()):
             heapq.heappush(self._due, (due, next(self._order), CHANNELS[name], data))

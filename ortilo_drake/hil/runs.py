@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from ortilo_drake.hil.bus import Bus, open_bus
+from ortilo_drake.hil.bus import open_bus
 from ortilo_drake.hil.camera_process import CameraProcess
 from ortilo_drake.hil.checkpoint import session_of
 from ortilo_drake.hil.detector_thread import DetectorThread
@@ -16,14 +16,15 @@ from ortilo_drake.hil.flight_record import Record
 from ortilo_drake.hil.goal_planner import GoalPlanner
 from ortilo_drake.hil.goals import Goals
 from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.handshake import meet_onboard, meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.handshake import Greeter, meet_onboard, meet_world
 from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.lockstep import fly_lockstep
 from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
-from ortilo_drake.hil.packets import FINISHED, PORTS, Hello
+from ortilo_drake.hil.packets import FINISHED, PORTS
 from ortilo_drake.hil.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
 from ortilo_drake.hil.warm_up import no_collecting, warm_up
+from ortilo_drake.hil.wire import Outbox
 from ortilo_drake.scenario import Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; each may be lost
@@ -33,6 +34,7 @@ FAREWELL_EVERY = 0.02  # so that one burst of losses does not take them all [s]
 def run_world(
     scenario: Scenario,
     url: str,
+    key: bytes,
     lockstep: bool,
     wait: float,
     seconds: float | None = None,
@@ -46,6 +48,7 @@ def run_world(
     Args:
         scenario: the scenario.
         url: the bus, see bus.open_bus.
+        key: that the halves share, see key_file.py.
         lockstep: whether to wait for each answer.
         wait: how long to look for the onboard half [s].
         seconds: in real time, end after that much of the flight.
@@ -62,7 +65,7 @@ def run_world(
     """
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(open_bus(url))
-        inbox = Inbox(bus, ("hello", "command", "telemetry"))
+        inbox, greeter = Inbox(bus, ("hello", "command", "telemetry"), key), Greeter(bus, key, scenario, lockstep)
         camera = CameraProcess(scenario, url) if scenario.is_rendered and not lockstep else None
         if camera:
             stack.enter_context(camera)
@@ -72,15 +75,16 @@ def run_world(
         world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
         if camera:
             camera.wait_until_ready()
-        session = meet_onboard(bus, inbox, scenario, lockstep, wait, still_there)
-        stack.enter_context(_saying_farewell(bus, scenario, session, lockstep))
+        flight_met = meet_onboard(greeter, inbox, scenario, wait, still_there)
+        outbox = Outbox(bus, flight_met.session, flight_met.key)
+        stack.enter_context(_saying_farewell(greeter))
         if lockstep:
-            flight = fly_lockstep(scenario, ask_over_link(bus, inbox, session), progress, record, world)
+            flight = fly_lockstep(scenario, ask_over_link(outbox, inbox, greeter), progress, record, world)
             report: dict[str, Any] = {"ticks": flight.sizes["tick"]}
         else:
             stack.enter_context(no_collecting())
             flight, watch = fly_in_real_time(
-                scenario, world, bus, inbox, session, camera, seconds, progress, record, watching
+                scenario, world, outbox, inbox, greeter, camera, seconds, progress, record, watching
             )
             report = watch.summary() | {"latencies_ms": watch.latencies_ms()}
         if camera:
@@ -89,18 +93,19 @@ def run_world(
 
 
 @contextlib.contextmanager
-def _saying_farewell(bus: Bus, scenario: Scenario, session: int, lockstep: bool) -> Iterator[None]:
+def _saying_farewell(greeter: Greeter) -> Iterator[None]:
     try:
         yield
     finally:
         for _ in range(FAREWELLS):
-            say_hello(bus, Hello("world", scenario_digest(scenario), session, lockstep, FINISHED))
+            greeter.say(state=FINISHED)
             time.sleep(FAREWELL_EVERY)
 
 
 def run_onboard(
     scenario: Scenario,
     url: str,
+    key: bytes,
     wait: float,
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
@@ -115,18 +120,19 @@ def run_onboard(
     answered. Call warm_up before.
     """
     with no_collecting(), open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "goal", "tick", *PORTS))
+        inbox = Inbox(bus, ("hello", "goal", "tick", *PORTS), key)
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
         whole = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself, in lockstep
-        hello = meet_world(bus, inbox, scenario, wait, session_of(checkpoint) if checkpoint else 0)
+        met = meet_world(bus, inbox, scenario, key, wait, session_of(checkpoint) if checkpoint else 0)
+        outbox = Outbox(bus, met.flight.session, met.flight.key)
         report: dict[str, Any] = {}
-        if hello.lockstep:
-            report["ticks"] = answer_over_link(whole, bus, inbox, hello.session, progress, record)
+        if met.lockstep:
+            report["ticks"] = answer_over_link(whole, outbox, inbox, progress, record)
         else:
             goals = Goals(scenario, planner) if planner else None
             done = answer_in_real_time(
-                scenario, onboard, bus, inbox, hello.session, detector, progress, record, checkpoint, goals, say
+                scenario, onboard, outbox, inbox, detector, progress, record, checkpoint, goals, say
             )
             ages = {str(age): count for age, count in sorted(done.ages.items())}
             report |= {"ticks": done.ticks, "silent_at": done.silent, "age_in_ticks": ages, "overtaken": done.overtaken}

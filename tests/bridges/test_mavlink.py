@@ -281,7 +281,7 @@ def test_vision_is_sent_in_place_of_odometry_with_the_same_resets(receiver: sock
 def bridging(monkeypatch: pytest.MonkeyPatch, *options: str) -> Any:
     """Call the command with one tick in place of a bus; return its result."""
 
-    def runs(url: str, scenario: Any, targets: Any, *_: Any) -> dict[str, Any]:
+    def runs(url: str, key: bytes, scenario: Any, targets: Any, *_: Any) -> dict[str, Any]:
         targets["mavlink"](0.5, {}, {"estimate": estimate(), "covariance": np.eye(15).ravel()})
         return {}
 

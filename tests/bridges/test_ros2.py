@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hil_link import answering, open_bus
+from hil_link import KEY, PlayedWorld, answering, key_file
 from motions import attitude
 from scipy.spatial.transform import Rotation
 from waiting import HANGS
@@ -28,13 +28,11 @@ from ortilo_drake.bridges.ros2 import Ros2Bridge, fill
 from ortilo_drake.hil.bridge import LAG, Ticks, run_bridge
 from ortilo_drake.hil.goal_link import answer_to
 from ortilo_drake.hil.halves import Signals
-from ortilo_drake.hil.handshake import flight_of, say_hello, scenario_digest
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packets import CHANNELS, FINISHED, TELEMETRY, Hello, encode_goal
+from ortilo_drake.hil.packets import FINISHED, TELEMETRY
 from ortilo_drake.hil.runs import run_world
 from ortilo_drake.hil.unpack import Packet
 from ortilo_drake.hil.warm_up import warm_up
-from ortilo_drake.hil.wire import publish_command, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire import publish_command, publish_goal, publish_messages, publish_telemetry
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -172,21 +170,18 @@ def test_a_picture_that_took_longer_goes_with_the_next_tick() -> None:
 
 def play_world(url: str, scenario: Scenario, stop: threading.Event) -> None:
     """Be both halves of a flight under way, with the world's heartbeat, until told to stop; refuse goals with x > 2."""
-    joined, digest, k = open_bus(url), scenario_digest(scenario), 100
-    inbox = Inbox(joined, ["goal"], flight_of(scenario, 5))
+    world, k = PlayedWorld(url, scenario), 100
     while not stop.is_set():
-        for goal in (arrival.packet.value for arrival in inbox.poll()):
-            if goal.role == "user":
-                joined.publish(CHANNELS["goal"], encode_goal(answer_to(goal, "too far" if goal.x > 2.0 else "")))
-        say_hello(joined, Hello("world", digest, 5))
-        publish_messages(joined, 5, k, {})
-        publish_command(joined, 5, k, {"control": np.full(4, float(k))})
-        publish_telemetry(joined, 5, k, outputs_of(k))
+        for goal in world.turn(k):
+            publish_goal(world.outbox, answer_to(goal, "too far" if goal.x > 2.0 else ""))
+        publish_messages(world.outbox, k, {})
+        publish_command(world.outbox, k, {"control": np.array([k, 0.0, 0.0, 0.0])})
+        publish_telemetry(world.outbox, k, outputs_of(0))
         k += 1
         time.sleep(0.01)
     for _ in range(5):
         time.sleep(0.01)
-        say_hello(joined, Hello("world", digest, 5, state=FINISHED))
+        world.turn(k, FINISHED)
 
 
 def with_world(url: str, scenario: Scenario, bridge: Callable[[threading.Event], Any]) -> Any:
@@ -214,7 +209,7 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: 
         def fail(t: float, messages: Signals, outputs: Signals) -> None:
             raise OSError("no route\nto host")
 
-        return run_bridge(bus, scenario, {"bad": fail, "good": take}, wait=10.0, say=lines.append)
+        return run_bridge(bus, KEY, scenario, {"bad": fail, "good": take}, wait=10.0, say=lines.append)
 
     report = with_world(bus, scenario, listen)
     assert len(taken) >= 20
@@ -231,12 +226,12 @@ def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line(bus: s
         raise ValueError
 
     with pytest.raises(InputError, match=r"nothing left to send to \(only\)"):
-        with_world(bus, scenario, lambda stop: run_bridge(bus, scenario, {"only": fail}, say=lambda line: None))
+        with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, scenario, {"only": fail}, say=lambda line: None))
     other = load_scenario("imu_uwb", SETTINGS, 77)
     with pytest.raises(InputError, match="seed included"):
-        with_world(bus, scenario, lambda stop: run_bridge(bus, other, {}, say=lambda line: None))
+        with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, other, {}, say=lambda line: None))
     with pytest.raises(InputError, match="not heard"):
-        run_bridge(bus, scenario, {}, wait=0.1, say=lambda line: None)
+        run_bridge(bus, KEY, scenario, {}, wait=0.1, say=lambda line: None)
 
 
 def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
@@ -258,13 +253,13 @@ def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
             said = len(lines)
             return np.array(next(wishes))
 
-        return run_bridge(bus, scenario, {"ros2": lambda *tick: None}, 20.0, 10.0, lines.append, goals)
+        return run_bridge(bus, KEY, scenario, {"ros2": lambda *tick: None}, 20.0, 10.0, lines.append, goals)
 
     report = with_world(bus, scenario, listen)
     assert lines[1:4] == [
         "goal (1.5, -2): flies there",
         "goal (3, 0): too far",
-        "goal (nan, 0): must be two finite numbers of at most 1e+12",
+        "goal (nan, 0): must be two finite numbers of at most 10000",
     ]
     assert report["failed"] == {"goals": "node is gone"}
     assert lines[4].startswith("goals: failed at ")
@@ -282,7 +277,7 @@ def fly_with_bridge(
     """
     scenario = load_scenario("imu_uwb", SETTINGS)
     warm_up(scenario)  # neither half is to wait for the compiler in flight
-    command = [*BRIDGE, "--url", bus, "--json", str(report), *options]
+    command = [*BRIDGE, "--url", bus, "--key", str(key_file(report.parent)), "--json", str(report), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=LOCAL) as bridge:
         try:
             assert bridge.stdout
@@ -292,7 +287,7 @@ def fly_with_bridge(
                 assert said[-1], said
             wait()
             with answering(scenario, bus):
-                flight, _ = run_world(scenario, bus, True, HANGS, record=lambda *tick: time.sleep(PACE))
+                flight, _ = run_world(scenario, bus, KEY, True, HANGS, record=lambda *tick: time.sleep(PACE))
             rest, _ = bridge.communicate(timeout=HANGS)
             assert bridge.returncode == 0, "".join(said) + rest
         finally:

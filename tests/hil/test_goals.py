@@ -53,7 +53,7 @@ class Beside(GoalPlanner):
 
 
 def user(number: int, x: float, y: float) -> Goal:
-    return Goal(7, number, "user", x, y, "")
+    return Goal(7, 0, number, "user", x, y, "")
 
 
 def answers(step: Step) -> list[tuple[int, str]]:

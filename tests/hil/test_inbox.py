@@ -5,34 +5,50 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hil_link import open_bus
+from hil_link import FLIGHT_KEY, KEY, flight_for_packets, open_bus
 from waiting import HANGS
 
 from ortilo_drake.hil.bus import MEMORY_URL
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packet_checks import Flight
-from ortilo_drake.hil.packets import CHANNELS, Hello, encode_command, encode_hello, encode_vector
+from ortilo_drake.hil.handshake import draw, say_hello
+from ortilo_drake.hil.inbox import GOAL_AGE, Inbox
+from ortilo_drake.hil.packets import CHANNELS, TELEMETRY, Goal, Hello, encode_command, encode_vector
+from ortilo_drake.hil.seal import seal
+from ortilo_drake.hil.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
 
-FLIGHT = Flight(77, 1 / 30, 8, (6, 9))
+FLIGHT = flight_for_packets()
+HELLO = Hello("world", 16 * "a", 77, nonce=5)
 
 
 def u(value: float) -> np.ndarray:
     return np.array([value, 0.0, 0.0, 0.0])
 
 
+def imu(tick: int) -> bytes:
+    return encode_vector(77, tick, np.concatenate(([1.0, tick / 30], np.zeros(9))))
+
+
+def inbox_and_outbox(*names: str, session: int = 77, key: bytes = FLIGHT_KEY) -> tuple[Inbox, Outbox]:
+    joined = open_bus(MEMORY_URL)
+    return Inbox(joined, names, KEY, FLIGHT), Outbox(joined, session, key)
+
+
+def ticks_of(inbox: Inbox) -> list[int]:
+    return [arrival.packet.tick for arrival in inbox.poll()]
+
+
 def test_counts() -> None:
     joined = open_bus(MEMORY_URL)
-    inbox = Inbox(joined, ["command", "hello"])
-    joined.publish(CHANNELS["command"], encode_command(77, 0, u(0.0)))  # before the handshake
-    joined.publish(CHANNELS["hello"], encode_hello(Hello("world", "ab", 77)))
+    inbox, outbox, foreign = Inbox(joined, ["command", "hello"], KEY), Outbox(joined, 77, FLIGHT_KEY), draw()
+    outbox.send("command", encode_command(77, 0, u(0.0)))  # before the handshake
+    say_hello(joined, KEY, HELLO)
     assert [arrival.packet.name for arrival in inbox.poll()] == ["hello"]
     inbox.begin(FLIGHT)
-    joined.publish(CHANNELS["hello"], encode_hello(Hello("world", "ab", 78)))  # another flight's
+    say_hello(joined, KEY, HELLO._replace(session=foreign))
     for tick in (2, 3, 3, 7, 5, 5, 10):  # it joined in flight: 0 and 1 are nobody's loss
-        joined.publish(CHANNELS["command"], encode_command(77, tick, u(tick)))
-    joined.publish(CHANNELS["command"], encode_command(78, 9, u(0.0)))
+        outbox.send("command", encode_command(77, tick, u(tick)))
+    outbox.send("command", encode_command(78, 9, u(0.0)))
     joined.publish(CHANNELS["command"], b"")
-    assert [arrival.packet.tick for arrival in inbox.poll()] == [2, 3, 7, 5, 10]
+    assert ticks_of(inbox) == [2, 3, 7, 5, 10]
     counts = inbox.counts("command")
     assert counts == {
         "accepted": 5, "late": 1, "duplicates": 2, "lost": 4, "rejected": 3, "refused": {"foreign": 2, "length": 1},
@@ -41,13 +57,12 @@ def test_counts() -> None:
 
 
 def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.hil.inbox.REMEMBERED", 64)
-    joined = open_bus(MEMORY_URL)
-    inbox = Inbox(joined, ["command"], FLIGHT)
+    monkeypatch.setattr("ortilo_drake.hil.window.REMEMBERED", 64)
+    inbox, outbox = inbox_and_outbox("command")
 
     def send(*ticks: int) -> int:
         for tick in ticks:
-            joined.publish(CHANNELS["command"], encode_command(77, tick, u(0.0)))
+            outbox.send("command", encode_command(77, tick, u(0.0)))
         return sum(len(inbox.poll()) for _ in ticks)
 
     assert send(*range(100)) == 100
@@ -57,22 +72,25 @@ def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatc
     assert tracemalloc.get_traced_memory()[0] < 20_000  # a set of 2900 numbers takes 200 kB
     tracemalloc.stop()
     assert send(*range(2936, 3000)) == 0  # the last 64 are known
+    assert inbox.counts()["refused"] == {}
+    assert send(2935, 0) == 0  # the others are too old to tell
+    assert inbox.counts()["refused"] == {"old": 2}
     assert send(*range(3000, 3064, 2), *range(3000, 3064, 2)) == 32
-    assert send(2**40, 3001, 2**40) == 2  # one from far ahead shuts nothing out
+    assert send(2**24, 3001, 2**24) == 2  # one from far ahead shuts nothing out
     counts = inbox.counts("command")
     assert (counts["accepted"], counts["duplicates"], counts["late"]) == (3034, 97, 1)
-    assert counts["lost"] == 2**40 + 1 - 3034
+    assert counts["lost"] == 2**24 + 1 - 3034
 
 
 @pytest.mark.parametrize("udp", [False, True])
 def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str, udp: bool) -> None:
     joined = open_bus(bus) if udp else open_bus(MEMORY_URL)
-    inbox = Inbox(joined, CHANNELS, FLIGHT)
+    inbox = Inbox(joined, CHANNELS, KEY, FLIGHT)
     rng, rounds, heard = np.random.default_rng(3), 300, 0
-    valid = bytearray(encode_vector(77, 3, np.concatenate(([1.0, 0.1], np.zeros(9)))))
+    valid = seal(FLIGHT_KEY, "imu", imu(3))
     for _ in range(rounds):
         for channel in CHANNELS.values():
-            data = valid.copy()
+            data = bytearray(valid)
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
             joined.publish(channel, bytes(data) if rng.random() < 0.5 else rng.bytes(rng.integers(0, 200)))
         heard += len(CHANNELS)
@@ -81,5 +99,67 @@ def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str,
     counts = inbox.counts()
     assert counts["rejected"] == rounds * len(CHANNELS) == sum(counts["refused"].values())
     assert counts["accepted"] == 0
-    joined.publish(CHANNELS["imu"], bytes(valid))  # and after all that it still listens
+    joined.publish(CHANNELS["imu"], valid)  # and after all that it still listens
     assert len(inbox.poll(round(1e3 * HANGS))) == 1
+
+
+def test_what_was_there_is_not_taken_again() -> None:
+    inbox, outbox = inbox_and_outbox("imu", "tick", "command", "telemetry")
+    outputs = {name: np.zeros(size) for name, size in TELEMETRY.items()}
+    for _ in range(3):  # the same bytes
+        outbox.send("imu", imu(5))
+        publish_messages(outbox, 5, {})
+        publish_command(outbox, 5, {"control": u(1.0)})
+        publish_telemetry(outbox, 5, outputs)
+    assert sorted(arrival.packet.name for arrival in inbox.poll()) == ["command", "imu", "telemetry", "tick"]
+    assert inbox.counts()["duplicates"] == 8
+
+
+def test_a_half_that_joins_takes_nothing_from_before() -> None:
+    inbox, outbox = inbox_and_outbox("imu")
+    inbox.begin(FLIGHT, 100)
+    for tick in (3, 99, 100, 101):
+        outbox.send("imu", imu(tick))
+    assert ticks_of(inbox) == [100, 101]
+    assert inbox.counts()["refused"] == {"old": 2}
+
+
+def test_of_each_sender_only_newer_hellos_are_taken() -> None:
+    joined = open_bus(MEMORY_URL)
+    inbox = Inbox(joined, ["hello"], KEY, FLIGHT)
+    for sequence in (0, 1, 1, 0, 3, 2, 3, 4):
+        say_hello(joined, KEY, HELLO._replace(sequence=sequence, tick=10 * sequence))
+        for nonce in (8, 9):
+            say_hello(joined, KEY, HELLO._replace(role="onboard", nonce=nonce, sequence=sequence))
+    heard = [arrival.packet.value for arrival in inbox.poll()]
+    for role, nonce in (("world", 5), ("onboard", 8), ("onboard", 9)):
+        assert [hello.sequence for hello in heard if (hello.role, hello.nonce) == (role, nonce)] == [0, 1, 3, 4]
+    assert inbox.counts()["duplicates"] == 12
+    assert inbox.tick == 40
+
+
+def test_many_senders_of_hellos_take_no_more_memory() -> None:
+    joined = open_bus(MEMORY_URL)
+    inbox = Inbox(joined, ["hello"], KEY)
+    for nonce in range(1, 1000):
+        say_hello(joined, KEY, HELLO._replace(role="user", nonce=nonce))
+        assert len(inbox.poll()) == 1
+    assert len(inbox._hellos) <= 64
+
+
+def test_an_old_wish_is_not_heard() -> None:
+    inbox, outbox = inbox_and_outbox("imu", "goal")
+    wish = Goal(77, 400, 1, "user", 1.0, 2.0)
+    age = round(GOAL_AGE * 30)
+    outbox.send("imu", imu(400 + age))
+    publish_goal(outbox, wish)
+    publish_goal(outbox, wish)  # may be repeated
+    assert [arrival.packet.name for arrival in inbox.poll()] == ["imu", "goal", "goal"]
+    outbox.send("imu", imu(401 + age))
+    publish_goal(outbox, wish)
+    assert [arrival.packet.name for arrival in inbox.poll()] == ["imu"]
+    inbox.begin(FLIGHT, 401)  # as a half that was killed, and knows of no wish
+    publish_goal(outbox, wish)
+    publish_goal(outbox, wish._replace(tick=401))
+    assert [arrival.packet.value.tick for arrival in inbox.poll()] == [401]
+    assert inbox.counts()["refused"] == {"old": 1}

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import xarray as xr
-from hil_link import answering
+from hil_link import KEY, answering
 from waiting import HANGS
 
 from ortilo_drake.experiments.flight import fly
@@ -32,7 +32,7 @@ def test_a_bad_link_costs_time_but_not_a_bit(
         relay = pool.submit(run_relay, bus, other_bus, BAD, BAD, 3, HANGS, stop, relays)
         try:
             assert relays.wait(HANGS)
-            flight, report = runs.run_world(scenario, bus, True, HANGS)
+            flight, report = runs.run_world(scenario, bus, KEY, True, HANGS)
             assert answered.result(HANGS) == flight.sizes["tick"]
         finally:
             stop.set()

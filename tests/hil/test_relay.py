@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_link import open_bus
+from hil_link import FLIGHT_KEY, KEY, flight_for_packets, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -15,16 +15,17 @@ from scipy.stats import binomtest, geom, kstest
 from waiting import HANGS, wait_for
 
 from ortilo_drake.hil.faults import Faults, Line
+from ortilo_drake.hil.handshake import say_hello
 from ortilo_drake.hil.inbox import Inbox
 from ortilo_drake.hil.multicast import address
-from ortilo_drake.hil.packet_checks import Flight
-from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_goal, encode_hello, encode_vector
+from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_vector
 from ortilo_drake.hil.relay import run_relay
 from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
+from ortilo_drake.hil.wire import Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 
 N = 4000
-FLIGHT = Flight(77, 1 / 30, 8)
+FLIGHT = flight_for_packets()
 
 
 def fates(faults: Faults, seed: int = 1, n: int = N, period: float = 0.01) -> list[list[float]]:
@@ -142,29 +143,30 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     )
     relay.start()
     assert ready.wait(HANGS)
-    at_world = Inbox(world, ["command", "hello", "goal"], FLIGHT)
-    at_onboard = Inbox(onboard, ["imu", "goal"], FLIGHT)
+    of_world, of_onboard = Outbox(world, 77, FLIGHT_KEY), Outbox(onboard, 77, FLIGHT_KEY)
+    at_world = Inbox(world, ["command", "hello", "goal"], KEY, FLIGHT)
+    at_onboard = Inbox(onboard, ["imu", "goal"], KEY, FLIGHT)
     line = Line(Faults(loss=0.5), 5, "to_onboard")
     passed = [tick for tick in range(12) if line.take("imu", 0.0)]
     for tick in range(12):
-        world.publish(CHANNELS["imu"], encode_vector(77, tick, np.concatenate(([1.0, 0.0], np.zeros(9)))))
+        of_world.send("imu", encode_vector(77, tick, np.concatenate(([1.0, tick / 30], np.zeros(9)))))
     came = [(packet.name, packet.tick) for packet in hear(at_onboard, len(passed))]
     assert came == [("imu", tick) for tick in passed]  # the very packets that the seed lets pass
     for tick in range(3):
-        onboard.publish(CHANNELS["command"], encode_command(77, tick, np.zeros(4)))
-    onboard.publish(CHANNELS["hello"], encode_hello(Hello("onboard", "ab", 77)))
+        of_onboard.send("command", encode_command(77, tick, np.zeros(4)))
+    say_hello(onboard, KEY, Hello("onboard", 16 * "0", 77))
     came = [(packet.name, packet.tick) for packet in hear(at_world, 4)]
     assert came == [*(("command", tick) for tick in range(3)), ("hello", -1)]
-    wish = Goal(77, 2**61 + 1, "user", 1.5, -2.0)
+    wish = Goal(77, 2, 2**61 + 1, "user", 1.5, -2.0)
     answer = wish._replace(role="onboard", reason="no way")
     fate = [bool(line.take("goal", 0.0)) for _ in range(8)]
     for passes in fate:
-        world.publish(CHANNELS["goal"], encode_goal(wish))
+        publish_goal(of_world, wish)
         assert [packet.value for packet in hear(at_world)] == [wish]  # itself, and no echo of the hello before
         if passes:
             assert [packet.value for packet in hear(at_onboard)] == [wish]
     onboard.publish(CHANNELS["goal"], b"damaged")
-    onboard.publish(CHANNELS["goal"], encode_goal(answer))
+    publish_goal(of_onboard, answer)
     for inbox in (at_onboard, at_world):
         assert [packet.value for packet in hear(inbox)] == [answer]
     stop.set()

@@ -6,44 +6,44 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from hil_link import open_bus
+from hil_link import KEY, PlayedWorld, open_bus
 from waiting import HANGS
 
-from ortilo_drake.hil.handshake import meet_world, say_hello, scenario_digest
+from ortilo_drake.hil.handshake import Met, meet_world
 from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packets import CHANNELS, FLYING, PORTS, Hello, encode_command
+from ortilo_drake.hil.packets import PORTS
+from ortilo_drake.hil.wire import publish_command
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 SCENARIO = load_scenario("imu_uwb")
-SESSION = 4711
 
 
 @contextmanager
-def a_flight(bus: str, is_commanded: bool) -> Iterator[None]:
-    """A world's heartbeat on the bus, and the commands of an onboard half."""
-    joined, over = open_bus(bus), threading.Event()
+def a_flight(bus: str, is_commanded: bool) -> Iterator[int]:
+    """A world's heartbeat on the bus, and the commands of an onboard half; yield the session."""
+    world, over = PlayedWorld(bus, SCENARIO), threading.Event()
 
     def fly() -> None:
         tick = 100
         while not over.wait(0.02):
-            say_hello(joined, Hello("world", scenario_digest(SCENARIO), SESSION, state=FLYING))
+            world.turn(tick)
             if is_commanded:
-                joined.publish(CHANNELS["command"], encode_command(SESSION, tick, np.zeros(4)))
+                publish_command(world.outbox, tick, {"control": np.zeros(4)})
             tick += 1
 
     thread = threading.Thread(target=fly, daemon=True)
     thread.start()
     try:
-        yield
+        yield world.flight.session
     finally:
         over.set()
         thread.join(HANGS)
 
 
-def join(bus: str, flew: int) -> Hello:
+def join(bus: str, flew: int) -> Met:
     joined = open_bus(bus)
-    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), SCENARIO, HANGS, flew)
+    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS), KEY), SCENARIO, KEY, HANGS, flew)
 
 
 def test_another_onboard_half_is_refused(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,10 +53,12 @@ def test_another_onboard_half_is_refused(bus: str, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_flight_that_nobody_commands_is_joined(bus: str) -> None:
-    with a_flight(bus, is_commanded=False):
-        assert join(bus, 0).session == SESSION
+    with a_flight(bus, is_commanded=False) as session:
+        met = join(bus, 0)
+    assert (met.flight.session, met.is_chosen) == (session, False)
+    assert met.tick >= 100
 
 
 def test_its_own_flight_is_joined_at_once(bus: str) -> None:
-    with a_flight(bus, is_commanded=True):  # what is still on the wire of the half that was killed
-        assert join(bus, SESSION).session == SESSION
+    with a_flight(bus, is_commanded=True) as session:  # what is still on the wire of the half that was killed
+        assert join(bus, session).flight.session == session

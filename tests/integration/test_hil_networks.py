@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
-from command_line import end, start
+from command_line import end, run_apart, start
 from halves_in_processes import HOVER, PROJECTED, WAIT, check_in_time, run_both
 
 from ortilo_drake.experiments.flight import fly
@@ -36,12 +36,13 @@ def test_on_one_machine_no_route_is_needed_and_else_a_line_names_it(bus: str) ->
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
     alone, up = ("unshare", "-rn"), ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
-    for before, url, said in (
-        (alone, bus, f"no multicast (no such device); as root: {MEND}\n"),
-        (up, bus, "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
-        (up, beyond(bus), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
+    for before, words, said in (
+        (alone, ("--url", bus), f"no multicast (no such device); as root: {MEND}\n"),
+        (up, ("--url", bus), "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
+        (up, ("--url", beyond(bus)), "which `ortilo hil key FILE` makes, or --insecure\n"),
+        (up, ("--url", beyond(bus), "--insecure"), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
     ):
-        code, _, errors = end(start("hil", "world", "imu_uwb", "--url", url, "--wait", "1", before=before))
+        code, _, errors = end(start("hil", "world", "imu_uwb", *words, "--wait", "1", before=before))
         assert code == 2
         assert errors.count("\n") == 1
         assert errors.endswith(said), errors
@@ -81,7 +82,9 @@ SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 
 @pytest.mark.real_time
 def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
-    words, report = ("imu_uwb_yolo", *PROJECTED, "--url", beyond(bus), *WAIT), tmp_path / "world.json"
+    assert run_apart("hil", "key", str(tmp_path / "key")).code == 0
+    words = ("imu_uwb_yolo", *PROJECTED, "--url", beyond(bus), "--key", str(tmp_path / "key"), *WAIT)
+    report = tmp_path / "world.json"
     with two_networks() as spaces:
         lockstep = (*words, *HOVER, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
         for code, _, errors in run_both(lockstep, (*words, *HOVER), spaces):

@@ -10,41 +10,47 @@ import struct
 class lcmt_goal(object):
     """ A wish of where to fly ("user"), and the answer to it ("onboard"). The asker repeats it until its number is answered. """
 
-    __slots__ = ["session", "number", "role", "p_W", "reason", "crc"]
+    __slots__ = ["session", "tick", "number", "role", "p_W", "reason", "mac"]
 
-    __typenames__ = ["int64_t", "int64_t", "string", "double", "string", "int64_t"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "string", "double", "string", "byte"]
 
-    __dimensions__ = [None, None, None, [2], None, None]
+    __dimensions__ = [None, None, None, None, [2], None, [32]]
 
     def __init__(self):
         self.session = 0
         """ LCM Type: int64_t """
+        self.tick = 0
+        """
+        of the world when it was asked
+        LCM Type: int64_t
+        """
+
         self.number = 0
-        """ LCM Type: int64_t """
-        self.role = ""
         """
         of the wish, chosen at random
+        LCM Type: int64_t
+        """
+
+        self.role = ""
+        """
+        user or onboard
         LCM Type: string
         """
 
         self.p_W = [ 0.0 for dim0 in range(2) ]
         """
-        "user" or "onboard"
+        x, y [m]
         LCM Type: double[2]
         """
 
         self.reason = ""
         """
-        x, y [m]
+        in an answer why it is refused; empty otherwise
         LCM Type: string
         """
 
-        self.crc = 0
-        """
-        in an answer why it is refused; empty otherwise
-        LCM Type: int64_t
-        """
-
+        self.mac = b""
+        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -53,7 +59,7 @@ class lcmt_goal(object):
         return buf.getvalue()
 
     def _encode_one(self, buf):
-        buf.write(struct.pack(">qq", self.session, self.number))
+        buf.write(struct.pack(">qqq", self.session, self.tick, self.number))
         __role_encoded = self.role.encode('utf-8')
         buf.write(struct.pack('>I', len(__role_encoded)+1))
         buf.write(__role_encoded)
@@ -63,7 +69,7 @@ class lcmt_goal(object):
         buf.write(struct.pack('>I', len(__reason_encoded)+1))
         buf.write(__reason_encoded)
         buf.write(b"\0")
-        buf.write(struct.pack(">q", self.crc))
+        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -78,19 +84,19 @@ class lcmt_goal(object):
     @staticmethod
     def _decode_one(buf):
         self = lcmt_goal()
-        self.session, self.number = struct.unpack(">qq", buf.read(16))
+        self.session, self.tick, self.number = struct.unpack(">qqq", buf.read(24))
         __role_len = struct.unpack('>I', buf.read(4))[0]
         self.role = buf.read(__role_len)[:-1].decode('utf-8', 'replace')
         self.p_W = struct.unpack('>2d', buf.read(16))
         __reason_len = struct.unpack('>I', buf.read(4))[0]
         self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
-        self.crc = struct.unpack(">q", buf.read(8))[0]
+        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_goal in parents: return 0
-        tmphash = (0xff304d3c70262bc9) & 0xffffffffffffffff
+        tmphash = (0x51b5f7490c28e483) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -8,19 +8,23 @@ from io import BytesIO
 import struct
 
 class lcmt_hello(object):
-    """ Handshake and heartbeat. The world chooses the session; an onboard half without one sends 0. """
+    """ Handshake and heartbeat. The world chooses the session, who answers it a nonce, both at random. """
 
-    __slots__ = ["protocol", "role", "scenario_digest", "session", "lockstep", "state", "reason", "crc"]
+    __slots__ = ["protocol", "role", "scenario_digest", "session", "lockstep", "state", "nonce", "sequence", "tick", "n", "heard", "mac"]
 
-    __typenames__ = ["int32_t", "string", "string", "int64_t", "boolean", "string", "string", "int64_t"]
+    __typenames__ = ["int32_t", "string", "string", "int64_t", "boolean", "string", "int64_t", "int64_t", "int64_t", "int32_t", "int64_t", "byte"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, ["n"], [32]]
 
     def __init__(self):
         self.protocol = 0
         """ LCM Type: int32_t """
         self.role = ""
-        """ LCM Type: string """
+        """
+        world, onboard or user
+        LCM Type: string
+        """
+
         self.scenario_digest = ""
         """ LCM Type: string """
         self.session = 0
@@ -28,19 +32,39 @@ class lcmt_hello(object):
         self.lockstep = False
         """ LCM Type: boolean """
         self.state = ""
-        """ LCM Type: string """
-        self.reason = ""
         """
         looking, flying or finished
         LCM Type: string
         """
 
-        self.crc = 0
+        self.nonce = 0
         """
-        why the other half is refused; empty otherwise
+        of who says it; of the world that of the onboard half it met, 0 before
         LCM Type: int64_t
         """
 
+        self.sequence = 0
+        """
+        grows with each hello of its sender
+        LCM Type: int64_t
+        """
+
+        self.tick = 0
+        """
+        of the world now, -1 before the first
+        LCM Type: int64_t
+        """
+
+        self.n = 0
+        """ LCM Type: int32_t """
+        self.heard = []
+        """
+        nonces that the world has heard lately
+        LCM Type: int64_t[n]
+        """
+
+        self.mac = b""
+        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -63,11 +87,9 @@ class lcmt_hello(object):
         buf.write(struct.pack('>I', len(__state_encoded)+1))
         buf.write(__state_encoded)
         buf.write(b"\0")
-        __reason_encoded = self.reason.encode('utf-8')
-        buf.write(struct.pack('>I', len(__reason_encoded)+1))
-        buf.write(__reason_encoded)
-        buf.write(b"\0")
-        buf.write(struct.pack(">q", self.crc))
+        buf.write(struct.pack(">qqqi", self.nonce, self.sequence, self.tick, self.n))
+        buf.write(struct.pack('>%dq' % self.n, *self.heard[:self.n]))
+        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -91,15 +113,15 @@ class lcmt_hello(object):
         self.lockstep = bool(struct.unpack('b', buf.read(1))[0])
         __state_len = struct.unpack('>I', buf.read(4))[0]
         self.state = buf.read(__state_len)[:-1].decode('utf-8', 'replace')
-        __reason_len = struct.unpack('>I', buf.read(4))[0]
-        self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
-        self.crc = struct.unpack(">q", buf.read(8))[0]
+        self.nonce, self.sequence, self.tick, self.n = struct.unpack(">qqqi", buf.read(28))
+        self.heard = struct.unpack('>%dq' % self.n, buf.read(self.n * 8))
+        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_hello in parents: return 0
-        tmphash = (0xc4da929015332995) & 0xffffffffffffffff
+        tmphash = (0x4769ec662aac43f3) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

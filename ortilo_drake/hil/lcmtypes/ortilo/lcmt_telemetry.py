@@ -10,11 +10,11 @@ import struct
 class lcmt_telemetry(object):
     """ What the onboard half knew in one tick, for the log. """
 
-    __slots__ = ["session", "tick", "measurement", "estimate", "covariance", "reference", "crc"]
+    __slots__ = ["session", "tick", "measurement", "estimate", "covariance", "reference", "mac"]
 
-    __typenames__ = ["int64_t", "int64_t", "double", "double", "double", "double", "int64_t"]
+    __typenames__ = ["int64_t", "int64_t", "double", "double", "double", "double", "byte"]
 
-    __dimensions__ = [None, None, [39], [15], [225], [9], None]
+    __dimensions__ = [None, None, [39], [15], [225], [9], [32]]
 
     def __init__(self):
         self.session = 0
@@ -29,8 +29,8 @@ class lcmt_telemetry(object):
         """ LCM Type: double[225] """
         self.reference = [ 0.0 for dim0 in range(9) ]
         """ LCM Type: double[9] """
-        self.crc = 0
-        """ LCM Type: int64_t """
+        self.mac = b""
+        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -44,7 +44,7 @@ class lcmt_telemetry(object):
         buf.write(struct.pack('>15d', *self.estimate[:15]))
         buf.write(struct.pack('>225d', *self.covariance[:225]))
         buf.write(struct.pack('>9d', *self.reference[:9]))
-        buf.write(struct.pack(">q", self.crc))
+        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -64,13 +64,13 @@ class lcmt_telemetry(object):
         self.estimate = struct.unpack('>15d', buf.read(120))
         self.covariance = struct.unpack('>225d', buf.read(1800))
         self.reference = struct.unpack('>9d', buf.read(72))
-        self.crc = struct.unpack(">q", buf.read(8))[0]
+        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_telemetry in parents: return 0
-        tmphash = (0x1bc2e90da3fa1fee) & 0xffffffffffffffff
+        tmphash = (0xcde93ceb36ae1b5b) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

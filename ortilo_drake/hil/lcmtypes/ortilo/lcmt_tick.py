@@ -10,11 +10,11 @@ import struct
 class lcmt_tick(object):
     """ The ports of the world that have a message in this tick: when they are all there, the tick is complete. """
 
-    __slots__ = ["session", "tick", "n", "sent", "crc"]
+    __slots__ = ["session", "tick", "n", "sent", "mac"]
 
-    __typenames__ = ["int64_t", "int64_t", "int32_t", "string", "int64_t"]
+    __typenames__ = ["int64_t", "int64_t", "int32_t", "string", "byte"]
 
-    __dimensions__ = [None, None, None, ["n"], None]
+    __dimensions__ = [None, None, None, ["n"], [32]]
 
     def __init__(self):
         self.session = 0
@@ -25,8 +25,8 @@ class lcmt_tick(object):
         """ LCM Type: int32_t """
         self.sent = []
         """ LCM Type: string[n] """
-        self.crc = 0
-        """ LCM Type: int64_t """
+        self.mac = b""
+        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -41,7 +41,7 @@ class lcmt_tick(object):
             buf.write(struct.pack('>I', len(__sent_encoded)+1))
             buf.write(__sent_encoded)
             buf.write(b"\0")
-        buf.write(struct.pack(">q", self.crc))
+        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -61,13 +61,13 @@ class lcmt_tick(object):
         for i0 in range(self.n):
             __sent_len = struct.unpack('>I', buf.read(4))[0]
             self.sent.append(buf.read(__sent_len)[:-1].decode('utf-8', 'replace'))
-        self.crc = struct.unpack(">q", buf.read(8))[0]
+        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_tick in parents: return 0
-        tmphash = (0xfeea6a425d5ea5b5) & 0xffffffffffffffff
+        tmphash = (0xf56a71169b33e33d) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

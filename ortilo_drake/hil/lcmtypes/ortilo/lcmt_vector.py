@@ -10,11 +10,11 @@ import struct
 class lcmt_vector(object):
     """ A sensor's message [arrived, stamp, payload ...] of one tick; the channel says which sensor. """
 
-    __slots__ = ["session", "tick", "size", "values", "crc"]
+    __slots__ = ["session", "tick", "size", "values", "mac"]
 
-    __typenames__ = ["int64_t", "int64_t", "int32_t", "double", "int64_t"]
+    __typenames__ = ["int64_t", "int64_t", "int32_t", "double", "byte"]
 
-    __dimensions__ = [None, None, None, ["size"], None]
+    __dimensions__ = [None, None, None, ["size"], [32]]
 
     def __init__(self):
         self.session = 0
@@ -25,8 +25,12 @@ class lcmt_vector(object):
         """ LCM Type: int32_t """
         self.values = []
         """ LCM Type: double[size] """
-        self.crc = 0
-        """ LCM Type: int64_t """
+        self.mac = b""
+        """
+        HMAC-SHA-256 of the channel and all bytes before it, as in every type here; see hil/seal.py
+        LCM Type: byte[32]
+        """
+
 
     def encode(self):
         buf = BytesIO()
@@ -37,7 +41,7 @@ class lcmt_vector(object):
     def _encode_one(self, buf):
         buf.write(struct.pack(">qqi", self.session, self.tick, self.size))
         buf.write(struct.pack('>%dd' % self.size, *self.values[:self.size]))
-        buf.write(struct.pack(">q", self.crc))
+        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -54,13 +58,13 @@ class lcmt_vector(object):
         self = lcmt_vector()
         self.session, self.tick, self.size = struct.unpack(">qqi", buf.read(20))
         self.values = struct.unpack('>%dd' % self.size, buf.read(self.size * 8))
-        self.crc = struct.unpack(">q", buf.read(8))[0]
+        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_vector in parents: return 0
-        tmphash = (0x1909f3afb72f4fa1) & 0xffffffffffffffff
+        tmphash = (0xfef380d5f2c1ce55) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -1,0 +1,38 @@
+"""Which numbers of a channel were there: each is taken once."""
+
+import heapq
+from typing import Final
+
+REMEMBERED: Final = 4096  # more than a link holds a packet back
+
+
+class Window:
+    """Remembers the greatest numbers taken; below the least of them, or of a floor, it takes none.
+
+    One from far ahead shuts nothing out: it is remembered beside the others.
+
+    Args:
+        floor: the least number to take.
+    """
+
+    def __init__(self, floor: int = 0):
+        self._floor = floor
+        self._heap: list[int] = []
+        self._known: set[int] = set()
+
+    def is_old(self, number: int) -> bool:
+        """Return whether a number is below what is remembered."""
+        return number < self._floor
+
+    def is_known(self, number: int) -> bool:
+        """Return whether a number was taken."""
+        return number in self._known
+
+    def take(self, number: int) -> None:
+        """Remember a number that is neither old nor known."""
+        self._known.add(number)
+        heapq.heappush(self._heap, number)
+        if len(self._heap) > REMEMBERED:
+            least = heapq.heappop(self._heap)
+            self._known.remove(least)
+            self._floor = least + 1

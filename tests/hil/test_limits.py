@@ -1,0 +1,158 @@
+"""Limits that no flight reaches, and what lies beyond them is refused."""
+
+import numpy as np
+import pytest
+from hil_link import FLIGHT_KEY
+
+from ortilo_drake.hil.handshake import flight_of
+from ortilo_drake.hil.limits import FARTHEST, limits_of
+from ortilo_drake.hil.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.hil.packet_checks import BadPacket, Flight
+from ortilo_drake.hil.packets import (
+    TELEMETRY,
+    Goal,
+    encode_command,
+    encode_goal,
+    encode_telemetry,
+    encode_vector,
+)
+from ortilo_drake.hil.seal import seal
+from ortilo_drake.hil.unpack import decode
+from ortilo_drake.hil.wire import Outbox, publish_command, publish_messages, publish_telemetry
+from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
+
+LATE = ("camera_link.delay=2", "camera_link.random_delay=1", "imu.link.delay=3")
+SETTINGS = ("camera=projected", "servo.velocities=truth", *LATE)
+SCENARIO = load_scenario("imu_uwb_yolo", SETTINGS)
+FLIGHT = flight_of(SCENARIO, 7, FLIGHT_KEY)
+TICK = 300
+
+
+def verdict(name: str, body: bytes, flight: Flight = FLIGHT) -> str:
+    try:
+        decode(name, seal(FLIGHT_KEY, name, body), b"", flight)
+    except BadPacket as problem:
+        return problem.reason
+    return "accepted"
+
+
+def vector(name: str) -> np.ndarray:
+    limits = FLIGHT.limits[name]
+    values = np.zeros(limits.low.size)
+    values[:PAYLOAD] = 1.0, TICK * FLIGHT.h
+    return values
+
+
+def bounds(low: np.ndarray, high: np.ndarray) -> list[tuple[int, float, float]]:
+    """Return for each bound its index, the number at it and the next one beyond."""
+    lower = [(i, bound, np.nextafter(bound, -np.inf)) for i, bound in enumerate(low)]
+    upper = [(i, bound, np.nextafter(bound, np.inf)) for i, bound in enumerate(high)]
+    return [*lower, *upper]
+
+
+@pytest.mark.parametrize("name", ["imu", "uwb", "detections", "velocity"])
+def test_both_sides_of_each_bound_of_a_message(name: str) -> None:
+    limits = FLIGHT.limits[name]
+    for i, at, beyond in bounds(limits.low[PAYLOAD:], limits.high[PAYLOAD:]):
+        for value, expected in ((at, "accepted"), (beyond, "value")):
+            values = vector(name)
+            values[PAYLOAD + i] = value
+            assert verdict(name, encode_vector(7, TICK, values)) == expected, (i, value)
+
+
+def test_both_sides_of_each_bound_of_a_command_and_of_a_goal() -> None:
+    for i, at, beyond in bounds(FLIGHT.limits["command"].low, FLIGHT.limits["command"].high):
+        for value, expected in ((at, "accepted"), (beyond, "value")):
+            u = np.zeros(4)
+            u[i] = value
+            assert verdict("command", encode_command(7, TICK, u)) == expected
+    for value, expected in ((FARTHEST, "accepted"), (np.nextafter(FARTHEST, np.inf), "value")):
+        for x, y in ((value, 0.0), (-value, 0.0), (0.0, value), (0.0, -value)):
+            assert verdict("goal", encode_goal(Goal(7, TICK, 1, "user", x, y))) == expected
+
+
+@pytest.mark.parametrize("name", TELEMETRY)
+def test_both_sides_of_each_bound_of_telemetry(name: str) -> None:
+    limits = FLIGHT.limits[name]
+    for i, at, beyond in bounds(limits.low, limits.high):
+        for value, expected in ((at, "accepted"), (beyond, "value")):
+            outputs = {key: np.zeros(size) for key, size in TELEMETRY.items()}
+            outputs["reference"][:3] = SCENARIO.load_room().interior.min
+            outputs[name][i] = value
+            assert verdict("telemetry", encode_telemetry(7, TICK, outputs)) == expected
+
+
+@pytest.mark.parametrize(("name", "oldest"), [("imu", 3), ("uwb", 0), ("detections", 4), ("velocity", 0)])
+def test_both_sides_of_the_oldest_and_the_newest_stamp(name: str, oldest: int) -> None:
+    ages = {0.0: "accepted", -0.01: "stamp", oldest: "accepted", oldest + 0.01: "stamp"}
+    for age, expected in ages.items():
+        values = vector(name)
+        values[1] = (TICK - age) * FLIGHT.h
+        assert verdict(name, encode_vector(7, TICK, values)) == expected
+
+
+def test_the_limits_are_what_they_say() -> None:
+    # By hand for the M100 (52.2 N, 3.14 N m, 2.7 kg) in the authors' room, whose diagonal is 32.4 m.
+    limits, room = FLIGHT.limits, SCENARIO.load_room()
+    diagonal = np.linalg.norm(np.subtract(room.interior.max, room.interior.min))
+    np.testing.assert_allclose(limits["command"].high, 8 * np.array([52.2, 3.138, 3.138, 1.110]), rtol=1e-3)
+    assert 3 * np.pi / 4 < limits["imu"].high[PAYLOAD] < np.pi  # of tilt: 60 degrees, and what a tick may add
+    assert limits["velocity"].high[PAYLOAD] == pytest.approx(np.sqrt(2 * (8 * 53.2 / 2.7) * diagonal), rel=0.05)
+    assert (limits["uwb"].high[PAYLOAD : PAYLOAD + FLIGHT.anchors] < 1.5 * diagonal).all()
+    assert limits["uwb"].low.min() == -np.inf  # the stamp's, which has a check of its own
+    row, classes = limits["detections"].high[PAYLOAD : PAYLOAD + 6], len(room.classes)
+    np.testing.assert_array_equal(row, [classes - 1, 1, 319.5, 239.5, 319.5, 239.5])
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
+    """The whole flight, but for rendered pictures, through the bytes."""
+    scenario = load_scenario(name, ("camera=projected",))
+    check_packets(scenario)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("filter.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_sd=9"),
+        ("uwb.link.blackouts=[{kind: time, start: 3, end: 1000}]", "sensors=[uwb]"),
+    ],
+)
+def test_a_flight_that_is_lost_reaches_no_limit_before_it_counts_as_lost(settings: tuple[str, ...]) -> None:
+    flight = check_packets(load_scenario("imu_uwb", settings))
+    assert flight.attrs["lost"] != "null"
+
+
+class Reader:
+    """In place of a bus: every packet of a flight must pass the other half's checks."""
+
+    def __init__(self, scenario: Scenario):
+        self.flight, self.read = flight_of(scenario, 7, FLIGHT_KEY), 0
+
+    def publish(self, channel: str, data: bytes) -> None:
+        decode(channel.removeprefix("ORTILO_").lower(), data, b"", self.flight)
+        self.read += 1
+
+
+def check_packets(scenario: Scenario):  # type: ignore[no-untyped-def]
+    reader = Reader(scenario)
+    outbox = Outbox(reader, 7, FLIGHT_KEY)  # type: ignore[arg-type]
+
+    def record(k: int, x: np.ndarray, messages: dict[str, np.ndarray], outputs: dict[str, np.ndarray]) -> None:
+        publish_messages(outbox, k, messages)
+        publish_command(outbox, k, outputs)
+        publish_telemetry(outbox, k, outputs)
+
+    flight = fly_lockstep(scenario, in_this_process(scenario), record=record)
+    assert reader.read > 3 * flight.sizes["tick"]
+    return flight
+
+
+def test_limits_grow_with_what_they_come_from() -> None:
+    here, noisy = limits_of(SCENARIO), limits_of(load_scenario("imu_uwb_yolo", (*SETTINGS, "imu.angle_sd=0.02")))
+    np.testing.assert_allclose(noisy["imu"].high[2:5] - here["imu"].high[2:5], 0.1)
+    biased = limits_of(load_scenario("imu_uwb_yolo", (*SETTINGS, "uwb.walls={kind: bias, per_wall: 1}")))
+    walls = len(SCENARIO.load_room().wall_boxes)
+    ranges = slice(PAYLOAD, PAYLOAD + FLIGHT.anchors)
+    np.testing.assert_allclose(biased["uwb"].high[ranges] - here["uwb"].high[ranges], walls)
