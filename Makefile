@@ -6,6 +6,7 @@
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
+# make mutants   set up, change the code in 400 places and see whether a test notices (docs/mutants.md)
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -22,7 +23,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench clean
+.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench mutants clean
 
 setup: $(STAMP)
 
@@ -71,6 +72,10 @@ bench: setup
 	@$(BIN)/python benchmarks/bench_flight.py
 	@$(BIN)/python benchmarks/bench_camera.py
 	@$(BIN)/python benchmarks/bench_wire.py
+
+mutants: setup
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[mutants]'
+	@$(BIN)/python scripts/mutants.py
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info

@@ -21,6 +21,8 @@ from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import Scenario, Uwb, load_scenario
+from ortilo_drake.settings.sensors import MeasuredErrors
+from ortilo_drake.world.camera_calibration import load_calibration
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.projected_camera import persistent_normals
 from ortilo_drake.world.uwb import ranging_settings, uwb_message
@@ -370,6 +372,24 @@ def test_a_scenario_is_bounded_by_the_worlds_noise_and_not_by_what_the_filter_be
     assert np.all(with_camera <= floors[0])
     assert with_camera[-1].sum() < 0.5 * floors[0][-1].sum()  # in the blackout
     assert np.all(floors[0][0] == 0.0)
+
+
+def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
+    settings = ("camera=projected", "imu.angle_sd=0.02", "uwb.link.every=4", "camera_link.every=7", "imu.link.every=2")
+    scenario, truth, n = load_scenario("imu_uwb_yolo", settings), flown_along(np.random.default_rng(0), 60), 60
+    seen = {name: arrived(scenario, name, truth) for name in ("uwb", "camera", "imu")}
+    assert len({tuple(there) for there in seen.values()}) == 3
+    tables = camera_tables(scenario, ROOM)
+    assert tables is not None
+    rows = by_tick(
+        range_rows(scenario.uwb, ROOM, truth, seen["uwb"]),
+        camera_rows(tables, ROOM, 320, truth, seen["camera"]),
+        angle_rows(seen["imu"], 0.02),
+    )
+    spacing = round(load_calibration(MeasuredErrors()).slow_errors.period / H)  # of the errors, not of the misses
+    expected = predicted_bound(rows, n, PHI, W, NOTHING, spacing)
+    np.testing.assert_allclose(state_bound(scenario, truth), expected, rtol=1e-12)
+    np.testing.assert_array_equal(position_floor(scenario, truth), np.diagonal(expected, axis1=1, axis2=2)[:, :3])
 
 
 def test_without_a_sensor_the_bound_is_the_disturbances_alone() -> None:

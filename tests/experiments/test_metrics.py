@@ -15,6 +15,7 @@ from ortilo_drake.experiments.metrics import (
     path_distance_mse,
     path_mse,
     position_nees,
+    reference_distance,
     summary,
 )
 from ortilo_drake.scenario import load_scenario
@@ -174,6 +175,14 @@ def test_distance_to_a_straight_path_is_the_offset_across_it() -> None:
     planned = np.column_stack([0.6 * s, 0.8 * s, np.full_like(s, 1.5)])
     across = 0.3 * np.array([-0.8, 0.6, 0.0]) + [0.0, 0.0, 0.4]
     assert path_distance_mse(flight_along(planned, planned + across)) == pytest.approx(0.25, rel=1e-9)
+
+
+def test_distance_to_the_reference_is_taken_tick_by_tick() -> None:
+    flight = made_up_flight(20)
+    planned, actual = flight["reference"].values, flight["truth"].values[:, :3]
+    expected = [np.sqrt(sum((actual[k, i] - planned[k, i]) ** 2 for i in range(3))) for k in range(20)]
+    np.testing.assert_allclose(reference_distance(flight), expected, rtol=1e-12)
+    assert summary(flight)["max_reference_distance"] == pytest.approx(max(expected))
 
 
 def test_arrival_rates_are_fixes_used_over_ticks_due() -> None:

@@ -61,6 +61,14 @@ def test_a_walls_footprint_is_the_rectangle_about_its_turned_corners() -> None:
         assert footprint.top == pytest.approx(ROOM.wall_size[2])
 
 
+def test_a_landmarks_footprint_is_round_and_as_high_as_its_outline() -> None:
+    """The fire hydrant at (4.53, 0.42) is 0.18 m wide and, centred at 0.169 m, 0.338 m high."""
+    hydrant = named("fire hydrant")[0]
+    assert hydrant.low == hydrant.high == pytest.approx((4.53162, 0.417347))
+    assert hydrant.radius == pytest.approx(0.09, rel=0.05)
+    assert hydrant.top == pytest.approx(0.169462 + 0.169, rel=0.02)
+
+
 @given(st.floats(-np.pi, np.pi))
 def test_a_wall_at_any_angle_is_within_its_footprint(yaw: float) -> None:
     room = room_with(walls=[[3.0, 1.0, yaw]])

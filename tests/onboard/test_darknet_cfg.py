@@ -125,7 +125,13 @@ def test_numbers_and_values_of_a_small_network() -> None:
         ("layers = -1, 0", "layers = -1, x", "line 33: [route] layers: '-1, x': must be whole numbers separated by"),
         ("filters=14", "filters=16", "line 44: [yolo] classes: '2': the layer before must have filters 14, it has 16"),
         ("activation=linear\n\n[yolo]", "activation=leaky\n\n[yolo]", "line 41: [yolo]: must follow a [convolutional]"),
+        (
+            "activation=linear\n\n[yolo]",
+            "activation=logistic\n\n[yolo]",
+            "line 41: [yolo]: must follow a [convolutional]",
+        ),
         ("mask=0,2", "mask=0,3", "line 42: [yolo] mask: '0,3': must be different numbers from 0 to 2"),
+        ("mask=0,2", "mask=0,-1", "line 42: [yolo] mask: '0,-1': must be different numbers from 0 to 2"),
         ("mask=0,2", "mask=0,0", "line 42: [yolo] mask: '0,0': must be different numbers from 0 to 2"),
         ("5.5,6", "5.5", "line 43: [yolo] anchors: '1,2, 3,4, 5.5': must be 6 positive numbers, num=3 widths and"),
         ("5.5,6", "nan,6", "line 43: [yolo] anchors: '1,2, 3,4, nan,6': must be numbers separated by commas"),

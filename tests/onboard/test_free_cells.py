@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from pydrake.geometry.optimization import HPolyhedron, Hyperellipsoid, Hyperrectangle, MinkowskiSum
 
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
-from ortilo_drake.onboard.free_cells import cells_along, first_false, free_space, grow_cell
+from ortilo_drake.onboard.free_cells import FreeSpace, cells_along, first_false, free_space, grow_cell
 from ortilo_drake.onboard.gcs_path import shortest_route
 
 SPACE = free_space(load_room(ORTILO_ROOM), height=1.5, vehicle_radius=0.49, clearance=0.7, vertical_clearance=0.6)
@@ -43,8 +43,33 @@ def test_a_cell_keeps_the_clearance_where_there_is_room_and_half_the_room_where_
     assert min(SPACE.room(p).min() for p in inside) == pytest.approx(room / 2, abs=5e-3)
 
 
-def test_cells_along_a_route_hold_every_step_of_it() -> None:
-    x = np.arange(0.0, 8.0, 0.05)
+def boxes_in_the_open(*boxes: tuple[float, float, float, float]) -> FreeSpace:
+    """Boxes (x and y of the lower, of the upper corner) in a field of 40 m, inflated by 0.5 m, nothing else."""
+    outer = np.array([[-21, -21, -20, 21], [20, -21, 21, 21], [-21, -21, 21, -20], [-21, 20, 21, 21]], dtype=float)
+    corners = np.vstack([boxes, outer])
+    n = len(corners)
+    bounds = np.array([[-20.0, -20.0, 0.0], [20.0, 20.0, 3.0]])
+    return FreeSpace(("box",) * n, corners[:, :2], corners[:, 2:], np.full(n, 0.5), np.full(n, 3.0), 0.2, bounds)
+
+
+def test_a_long_obstacle_that_reaches_past_a_near_one_bounds_the_cell_too() -> None:
+    """Its middle lies behind the near one's half-plane, its end does not."""
+    space = boxes_in_the_open((3.0, -0.1, 3.2, 0.1), (1.0, 5.0, 15.0, 5.2))
+    cell = grow_cell(np.zeros(2), space)
+    assert not cell.contains(np.array([[1.5, 4.8]])).any()
+    assert len(cell.b) == 4  # both boxes and two sides of the field, the others lie behind the boxes
+    hidden = grow_cell(np.zeros(2), boxes_in_the_open((3.0, -0.1, 3.2, 0.1), (5.0, -4.0, 15.0, 4.0)))
+    assert len(hidden.b) == 4
+
+
+def test_in_the_open_one_cell_holds_the_whole_route() -> None:
+    route = np.column_stack([np.linspace(-3.0, 3.0, 61), np.zeros(61)])
+    assert len(cells_along(route, boxes_in_the_open((0.0, 5.0, 1.0, 6.0)))) == 1
+
+
+@pytest.mark.parametrize("steps", range(60, 160, 7))
+def test_cells_along_a_route_hold_every_step_of_it(steps: int) -> None:
+    x = 0.05 * np.arange(steps + 1)
     route = np.column_stack([x, 0.3 * x])
     assert min(SPACE.room(p).min() for p in route) > 0.1
     cells = cells_along(route, SPACE)

@@ -30,7 +30,6 @@ CBAR = np.hstack([C, np.zeros((9, 3))])
 GAMMABAR = np.vstack([GAMMA, np.zeros((3, 4))])
 IBAR = np.vstack([np.zeros((12, 3)), np.eye(3)])
 EVERYTHING = np.ones(3)
-STEPS = 20_000
 
 
 def spd_blocks(rng: np.random.Generator) -> np.ndarray:
@@ -91,7 +90,8 @@ def printed_step(
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_printed_formula_over_thousands_of_random_arrivals(integrator: str) -> None:
+@pytest.mark.parametrize("steps", [50, 20_000])  # the short one for mutants, which fly uncompiled
+def test_the_printed_formula_over_thousands_of_random_arrivals(steps: int, integrator: str) -> None:
     # Absolute tolerances on xhat (of order 1, the integral of order 100) and relative ones on P's largest entry.
     # Each runs on its own values from first to last: the comparison never re-synchronises them.
     rng = np.random.default_rng(11)
@@ -99,7 +99,7 @@ def test_the_printed_formula_over_thousands_of_random_arrivals(integrator: str) 
     dense = [block_diag(*V2) for V2 in blocks]
     xhat, P_flat = 0.1 * rng.normal(size=15), P_0.ravel()
     xbar, P = xhat, P_0
-    for k in range(STEPS):
+    for k in range(steps):
         delta = (rng.random(3) < (0.3, 0.3, 0.8)).astype(float)
         V2 = blocks[k % 7]
         y = rng.normal(size=9) * np.repeat([0.1, 0.15, 0.01], 3)
@@ -114,6 +114,21 @@ def test_the_printed_formula_over_thousands_of_random_arrivals(integrator: str) 
         if k % 50 == 0:
             assert np.array_equal(P_mine, P_mine.T)
             assert np.linalg.eigvalsh(P_mine)[0] > -1e-15 * np.max(P_mine), k
+
+
+@pytest.mark.parametrize("integrator", ["literal", "hold"])
+@pytest.mark.parametrize("seed", range(4))
+def test_one_step_from_an_integral_that_is_not_known_is_the_printed_formula_too(seed: int, integrator: str) -> None:
+    """In flight the integral is known and its rows of P are 0; the equations hold for any P."""
+    rng = np.random.default_rng(seed)
+    root, V2, delta = 0.1 * rng.normal(size=(15, 15)), spd_blocks(rng), np.array([[1, 1, 1], [0, 1, 0], [1, 0, 1]])
+    for there in delta.astype(float):
+        xhat, y, u, r = rng.normal(size=15), rng.normal(size=9), rng.normal(size=4), rng.normal(size=3)
+        P, code = root @ root.T, INTEGRATORS[integrator]
+        out = filter_step(xhat, P.ravel(), message(y, there, V2), u, r, PHI, GAMMA, W, code)
+        xbar, P_next = printed_step(xhat, P, y, there, block_diag(*V2), u, r, integrator)
+        np.testing.assert_allclose(out[:15], xbar, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(out[15:].reshape(15, 15), P_next, rtol=1e-9, atol=1e-9 * np.abs(P_next).max())
 
 
 def test_missing_rows_carry_nothing_into_the_filter() -> None:

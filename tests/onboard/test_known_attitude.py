@@ -69,4 +69,30 @@ def test_a_singular_matrix_has_no_inverse(seed: int, exponent: float, rank: int)
     diagonal = np.array([1.0, 1.0, 1e-13])
     diagonal[rank:] = 1e-13
     N = 10.0**exponent * (turn * diagonal) @ turn.T
-    assert not inverse_3x3(N)[0]
+    regular, nothing = inverse_3x3(N)
+    assert not regular
+    np.testing.assert_array_equal(nothing, np.zeros((3, 3)))
+
+
+def test_one_box_is_no_fix_and_leaves_the_estimates_position_without_a_covariance() -> None:
+    xhat = state()
+    xhat[:3] += 0.1
+    seen = centers(EXACT, POINTS[:1], DOTS[:1])
+    found, p_WB, cov = known_attitude(seen, POINTS[:1], DOTS[:1], xhat, np.eye(15).ravel(), CAMERA, SD, 4.0)
+    assert not found
+    np.testing.assert_array_equal(p_WB, xhat[:3])
+    np.testing.assert_array_equal(cov, np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("n", [4, len(POINTS)])
+def test_of_two_boxes_that_are_wrong_the_worse_goes_first(n: int) -> None:
+    """With the worse gone the other is found out as well; the rest, free of errors, gives the position."""
+    z, errors = centers(EXACT, POINTS[:n], DOTS[:n]), {2: [30.0, 0.0], 3: [0.0, 500.0]}
+    for box, error in errors.items():
+        z[box] += SD * np.array(error)
+    P = 1e-20 * np.eye(15).ravel()
+    found, p_WB, cov = known_attitude(z, POINTS[:n], DOTS[:n], state(), P, CAMERA, SD, 4.0)
+    assert found
+    np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-9)
+    J = np.delete(dense_jacobian(n)[0].reshape(-1, 2, 3), list(errors), axis=0).reshape(-1, 3)
+    np.testing.assert_allclose(cov, SD**2 * np.linalg.inv(J.T @ J), rtol=1e-3, atol=1e-3 * cov.max())

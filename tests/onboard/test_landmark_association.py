@@ -169,6 +169,19 @@ def test_a_box_at_the_border_is_discarded(edge):
         assert len(run([(PERSON, near_border)], truth, wide, positions=ROW[1:2])[0]) == found, gap
 
 
+@pytest.mark.parametrize("towards", [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)])
+def test_who_is_expected_far_outside_the_image_is_not_looked_for(towards):
+    """However unsure the estimate: half an image beyond the border is as far as a landmark is taken into account."""
+    half = 0.5 * CAMERA.image / CAMERA.f  # tangents of the image's half angles, straight ahead
+    truth, wide = estimate(rpy=(0.0, 0.0, 0.0)), covariance(5.0, 0.5)
+    for images, found in [(0.9, 1), (1.1, 1), (1.9, 1), (2.1, 0)]:
+        depth = 5.0
+        y, z = images * depth * half * towards
+        at = truth[:3] + CAMERA.p_BC * [1.0, 0.0, 0.0] + [depth, y, z]
+        box = box_of(truth[:3] + CAMERA.p_BC + [depth, 0.0, 0.0], truth)
+        assert len(run([(PERSON, box)], truth, wide, positions=at[None])[0]) == found, images
+
+
 def test_landmarks_behind_and_no_boxes_are_no_trouble():
     truth = estimate()
     behind = np.array([[-5.0, 0.0, 1.0]])

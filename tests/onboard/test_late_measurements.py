@@ -9,7 +9,6 @@ from scipy.stats import chi2
 
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
-from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_HOLD, INTEGRATORS, filter_step
@@ -23,10 +22,8 @@ from ortilo_drake.onboard.late_measurements import (
     put_in,
     replay_step,
 )
-from ortilo_drake.onboard.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.past_estimate import PastEstimate
-from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
-from ortilo_drake.scenario import Noise, load_scenario
+from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0
 PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
@@ -274,35 +271,6 @@ def test_past_estimate_finds_the_tick_of_the_stamp() -> None:
             past.GetInputPort(name).FixValue(context, BasicVector(value))
         np.testing.assert_array_equal(past.GetOutputPort("estimate").Eval(context), np.full(15, found))
         np.testing.assert_array_equal(past.GetOutputPort("covariance").Eval(context), np.full(225, 10.0 * found))
-
-
-def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
-    """What the handler gives at tick k of messages that old, one for each sensor."""
-    handler = MeasurementHandler(HandlerSettings(), Noise(), H, SENSORS, delay)
-    context = handler.CreateDefaultContext()
-    context.SetTime(k * H)
-    for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
-        message = np.concatenate([[1.0, (k - age) * H, 1.0, 2.0, 3.0], np.ones(size - 5)])
-        handler.GetInputPort(name).FixValue(context, BasicVector(message))
-    ports = [handler.get_output_port(i) for i in range(handler.num_output_ports())]
-    return handler, {port.get_name(): port.Eval(context).copy() for port in ports}
-
-
-@pytest.mark.parametrize("ages", [(0, 1, 2), (2, 0, 1), (1, 5, 0), (3, 3, 3), (1, 1, 1)])
-def test_drop_uses_nothing_older_than_a_tick(ages: tuple[int, ...]) -> None:
-    measurement = handled("drop", ages)[1]["measurement"]
-    recent = np.array([float(age <= 1) for age in ages])
-    np.testing.assert_array_equal(measurement[9:12], recent)
-    np.testing.assert_array_equal(measurement[:9], np.repeat(recent, 3) * np.tile([1.0, 2.0, 3.0], 3))
-    kept = handled("ignore", ages)[1]
-    np.testing.assert_array_equal(kept["measurement"][9:12], np.ones(3))
-    assert set(kept) == {"measurement"}
-
-
-def test_stamps_are_given_to_replay() -> None:
-    found = handled("replay", (0, 4, 2))[1]
-    np.testing.assert_array_equal(found["stamps"], np.array([50, 46, 48]) * H)
-    np.testing.assert_array_equal(found["measurement"], handled("ignore", (0, 4, 2))[1]["measurement"])
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ from ortilo_drake.onboard.measurement_handler import (
 from ortilo_drake.scenario import MeasurementHandler as Settings
 from ortilo_drake.scenario import Noise
 
+H = 1.0 / 30.0
+
 TICK = 1.0 / 30.0  # [s]
 PATTERNS = [np.array(p) for p in product([0.0, 1.0], repeat=3)]
 P_UWB, P_CAMERA, RPY = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.9, 3.2]), np.array([0.1, -0.2, 0.3])
@@ -155,3 +157,49 @@ def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
     assert inputs(Settings(), SENSORS) == ["uwb", "camera", "imu"]
     assert inputs(Settings(), ("imu",)) == ["imu"]
     assert inputs(Settings(camera_gate=0.99), SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
+
+
+def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
+    """What the handler gives at tick k of messages that old, one for each sensor."""
+    handler = MeasurementHandler(Settings(), Noise(), H, SENSORS, delay)
+    context = handler.CreateDefaultContext()
+    context.SetTime(k * H)
+    for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
+        message = np.concatenate([[1.0, (k - age) * H, 1.0, 2.0, 3.0], np.ones(size - 5)])
+        handler.GetInputPort(name).FixValue(context, BasicVector(message))
+    ports = [handler.get_output_port(i) for i in range(handler.num_output_ports())]
+    return handler, {port.get_name(): port.Eval(context).copy() for port in ports}
+
+
+@pytest.mark.parametrize("ages", [(0, 1, 2), (2, 0, 1), (1, 5, 0), (3, 3, 3), (1, 1, 1)])
+def test_drop_uses_nothing_older_than_a_tick(ages: tuple[int, ...]) -> None:
+    measurement = handled("drop", ages)[1]["measurement"]
+    recent = np.array([float(age <= 1) for age in ages])
+    np.testing.assert_array_equal(measurement[9:12], recent)
+    np.testing.assert_array_equal(measurement[:9], np.repeat(recent, 3) * np.tile([1.0, 2.0, 3.0], 3))
+    kept = handled("ignore", ages)[1]
+    np.testing.assert_array_equal(kept["measurement"][9:12], np.ones(3))
+    assert set(kept) == {"measurement"}
+
+
+def test_stamps_are_given_to_replay() -> None:
+    found = handled("replay", (0, 4, 2))[1]
+    np.testing.assert_array_equal(found["stamps"], np.array([50, 46, 48]) * H)
+    np.testing.assert_array_equal(found["measurement"], handled("ignore", (0, 4, 2))[1]["measurement"])
+
+
+@pytest.mark.parametrize("delay", ["ignore", "drop", "replay"])
+def test_what_is_given_follows_what_comes_and_when(delay: str) -> None:
+    """Drake keeps an output until something that it names as needed changes."""
+    handler = MeasurementHandler(Settings(), Noise(), H, SENSORS, delay)
+    context = handler.CreateDefaultContext()
+    for k, stamped in [(10, 10), (11, 11), (12, 9), (14, 14)]:
+        context.SetTime(k * H)
+        for i, (name, size) in enumerate(zip(SENSORS, (14, 14, 11), strict=True)):
+            values = np.concatenate([[1.0, stamped * H], np.full(size - 2, float(k + i))])
+            handler.GetInputPort(name).FixValue(context, BasicVector(values))
+        measurement = handler.GetOutputPort("measurement").Eval(context)
+        dropped = delay == "drop" and k - stamped > 1
+        np.testing.assert_array_equal(measurement[:9], 0.0 * np.arange(9) if dropped else k + np.arange(9) // 3)
+        if delay == "replay":
+            np.testing.assert_array_equal(handler.GetOutputPort("stamps").Eval(context), np.full(3, stamped * H))

@@ -180,7 +180,10 @@ def test_nearest_three_is_no_better_than_all() -> None:
 def test_fewer_than_three_ranges_are_no_fix(solve, count) -> None:
     p = np.array([8.0, 0.5, 1.2])
     there = (np.arange(N) < count).astype(float)
-    assert not solve(distances(p, ANCHORS), there, ANCHORS, AUTHORS_NOISE, p)[0]
+    found, q, covariance = solve(distances(p, ANCHORS), there, ANCHORS, AUTHORS_NOISE, p)
+    assert not found
+    np.testing.assert_array_equal(q, p)
+    np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
 
 
 @pytest.mark.parametrize("solve", [least_squares, nearest_three])
@@ -189,20 +192,34 @@ def test_anchors_on_one_line_are_no_fix(solve, p, offset, noise, seed) -> None:
     line = np.array([1.0, 2.0, 0.5]) + np.arange(5)[:, None] * np.array([2.0, 0.5, 0.25])
     d = distances(p, line)
     ranges = d * (1 + noise * np.random.default_rng(seed).standard_normal(5))
-    assert not solve(ranges, np.ones(5), line, AUTHORS_NOISE, p + offset)[0]
+    found, _, covariance = solve(ranges, np.ones(5), line, AUTHORS_NOISE, p + offset)
+    assert not found
+    np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
 
 
 @pytest.mark.parametrize("solve", [least_squares, nearest_three])
 def test_spheres_that_do_not_meet_are_no_fix(solve) -> None:
-    ranges = np.array([1.0, 1.0, 1.0])
-    assert not solve(ranges, np.ones(3), SQUARE[:3], AUTHORS_NOISE, np.array([3.0, 3.0, 1.0]))[0]
+    ranges, p_last = np.array([1.0, 1.0, 1.0]), np.array([3.0, 3.0, 1.0])
+    found, _, covariance = solve(ranges, np.ones(3), SQUARE[:3], AUTHORS_NOISE, p_last)
+    assert not found
+    np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize(("sine", "found"), [(0.5e-3, False), (0.9e-3, False), (1.1e-3, True), (2e-3, True)])
+def test_the_nearest_three_may_not_stand_on_one_line_to_a_milliradian(sine, found) -> None:
+    """However well the ranges are believed; seen from the nearest anchor."""
+    anchors = np.array([[0.0, 0.0, 1.0], [6.0, 0.0, 1.0], [10.0 * np.sqrt(1.0 - sine**2), 10.0 * sine, 1.0]])
+    p = np.array([1.0, 0.0, 3.0])
+    assert nearest_three(distances(p, anchors), np.ones(3), anchors, np.array([1e-3, 0.0]), p)[0] == found
 
 
 def test_two_anchors_at_one_place_are_no_third() -> None:
     twice = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], [5.0, 0.0, 2.0]])
     p = np.array([2.0, 1.0, 1.0])
     for solve in (least_squares, nearest_three):
-        assert not solve(distances(p, twice), np.ones(3), twice, AUTHORS_NOISE, p)[0]
+        found, _, covariance = solve(distances(p, twice), np.ones(3), twice, AUTHORS_NOISE, p)
+        assert not found
+        np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
 
 
 @given(
