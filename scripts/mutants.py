@@ -6,8 +6,8 @@ the libraries loaded, with numba's compiler off for the module and for all that 
 imports is no mutant's and stays compiled, in a cache of the copy's own.
 
 A run draws places in the code with a seed and one mutant at each of them, and keeps what it finds in
-out/mutants/DIGEST.sqlite, a session of Cosmic Ray that belongs to this very code: an interrupted run goes on where it
-was, and a repeated one tries the survivors again, with the tests of today. Usage: make mutants, or
+out/mutants/session.sqlite, a session of Cosmic Ray: an interrupted run goes on where it was, and a repeated one tries
+again what survived and what stands in a module that has changed. Usage: make mutants, or
 
     python scripts/mutants.py [--count 400] [--seed 12] [--workers 2] [--only 'ortilo_drake/onboard/*.py']
 """
@@ -18,7 +18,6 @@ import hashlib
 import importlib
 import multiprocessing
 import os
-import random
 import re
 import shutil
 import signal
@@ -67,12 +66,17 @@ def draw(paths: list[Path], count: int, seed: int) -> list[WorkItem]:
             for occurrence, (start, end) in enumerate(positions):
                 if not lines[start[0] - 1].strip().startswith(tuple(PLAN["skip-lines"])):
                     places.setdefault((path, start), []).append(MutationSpec(path, name, occurrence, start, end))
-    chance, items = random.Random(seed), []
-    for place in sorted(chance.sample(sorted(places), min(count, len(places)))):
-        mutation = chance.choice(places[place])
-        item = hashlib.sha256(f"{place} {mutation.operator_name} {mutation.occurrence}".encode()).hexdigest()
-        items.append(WorkItem.single(item, mutation))
-    return items
+    drawn = sorted(places, key=lambda place: digest(seed, *place))[:count]
+    chosen = [min(places[place], key=lambda m: digest(seed, m.operator_name, m.occurrence)) for place in sorted(drawn)]
+    return [
+        WorkItem.single(digest(m.module_path, m.module_path.read_text(), m.operator_name, m.occurrence), m)
+        for m in chosen
+    ]
+
+
+def digest(*of: object) -> str:
+    """Return what stands for some values: as good as drawn at random, and the same whatever else is drawn."""
+    return hashlib.sha256(repr(of).encode()).hexdigest()
 
 
 def enter_a_copy(folder: str) -> None:
@@ -111,7 +115,7 @@ def run_tests(module: Path, log: Path) -> None:
         os.dup2(file.fileno(), 2)
     name = module.relative_to("ortilo_drake").as_posix()
     tests = PLAN["tests"].get(name) or [f"tests/{module.parent.name}/test_{module.stem}.py"]
-    plain = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider"]
+    plain = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-p", "xdist.plugin"]
     examples = ["-p", "_hypothesis_pytestplugin", "--hypothesis-profile=mutants"]
     # Compiled code does not warn, and what is loaded cannot be rewritten.
     quiet = ["-W", "ignore::RuntimeWarning", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
@@ -208,28 +212,29 @@ def main() -> None:
     os.chdir(ROOT)
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     items = draw(modules(chosen.only), chosen.count, chosen.seed)
-    code = "".join(path.read_text() for path in modules(chosen.only)) + "".join(item.job_id for item in items)
     OUT.mkdir(parents=True, exist_ok=True)
-    session = str(OUT / f"{hashlib.sha256(code.encode()).hexdigest()[:12]}.sqlite")
-    with use_db(session) as database:
-        if not database.num_work_items:
-            database.add_work_items(items)
+    with use_db(str(OUT / "session.sqlite")) as database:
+        known = {item.job_id for item in database.work_items}
+        database.add_work_items(item for item in items if item.job_id not in known)
         killed = {name for name, result in database.results if result.test_outcome == TestOutcome.KILLED}
     pending: dict[Path, list[WorkItem]] = {}
     for item in items:
         if item.job_id not in killed:
             pending.setdefault(item.mutations[0].module_path, []).append(item)
-    print(f"{session}: {len(items)} mutants, {len(killed)} killed before", file=sys.stderr)
+    left = sum(map(len, pending.values()))
+    print(f"{len(items)} mutants, {len(items) - left} killed before", file=sys.stderr)
     spawn = multiprocessing.get_context("spawn")
     with (
         tempfile.TemporaryDirectory() as folder,
         ProcessPoolExecutor(chosen.workers, spawn, enter_a_copy, (folder,)) as workers,
     ):
         modules_left = sorted(pending.values(), key=len, reverse=True)
-        jobs = [workers.submit(try_module, at, session, os.getpid()) for at in modules_left]
+        jobs = [workers.submit(try_module, at, str(OUT / "session.sqlite"), os.getpid()) for at in modules_left]
     failed = [str(job.exception()) for job in jobs if job.exception()]
-    with use_db(session) as database:
-        (OUT / "report.md").write_text(report(database.completed_work_items))
+    drawn = {item.job_id for item in items}
+    with use_db(str(OUT / "session.sqlite")) as database:
+        done = [(item, result) for item, result in database.completed_work_items if item.job_id in drawn]
+    (OUT / "report.md").write_text(report(done))
     print((OUT / "report.md").read_text())
     sys.exit("\n".join(failed) or None)
 
