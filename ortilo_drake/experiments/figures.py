@@ -16,6 +16,7 @@ from ortilo_drake.experiments.tables import PAPER
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 
+DRAWN = ["truth", "reference", "due", "arrival"]  # what trajectory_figure and arrival_figure read of a flight
 # Okabe and Ito's colours, told apart by everyone.
 COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00"}
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}

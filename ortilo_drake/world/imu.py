@@ -18,20 +18,22 @@ def imu_message(
     u: np.ndarray,
     d: np.ndarray,
     mass: float,
+    bias: np.ndarray,
     sd: np.ndarray,
     seed: int,
     stream: np.uint64,
     time: float,
     h: float,
 ) -> np.ndarray:
-    """Return the imu message: rpy + v_1, w_WB_B + v_2, f_B + v_3, with f_B = (f_T e_z + R_WB^T force_W) / m.
+    """Return the imu message: [rpy, w_WB_B, f_B] + b + v, with f_B = (f_T e_z + R_WB^T force_W) / m.
 
     Args:
         x: state (12).
         u: control as it acts on the body (4).
         d: disturbance (6).
         mass: m [kg].
-        sd: standard deviations of the angles, rates and specific force (3).
+        bias: b (9).
+        sd: standard deviations of v for the angles, rates and specific force (3).
         seed: seed of all noise.
         stream: number of this noise stream.
         time: t_k [s].
@@ -48,7 +50,7 @@ def imu_message(
         message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
     v = normals(seed, stream, tick_of(time, h), 9)
     for i in range(9):
-        message[2 + i] += sd[i // 3] * v[i]
+        message[2 + i] += bias[i] + sd[i // 3] * v[i]
     return message
 
 
@@ -61,6 +63,9 @@ class Imu(SeededSystem):
         disturbance (6): force in W, torque in B; for the specific force.
         imu (11, output): the imu message, see model/signals.py; there in every tick.
 
+    Parameters of the Context, beside the seed:
+        truth (10): mass [kg]; biases of the angles [rad], body rates [rad/s] and specific force [m/s^2], 0 by default.
+
     Args:
         settings: standard deviations.
         mass: m [kg].
@@ -72,7 +77,8 @@ class Imu(SeededSystem):
         super().__init__(seed)
         self.set_name("imu")
         self._sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-        self._mass, self._stream, self._h = mass, stream_id("imu"), h
+        self._stream, self._h = stream_id("imu"), h
+        self._truth = self.DeclareNumericParameter(BasicVector([mass, *np.zeros(9)]))
         self._state = self.DeclareVectorInputPort("state", N_X)
         self._control = self.DeclareVectorInputPort("control", N_U)
         self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
@@ -80,13 +86,19 @@ class Imu(SeededSystem):
         needs |= {self.time_ticket(), self.all_parameters_ticket()}
         self.DeclareVectorOutputPort("imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=needs)
 
+    def set_truth_in(self, context: Context, mass: float, bias: np.ndarray) -> None:
+        """Set mass [kg] and biases (9) in a context of this system."""
+        context.get_mutable_numeric_parameter(self._truth).SetFromVector([mass, *bias])
+
     def _calc_imu(self, context: Context, output: BasicVector) -> None:
+        truth = context.get_numeric_parameter(self._truth).CopyToVector()
         output.SetFromVector(
             imu_message(
                 self._state.Eval(context),
                 self._control.Eval(context),
                 self._disturbance.Eval(context),
-                self._mass,
+                truth[0],
+                truth[1:],
                 self._sd,
                 self.seed_in(context),
                 self._stream,

@@ -166,6 +166,10 @@ class ProjectedCamera(SeededSystem):
         state (12): x of the vehicle.
         detections (DETECTIONS_SIZE, output): the message, see model/signals.py; there in every tick.
 
+    Parameters of the Context, beside the seed:
+        landmarks (3 n): p_W of their centres row by row [m]; the room's by default.
+        p_BC (3): where the camera is [m]; the room's by default.
+
     Args:
         settings: image width and errors.
         room: landmarks, walls, stands and the camera.
@@ -185,7 +189,10 @@ class ProjectedCamera(SeededSystem):
         else:
             tables = measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
         streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
-        self._seen = surroundings(room), room.landmark_labels, camera, tables
+        self._room, self._camera, self._tables = surroundings(room), camera, tables
+        self._labels = room.landmark_labels
+        self._landmarks = self.DeclareNumericParameter(BasicVector(room.landmark_positions.ravel()))
+        self._p_BC = self.DeclareNumericParameter(BasicVector(camera.p_BC))
         self._streams = (
             np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
             stream_id("camera false boxes"),
@@ -199,6 +206,19 @@ class ProjectedCamera(SeededSystem):
             prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
         )
 
+    def set_landmarks_in(self, context: Context, positions: np.ndarray) -> None:
+        """Set where the landmarks are, p_W (n, 3) [m], in a context of this system."""
+        context.get_mutable_numeric_parameter(self._landmarks).SetFromVector(positions.ravel())
+
+    def set_camera_in(self, context: Context, p_BC: np.ndarray) -> None:
+        """Set where on the vehicle the camera is, p_BC (3) [m], in a context of this system."""
+        context.get_mutable_numeric_parameter(self._p_BC).SetFromVector(p_BC)
+
     def _calc_detections(self, context: Context, output: BasicVector) -> None:
         x, seed, time = self._state.Eval(context), self.seed_in(context), context.get_time()
-        output.SetFromVector(detections_message(x, *self._seen, seed, *self._streams, time, self._h))
+        positions = context.get_numeric_parameter(self._landmarks).CopyToVector().reshape(-1, 3)
+        room = self._room._replace(positions=positions)
+        camera = self._camera._replace(p_BC=context.get_numeric_parameter(self._p_BC).CopyToVector())
+        output.SetFromVector(
+            detections_message(x, room, self._labels, camera, self._tables, seed, *self._streams, time, self._h)
+        )

@@ -4,7 +4,7 @@ import contextlib
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
@@ -15,6 +15,10 @@ from ortilo_drake.model.vehicle import M100, Vehicle
 def _symbols_may_raise_flags(T: type) -> Any:
     """Return a context that hides the floating-point flags which Drake's symbols leave raised."""
     return contextlib.nullcontext() if T is float else np.errstate(invalid="ignore")
+
+
+def _body_of(vehicle: Vehicle) -> list[float]:
+    return [vehicle.mass, *vehicle.inertia]
 
 
 @TemplateSystem.define("QuadrotorPlant_")
@@ -36,6 +40,9 @@ def QuadrotorPlant_(T: type) -> type:
         A positive time_step [s] makes it a discrete state that is updated every time_step with the inputs of that
         instant, held over the step, by one step of the classical Runge-Kutta method; of the linearised model, whose A
         is nilpotent, that is the exact x_{k+1} = Phi x_k + Gamma u_k.
+
+        Parameters of the Context:
+            body (4): mass [kg] and moments of inertia I_x, I_y, I_z [kg m^2]; the vehicle's by default.
         """
 
         def _construct(
@@ -50,7 +57,7 @@ def QuadrotorPlant_(T: type) -> type:
             self._vehicle, self._kinematics, self._time_step = vehicle, kinematics, time_step
             dynamics, self._kind = DYNAMICS[kinematics], KINEMATICS.index(kinematics)
             self._dynamics, self._step = (dynamics, step) if T is float else (dynamics.py_func, step.py_func)
-            self._mass, self._inertia = vehicle.mass, np.array(vehicle.inertia)
+            self._body = self.DeclareNumericParameter(BasicVector_[T](_body_of(vehicle)))
             self._undisturbed = np.zeros(6)
             self._control = self.DeclareVectorInputPort("control", N_U)
             self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
@@ -71,19 +78,25 @@ def QuadrotorPlant_(T: type) -> type:
             else:
                 context.SetContinuousState(x)
 
+        def SetVehicle(self, context: Any, vehicle: Vehicle) -> None:
+            """Set mass and inertia in a context of this plant."""
+            context.get_mutable_numeric_parameter(self._body).SetFromVector(_body_of(vehicle))
+
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
             if self._time_step:
                 return
             x = context.get_continuous_state_vector().CopyToVector()
             u, d = self._inputs(context)
+            body = context.get_numeric_parameter(self._body).CopyToVector()
             with _symbols_may_raise_flags(T):
-                derivatives.SetFromVector(self._dynamics(x, u, d, self._mass, self._inertia))
+                derivatives.SetFromVector(self._dynamics(x, u, d, body[0], body[1:4]))
 
         def _update(self, context: Any, values: Any) -> None:
             x = context.get_discrete_state().value()
             u, d = self._inputs(context)
+            body = context.get_numeric_parameter(self._body).CopyToVector()
             with _symbols_may_raise_flags(T):
-                values.set_value(self._step(x, u, d, self._mass, self._inertia, self._kind, self._time_step))
+                values.set_value(self._step(x, u, d, body[0], body[1:4], self._kind, self._time_step))
 
         def _inputs(self, context: Any) -> tuple[Any, Any]:
             try:

@@ -23,6 +23,7 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context
 from pydrake.systems.sensors import CameraInfo
 
 from ortilo_drake.model.pinhole import R_BC
@@ -126,6 +127,21 @@ def make_scene_graph(
         instance.set_perception_properties(properties)
         scene_graph.RegisterAnchoredGeometry(source, instance)
     return scene_graph
+
+
+def move_landmarks(scene_graph: SceneGraph, context: Context, positions: np.ndarray) -> None:
+    """Move the landmarks of a scene to p_W (n, 3) [m], turned as they are, in a context of the SceneGraph."""
+    inspector = scene_graph.model_inspector()
+    for geometry in inspector.GetAllGeometryIds():
+        landmark = int(inspector.GetPerceptionProperties(geometry).GetProperty("label", "id"))
+        if landmark < len(positions):
+            source = next(s for s in inspector.GetAllSourceIds() if inspector.BelongsToSource(geometry, s))
+            X_WG = RigidTransform(inspector.GetPoseInFrame(geometry).rotation(), positions[landmark])
+            # SceneGraph.ChangeShape moves it for queries but not in the picture.
+            instance = GeometryInstance(X_WG, inspector.GetShape(geometry), f"landmark/{landmark}")
+            instance.set_perception_properties(PerceptionProperties(inspector.GetPerceptionProperties(geometry)))
+            scene_graph.RemoveGeometry(context, source, geometry)
+            scene_graph.RegisterGeometry(context, source, inspector.world_frame_id(), instance)
 
 
 def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderCamera]:

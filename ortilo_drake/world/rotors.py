@@ -63,6 +63,14 @@ def wrench_of(speeds: np.ndarray, M: np.ndarray) -> np.ndarray:
     return times(M, speeds**2)
 
 
+_M, _M_INVERSE, _MAX_SPEED, _TIME_CONSTANT = slice(0, 16), slice(16, 32), 32, slice(33, 35)
+
+
+def _rotors_of(vehicle: Vehicle) -> np.ndarray:
+    M = mixing_matrix(vehicle)
+    return np.concatenate((M.ravel(), np.linalg.inv(M).ravel(), [vehicle.rotor_max_speed], vehicle.rotor_time_constant))
+
+
 @TemplateSystem.define("Rotors_", T_list=[float, AutoDiffXd])
 def Rotors_(T: type) -> type:
     """Return the rotors for a scalar type: float or AutoDiffXd."""
@@ -76,6 +84,10 @@ def Rotors_(T: type) -> type:
 
         Continuous state: the four rotor speeds [rad/s], at hover in the default context. The lag is stiff beside the
         control period (tau = 12.5 ms): simulate with steps of at most 10 ms.
+
+        Parameters of the Context:
+            rotors (35): M row by row (16), M^-1 row by row (16), largest speed [rad/s], time constants of a rotor
+                speeding up and slowing down [s]; the vehicle's by default.
         """
 
         def _construct(self, vehicle: Vehicle = M100, converter: Any = None) -> None:
@@ -86,24 +98,28 @@ def Rotors_(T: type) -> type:
             self._commanded_speeds, self._acceleration, self._wrench_of = (
                 f if T is float else f.py_func for f in functions
             )
-            self._M = mixing_matrix(vehicle)
-            self._M_inverse = np.linalg.inv(self._M)
-            self._max_speed = vehicle.rotor_max_speed
-            self._time_constant = np.array(vehicle.rotor_time_constant)
+            self._rotors = self.DeclareNumericParameter(BasicVector_[T](_rotors_of(vehicle)))
             self._control = self.DeclareVectorInputPort("control", N_U)
             self.DeclareContinuousState(BasicVector_[T]([T(vehicle.hover_rotor_speed)] * 4))
-            self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc={self.xc_ticket()})
+            needs = {self.xc_ticket(), self.all_parameters_ticket()}
+            self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc=needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other._vehicle, converter=converter)
 
+        def SetVehicle(self, context: Any, vehicle: Vehicle) -> None:
+            """Set the rotors' parameters in a context of this system; their speeds stay."""
+            context.get_mutable_numeric_parameter(self._rotors).SetFromVector(_rotors_of(vehicle))
+
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
             speeds = context.get_continuous_state_vector().CopyToVector()
-            commanded = self._commanded_speeds(self._control.Eval(context), self._M_inverse, self._max_speed)
-            derivatives.SetFromVector(self._acceleration(speeds, commanded, self._time_constant))
+            p = context.get_numeric_parameter(self._rotors).CopyToVector()
+            commanded = self._commanded_speeds(self._control.Eval(context), p[_M_INVERSE].reshape(4, 4), p[_MAX_SPEED])
+            derivatives.SetFromVector(self._acceleration(speeds, commanded, p[_TIME_CONSTANT]))
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
-            output.SetFromVector(self._wrench_of(context.get_continuous_state_vector().CopyToVector(), self._M))
+            M = context.get_numeric_parameter(self._rotors).CopyToVector()[_M].reshape(4, 4)
+            output.SetFromVector(self._wrench_of(context.get_continuous_state_vector().CopyToVector(), M))
 
     return Impl
 

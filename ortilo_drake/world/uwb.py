@@ -17,6 +17,7 @@ from ortilo_drake.world.seeded_system import SeededSystem
 def uwb_message(
     x: np.ndarray,
     anchors: np.ndarray,
+    bias: np.ndarray,
     boxes: np.ndarray,
     settings: np.ndarray,
     seed: int,
@@ -24,7 +25,7 @@ def uwb_message(
     time: float,
     h: float,
 ) -> np.ndarray:
-    """Return the uwb message: ranges d_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
+    """Return the uwb message: ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
 
     d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal. A range is there if d_i is
     within the greatest distance and w_i within the greatest number of walls; else it is 0. None is below 0.
@@ -32,6 +33,7 @@ def uwb_message(
     Args:
         x: state (12); the antenna is B's origin.
         anchors: p_WA_i (n, 3).
+        bias: b_i of each anchor [m] (n).
         boxes: the walls that act on a range (m, 7).
         settings: s_0 [m], s_1, bias b of each wall [m], greatest number of walls, greatest distance [m].
         seed: seed of all noise.
@@ -53,7 +55,7 @@ def uwb_message(
         w = walls_crossed(p_WB, a, boxes)
         if w > settings[3]:
             continue
-        message[2 + i] = max(d + settings[2] * w + (settings[0] + settings[1] * d) * v[i], 0.0)
+        message[2 + i] = max(d + bias[i] + settings[2] * w + (settings[0] + settings[1] * d) * v[i], 0.0)
         message[2 + n + i] = 1.0
     return message
 
@@ -74,6 +76,10 @@ class UwbRanging(SeededSystem):
         state (12): x of the vehicle.
         uwb (2 + 2 n, output): the uwb message, see model/signals.py; in every tick, each range by its flag.
 
+    Parameters of the Context, beside the seed:
+        anchors (3 n): p_WA_i row by row [m]; the room's by default.
+        bias (n): of each anchor's ranges [m], 0 by default.
+
     Args:
         settings: noise, walls, greatest distance.
         room: its n anchors and its walls.
@@ -84,23 +90,31 @@ class UwbRanging(SeededSystem):
     def __init__(self, settings: Uwb, room: Room, seed: int, h: float):
         super().__init__(seed)
         self.set_name("uwb")
-        self._anchors = room.anchor_positions
+        n = len(room.anchors)
+        self._anchors = self.DeclareNumericParameter(BasicVector(room.anchor_positions.ravel()))
+        self._bias = self.DeclareNumericParameter(BasicVector(np.zeros(n)))
         self._boxes = room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
         self._settings = ranging_settings(settings)
         self._stream, self._h = stream_id("uwb"), h
         self._state = self.DeclareVectorInputPort("state", N_X)
         self.DeclareVectorOutputPort(
             "uwb",
-            uwb_size(len(self._anchors)),
+            uwb_size(n),
             self._calc_uwb,
             prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
         )
+
+    def set_anchors_in(self, context: Context, anchors: np.ndarray, bias: np.ndarray) -> None:
+        """Set where the anchors stand, p_WA_i (n, 3), and their biases (n) [m] in a context of this system."""
+        context.get_mutable_numeric_parameter(self._anchors).SetFromVector(anchors.ravel())
+        context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
 
     def _calc_uwb(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(
             uwb_message(
                 self._state.Eval(context),
-                self._anchors,
+                context.get_numeric_parameter(self._anchors).CopyToVector().reshape(-1, 3),
+                context.get_numeric_parameter(self._bias).CopyToVector(),
                 self._boxes,
                 self._settings,
                 self.seed_in(context),

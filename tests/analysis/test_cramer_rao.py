@@ -185,7 +185,15 @@ def test_a_range_counts_where_the_world_gives_it(walls: dict[str, Any]) -> None:
     boxes = ROOM.wall_boxes if walls["kind"] != "none" else np.empty((0, 7))
     for k in range(30):
         message = uwb_message(
-            truth[k], ROOM.anchor_positions, boxes, ranging_settings(settings), 0, stream_id("uwb"), k * H, H
+            truth[k],
+            ROOM.anchor_positions,
+            np.zeros(n),
+            boxes,
+            ranging_settings(settings),
+            0,
+            stream_id("uwb"),
+            k * H,
+            H,
         )
         assert np.sum(rows[:, 0] == k) == (message[2 + n :].sum() if seen[k] else 0)
     assert (len(rows) < seen.sum() * n) == (walls["kind"] == "block" or settings.max_distance < 20.0)

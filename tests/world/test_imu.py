@@ -20,7 +20,7 @@ STREAM = stream_id("imu")
 
 
 def exact(x: np.ndarray, u: np.ndarray, d: np.ndarray) -> np.ndarray:
-    return imu_message(x, u, d, M100.mass, np.zeros(3), 0, STREAM, 1.0, H)
+    return imu_message(x, u, d, M100.mass, np.zeros(9), np.zeros(3), 0, STREAM, 1.0, H)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, -2.0])
@@ -72,7 +72,8 @@ def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
 
 def test_noise_belongs_to_the_seed() -> None:
     messages = [
-        imu_message(np.zeros(12), HOVER, np.zeros(6), M100.mass, np.ones(3), seed, STREAM, 2.0, H) for seed in (1, 1, 2)
+        imu_message(np.zeros(12), HOVER, np.zeros(6), M100.mass, np.zeros(9), np.ones(3), seed, STREAM, 2.0, H)
+        for seed in (1, 1, 2)
     ]
     np.testing.assert_array_equal(messages[0], messages[1])
     assert np.all(messages[0][2:] != messages[2][2:])
