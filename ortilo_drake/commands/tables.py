@@ -55,7 +55,7 @@ def tables(
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.experiments.ensemble import flight_file, fly_many
-    from ortilo_drake.experiments.figures import arrival_figure, error_figure, trajectory_figure
+    from ortilo_drake.experiments.figures import DRAWN, arrival_figure, error_figure, trajectory_figure
     from ortilo_drake.experiments.saved_flight import load_flight
 
     for flown in chosen.values():
@@ -73,7 +73,7 @@ def tables(
     result = make_tables(preset.value, summaries)
     text = table_text(result)
     first = {
-        name: [load_flight(flight_file(out_folder / "flights", flown, seed)) for seed in range(min(flights, 20))]
+        name: [load_flight(flight_file(out_folder / "flights", flown, seed))[DRAWN] for seed in range(min(flights, 20))]
         for name, flown in chosen.items()
     }
     written = [
