@@ -87,7 +87,10 @@ def uwb_without_noise(scenario: Scenario, x: np.ndarray) -> np.ndarray:
     boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
     settings = ranging_settings(scenario.uwb)
     settings[:2] = 0.0
-    return np.asarray(uwb_message(x, room.anchor_positions, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h))
+    unbiased = np.zeros(len(room.anchors))
+    return np.asarray(
+        uwb_message(x, room.anchor_positions, unbiased, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h)
+    )
 
 
 def likely_detections(scenario: Scenario, x: np.ndarray) -> np.ndarray:
