@@ -86,7 +86,7 @@ class Bus:
             How many messages were handed on.
         """
         until = time.perf_counter() + 1e-3 * timeout_ms
-        handed = 0
+        handed, left = 0, timeout_ms
         while True:
             for sender, datagram in self._wire.receive():
                 message = self._reassembly.take(sender, datagram, time.perf_counter())
@@ -94,9 +94,9 @@ class Bus:
                     for take in self._takers[message.channel]:
                         take(message.data)
                     handed += 1
-            left = int(1e3 * (until - time.perf_counter()) + 1e-3) if timeout_ms else 0
             if handed or left <= 0 or not self._wire.wait(left):
                 return handed
+            left = int(1e3 * (until - time.perf_counter()))  # what woke it may have been for others
 
     def probe(self) -> None:
         """Send a message that nobody needs; OSError where it cannot be sent."""

@@ -104,6 +104,37 @@ def test_handle_waits_no_longer_than_told_whatever_else_comes(bus: str) -> None:
     assert b.handle() == 0
 
 
+class Quiet:
+    """A wire on which something comes at times, never for us."""
+
+    def __init__(self, wakes: int):
+        self.wakes, self.waited = wakes, list[int]()
+
+    def send(self, datagram: bytes) -> None: ...
+
+    def receive(self) -> list[tuple[tuple[str, int], bytes]]:
+        return [(("127.0.0.1", 1), encode("Y", 0, b"")[0])]
+
+    def wait(self, milliseconds: int) -> bool:
+        self.waited.append(milliseconds)
+        return len(self.waited) <= self.wakes
+
+    def close(self) -> None: ...
+
+
+def test_handle_waits_all_it_is_told_and_not_in_a_busy_loop() -> None:
+    for wakes in (0, 3):
+        wire = Quiet(wakes)
+        assert Bus(wire, "").handle(10_000) == 0
+        assert wire.waited[0] == 10_000
+        assert len(wire.waited) == wakes + 1
+    wire = Quiet(0)
+    assert Bus(wire, "").handle(1) == 0
+    assert wire.waited == [1]
+    assert Bus(wire, "").handle() == 0
+    assert wire.waited == [1]
+
+
 def test_what_comes_from_elsewhere_is_not_heard(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
     joined = open_bus(bus)
     came = heard(joined, "X")
