@@ -19,12 +19,12 @@ import importlib
 import multiprocessing
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 import tomllib
 from collections import Counter
 from collections.abc import Callable
@@ -107,9 +107,10 @@ def plain_njit(*signature: Any, **options: Any) -> Callable:
     return lambda function: function if function.__module__.startswith("ortilo_drake") else compiled(function)
 
 
-def run_tests(module: Path, log: Path) -> None:
-    """Try a module's tests, in a process of their own, which ends with pytest's exit status."""
+def run_tests(module: Path, log: Path, seconds: int) -> None:
+    """Try a module's tests, in a process of their own, which ends with pytest's exit status or when its time is up."""
     os.setsid()  # with what the tests start
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     with log.open("w") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
@@ -127,34 +128,34 @@ def run_tests(module: Path, log: Path) -> None:
     os._exit(status)
 
 
-def outcome(module: Path, seconds: float) -> tuple[str, str]:
-    """Return "survived", "killed" or "timeout", and what the tests said."""
+def outcome(module: Path, seconds: int) -> tuple[str, str]:
+    """Return "survived", "killed" or "timeout" (of processor time, not the clock's), and what the tests said."""
     log = Path("tests.log").absolute()
-    process = FORK.Process(target=run_tests, args=(module, log))
+    process = FORK.Process(target=run_tests, args=(module, log, seconds))
     process.start()
-    process.join(seconds)
-    timeout = process.exitcode is None
-    if timeout:
+    process.join(60.0 * seconds)  # who waits for ever spends none
+    if process.exitcode is None:
         os.killpg(process.pid, signal.SIGKILL)
         process.join()
+    timeout = process.exitcode in (-signal.SIGKILL, -signal.SIGXCPU)
     return "timeout" if timeout else "killed" if process.exitcode else "survived", log.read_text()
 
 
 def try_mutants(module: Path, items: list[WorkItem], session: str) -> None:
     """Try the mutants of one module, after its tests without any, and put what comes of them into the session."""
-    worker, began = os.getppid(), time.monotonic()
+    worker = os.getppid()
     for name in [*PLAN["compiled"], *re.findall(r"^from (ortilo_drake\S*) import", module.read_text(), re.MULTILINE)]:
         importlib.import_module(name)
     numba.njit = plain_njit
-    found, said = outcome(module, 600.0)
+    found, said = outcome(module, 600)
     if found != "survived":
         sys.exit(f"{module}: its tests do not pass without a mutant ({found}):\n{said[-3000:]}")
-    seconds = time.monotonic() - began
+    seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     print(f"{module}: {len(items)} mutants, {seconds:.0f} s without one", file=sys.stderr)
     for (mutation,), item in ((item.mutations, item) for item in items):
         operator = get_operator(mutation.operator_name)(**mutation.operator_args)
         with use_mutation(module, operator, mutation.occurrence) as (before, after):
-            found, said = outcome(module, 2.0 * seconds + 20.0)
+            found, said = outcome(module, int(2.0 * seconds) + 20)
         diff = difflib.unified_diff(before.splitlines(), after.splitlines(), lineterm="", n=0)
         test = TestOutcome.SURVIVED if found == "survived" else TestOutcome.KILLED
         result = WorkResult(WorkerOutcome.NORMAL, f"{found}\n{said[-2000:]}", test, "\n".join(list(diff)[3:]))

@@ -198,3 +198,27 @@ def test_the_room_cannot_be_changed_and_equals_its_copy() -> None:
     assert hash(again) == hash(ROOM)
     with pytest.raises(ValidationError, match="frozen"):
         ROOM.name = "other"
+
+
+@pytest.mark.parametrize("width", [100, 700, 1400])
+def test_a_scaled_camera_looks_the_same_ways(width: int) -> None:
+    """Shares of the image, from its border at -1/2 px on, and tangents stay; each axis has its own."""
+    camera = CameraModel(width=700, height=400, focal_length=300.0, center=(340.0, 180.0), position=(0.1, 0.0, 0.0))
+    scaled = camera.scaled_to(width)
+    s = width / 700
+    assert (scaled.width, scaled.height, scaled.position) == (width, round(400 * s), camera.position)
+    assert scaled.focal_length == pytest.approx(300.0 * s)
+    assert (scaled.center[0] + 0.5) / width == pytest.approx(340.5 / 700)
+    assert (scaled.center[1] + 0.5) / (400 * s) == pytest.approx(180.5 / 400)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "taken"), [(8192, 2048, True), (8192, 2049, False), (8193, 1000, False), (1, 1, True)]
+)
+def test_a_picture_is_at_most_so_high_and_so_large(height: int, width: int, taken: bool) -> None:
+    camera = CameraModel(width=width, height=height, focal_length=300.0, center=(1.0, 1.0), position=(0.0, 0.0, 0.0))
+    if taken:
+        assert camera.scaled_to(width) == camera
+    else:
+        with pytest.raises(InputError, match=f"are then {width} x {height} px"):
+            camera.scaled_to(width)

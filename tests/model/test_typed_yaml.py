@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import PositiveFloat
 
-from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import (
+    FileName,
+    Frozen,
+    InputError,
+    Positive,
+    load_yaml,
+    parse_yaml,
+    validate,
+)
 
 
 class Part(Frozen):
@@ -110,3 +118,39 @@ def test_aliases_are_refused_before_they_multiply() -> None:
     bomb = "a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 11))
     with pytest.raises(InputError, match=r"line 2: aliases are not allowed"):
         parse_yaml(bomb, "bomb")
+
+
+class Lens(Frozen):
+    focus: Positive = 1.0
+    file: FileName = "lens.yaml"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("focus: 1.0e-12", None),
+        ("focus: 3.5", None),
+        ("focus: 9.9e-13", "focus: 9.9e-13: must be at least 1e-12"),
+        ("focus: 0.0", "focus: 0.0: "),
+        ("focus: 1e-3x", "focus: '1e-3x': input should be a valid number"),
+        ("focus: 1e3", "focus: '1e3': is text to YAML; a number has a point and a signed exponent"),
+        ("file: a", None),
+        ("file: ''", "file: '': "),
+        (f"file: {1024 * 'a'}", None),
+        (f"file: {1025 * 'a'}", "file: 'aaa"),
+    ],
+)
+def test_what_a_positive_number_and_a_file_name_may_be(text: str, problem: str | None) -> None:
+    if problem is None:
+        validate(Lens, parse_yaml(text, "lens.yaml"), "lens.yaml")
+        return
+    with pytest.raises(InputError) as error:
+        validate(Lens, parse_yaml(text, "lens.yaml"), "lens.yaml")
+    assert str(error.value).startswith(f"lens.yaml: {problem}")
+
+
+def test_an_unknown_key_is_answered_with_the_keys_of_its_own_group() -> None:
+    with pytest.raises(InputError, match=r"part\.cuont: unknown key .*did you mean 'count'"):
+        load(GOOD.replace("size: [1.0, 2.0]", "size: [1.0, 2.0], cuont: 2"))
+    with pytest.raises(InputError, match=r"part\.zzz: unknown key .*known are size, count$"):
+        load(GOOD.replace("size: [1.0, 2.0]", "size: [1.0, 2.0], zzz: 2"))

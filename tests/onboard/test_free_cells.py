@@ -67,6 +67,15 @@ def test_in_the_open_one_cell_holds_the_whole_route() -> None:
     assert len(cells_along(route, boxes_in_the_open((0.0, 5.0, 1.0, 6.0)))) == 1
 
 
+def test_a_step_that_no_cell_holds_is_left_out() -> None:
+    """A wall between two points of the route: each side has its cell, and the search goes on."""
+    space = boxes_in_the_open((1.9, -10.0, 2.1, 10.0))
+    route = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [4.0, 0.0]])
+    cells = cells_along(route, space)
+    inside = np.array([cell.contains(route) for cell in cells])
+    assert (inside[:, :-1] & inside[:, 1:]).any(axis=0).tolist() == [True, False, True]
+
+
 @pytest.mark.parametrize("steps", range(60, 160, 7))
 def test_cells_along_a_route_hold_every_step_of_it(steps: int) -> None:
     x = 0.05 * np.arange(steps + 1)

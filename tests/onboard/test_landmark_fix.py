@@ -60,7 +60,10 @@ def test_pnp_needs_no_attitude():
 @pytest.mark.parametrize(("method", "fewest"), [("known_attitude", 2), ("cosine_law", 3), ("pnp", 4)])
 def test_fewest_landmarks(method, fewest):
     for n in range(fewest):
-        assert not solve(method, centers(EXACT)[:n], state(), slice(n))[0]
+        found, p_WB, cov = solve(method, centers(EXACT)[:n], state(), slice(n))
+        assert not found
+        np.testing.assert_array_equal(p_WB, EXACT[:3])
+        np.testing.assert_array_equal(cov, np.zeros((3, 3)))
     found, p_WB, _ = solve(method, centers(EXACT)[:fewest], state(), slice(fewest))
     assert found
     np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-6)
@@ -149,6 +152,21 @@ def test_pnp_repeats_itself_and_drops_an_outlier():
     others = np.array([0, 1, 2, 3, 5, 6])
     clean = solve("pnp", z[others], state(), others)
     np.testing.assert_allclose(first[1], clean[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_boxes_of_twice_the_noise_give_four_times_the_covariance(method):
+    """With the attitude known, where it counts."""
+    once, twice = (solve(method, centers(EXACT), state(), P=covariance(angle_sd=1e-9), sd=sd)[2] for sd in (0.5, 1.0))
+    np.testing.assert_allclose(twice, 4.0 * once, rtol=1e-4, atol=1e-4 * np.abs(twice).max())
+
+
+def test_two_boxes_do_not_tell_a_pose():
+    xhat = state()
+    found, pose, cov = refine_pose(centers(EXACT)[:2], POINTS[:2], OUTLINES[:2], xhat[:3], xhat[3:6], CAMERA)
+    assert not found
+    np.testing.assert_array_equal(pose, EXACT)
+    np.testing.assert_array_equal(cov, np.zeros((6, 6)))
 
 
 def test_a_start_without_numbers_is_no_fix():

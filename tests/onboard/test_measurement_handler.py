@@ -147,6 +147,13 @@ def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray)
     np.testing.assert_array_equal(grounded, handle(delta, Settings(), FIXED))
 
 
+@pytest.mark.parametrize("where", ["position", "covariance"])
+def test_a_fix_is_infinitely_far_from_a_prediction_that_is_no_number(where: str) -> None:
+    xhat, P = np.zeros(15), np.eye(15).ravel()
+    (xhat if where == "position" else P)[1] = np.nan
+    assert squared_distance(fix(1.0, np.ones(3), np.eye(3)), xhat, P, np.eye(3).ravel(), 15) == np.inf
+
+
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
     def inputs(settings: Settings, sensors: tuple[str, ...]) -> list[str]:
         handler = MeasurementHandler(settings, Noise(), TICK, sensors)
