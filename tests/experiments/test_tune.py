@@ -81,7 +81,7 @@ def test_a_lost_flight_is_used_up_to_its_loss_or_left_out(flights: list[xr.Datas
 def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no flights"):
         find_flights([tmp_path])
-    with pytest.raises(InputError, match="no such flight"):
+    with pytest.raises(InputError, match="No such file"):
         tune(find_flights([tmp_path / "missing.nc"]))
     other = flights[0].copy()
     other.attrs["scenario"] = load_scenario("imu_uwb").model_dump_json()
@@ -124,7 +124,7 @@ def test_the_command_writes_what_it_is_asked_for(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["missing.nc"], "missing.nc: no such flight"),
+        (["missing.nc"], "missing.nc: cannot be read: No such file"),
         (["--out", "tuned.txt"], "--out tuned.txt: must end in .yaml"),
         (["--figure", "tuned.frog"], "tuned.frog: unknown kind of picture '.frog'"),
         (["--check", "-1"], "--check"),
