@@ -60,7 +60,11 @@ def own_domain() -> tuple[socket.socket, int]:
 
 
 _HELD, DOMAIN = own_domain()
-LOCAL = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(DOMAIN)}
+
+
+def local() -> dict[str, str]:
+    """Return the environment of a process whose ROS hears this machine's only, in the tests' own domain."""
+    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(DOMAIN)}
 
 
 # --- fields to messages ------------------------------------------------------------------------------------------
@@ -197,12 +201,12 @@ def with_world(url: str, scenario: Scenario, bridge: Callable[[threading.Event],
 
 def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: str) -> None:
     scenario = load_scenario("imu_uwb", SETTINGS)
-    taken: list[tuple[float, float]] = []
+    taken: list[tuple[float, float | None]] = []
     lines: list[str] = []
 
     def listen(stop: threading.Event) -> Any:
         def take(t: float, messages: Signals, outputs: Signals) -> None:
-            taken.append((t, outputs["control"][0]))
+            taken.append((t, outputs["control"][0] if "control" in outputs else None))
             if len(taken) == 20:
                 stop.set()
 
@@ -214,7 +218,9 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: 
     report = with_world(bus, scenario, listen)
     assert len(taken) >= 20
     assert report["ticks"] == len(taken)
-    assert all(t == k * scenario.h for t, k in taken)
+    answered = [(t, k) for t, k in taken if k is not None]
+    assert len(taken) - len(answered) <= report["without_answer"] <= 1  # it may join in the middle of a tick
+    assert all(t == k * scenario.h for t, k in answered)
     assert report["failed"] == {"bad": "no route to host"}
     assert [line.partition(" at ")[0] for line in lines if "bad" in line] == ["bad: failed"]
 
@@ -278,7 +284,7 @@ def fly_with_bridge(
     scenario = load_scenario("imu_uwb", SETTINGS)
     warm_up(scenario)  # neither half is to wait for the compiler in flight
     command = [*BRIDGE, "--url", bus, "--key", str(key_file(report.parent)), "--json", str(report), *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=LOCAL) as bridge:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=local()) as bridge:
         try:
             assert bridge.stdout
             said: list[str] = []
@@ -364,7 +370,8 @@ print(json.dumps(got), flush=True)
 @pytest.mark.processes
 @needs_ros
 def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
-    with subprocess.Popen([sys.executable, "-c", _RECEIVER], stdout=subprocess.PIPE, text=True, env=LOCAL) as receiver:
+    program = [sys.executable, "-c", _RECEIVER]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, env=local()) as receiver:
         try:
             assert receiver.stdout
             assert receiver.stdout.readline() == "ready\n"
@@ -442,11 +449,11 @@ with Counting(load_scenario("imu_uwb")) as bridge:
 
 @pytest.mark.processes
 @needs_ros
-def test_a_goal_from_ros_crosses_to_the_onboard_half(bus: str) -> None:
+def test_a_goal_from_ros_crosses_to_the_onboard_half(tmp_path: Path, bus: str) -> None:
     scenario = load_scenario("imu_uwb", SETTINGS)
-    command = [*BRIDGE, "--url", bus, "--ros2"]
+    command = [*BRIDGE, "--url", bus, "--key", str(key_file(tmp_path)), "--ros2"]
     sender = [sys.executable, "-c", _SENDER]
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": LOCAL}
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": local()}
 
     def pass_on(stop: threading.Event) -> list[str]:
         with subprocess.Popen(command, **pipes) as bridge, subprocess.Popen(sender, **pipes) as ros:
@@ -471,7 +478,7 @@ def test_a_goal_from_ros_crosses_to_the_onboard_half(bus: str) -> None:
 @needs_ros
 def test_goals_come_back_in_the_map_frame_only() -> None:
     run = subprocess.run(
-        [sys.executable, "-c", _GOALS, _SENDER], capture_output=True, text=True, timeout=HANGS, env=LOCAL, check=True
+        [sys.executable, "-c", _GOALS, _SENDER], capture_output=True, text=True, timeout=HANGS, env=local(), check=True
     )
     goals = [line for line in run.stdout.splitlines() if line.startswith("goal")]
     assert goals == ["goal None None", "goal None None", "goal [3.5, -2.0, 1.25] None", "goal [4.0, 0.5, 1.0] None"]
