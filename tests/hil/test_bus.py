@@ -164,14 +164,14 @@ def test_which_addresses_are_this_machines() -> None:
 TWIN = Path(__file__).with_name("lcm_twin.py")
 
 
-def in_a_network(sizes: tuple[int, ...], *commands: str) -> str:
+def in_a_network(wait: float, sizes: tuple[int, ...], *commands: str) -> str:
     """Return what lcm_twin.py says in a network namespace with a loopback interface alone, after some commands."""
     if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
         pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
     script = "; ".join(("ip link set lo up", *commands, 'exec "$@"'))
-    command = ["unshare", "-rn", "sh", "-c", script, "sh", sys.executable, str(TWIN), *map(str, sizes)]
+    command = ["unshare", "-rn", "sh", "-c", script, "sh", sys.executable, str(TWIN), *map(str, (wait, *sizes))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -179,7 +179,7 @@ def in_a_network(sizes: tuple[int, ...], *commands: str) -> str:
 
 @pytest.mark.processes
 def test_lcms_own_library_hears_us_and_is_heard() -> None:
-    said = in_a_network(SIZES, "ip route add 224.0.0.0/4 dev lo")
+    said = in_a_network(60.0, SIZES, "ip route add 224.0.0.0/4 dev lo")
     assert said == "ours to theirs: all\ntheirs to ours: all\n"
 
 
@@ -187,7 +187,7 @@ def test_lcms_own_library_hears_us_and_is_heard() -> None:
 def test_what_comes_by_another_interface_is_not_heard() -> None:
     # As on a machine whose multicast goes by its default route: there LCM listens to the whole network.
     cable = ("link add cable type dummy", "address add 10.76.67.1/24 dev cable", "link set cable up")
-    said = in_a_network((200,), *(f"ip {words}" for words in (*cable, "route add default dev cable")))
+    said = in_a_network(2.0, (200,), *(f"ip {words}" for words in (*cable, "route add default dev cable")))
     assert said == "ours to theirs: none\ntheirs to ours: none\n"
 
 
