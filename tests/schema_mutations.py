@@ -290,7 +290,10 @@ def spoil(data: Any, model: type[BaseModel], rng: np.random.Generator) -> tuple[
         there = [p for p in places(root, data, root) if not any(p.path[: len(t)] == t for t in touched)]
         if len(there) < 2:
             break
-        place = there[int(rng.integers(1, len(there)))]
+        fields = list(dict.fromkeys(p.path[0] for p in there[1:]))  # each alike: a room is nearly all landmarks
+        field = fields[rng.integers(len(fields))]
+        inside = [p for p in there[1:] if p.path[0] == field]
+        place = inside[rng.integers(len(inside))]
         if isinstance(place.value, dict) and rng.random() < 0.5:
             group, keys = dict(place.value), list(place.value)
             match int(rng.integers(3)) if keys else 2:

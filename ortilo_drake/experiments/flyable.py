@@ -43,7 +43,10 @@ def check_flyable(scenario: Scenario) -> int:
     servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     if "camera" not in scenario.sensors:
         return ticks
-    camera = room.camera.scaled_to(scenario.image_width)
+    try:
+        camera = room.camera.scaled_to(scenario.image_width)
+    except InputError as error:
+        raise InputError(f"{scenario.camera}_camera.{error}") from None
     if scenario.is_rendered:
         link = scenario.camera_link
         check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)

@@ -258,6 +258,12 @@ def test_a_calibration_that_is_missing_or_wrong(refused: Any, tmp_path: Path) ->
     assert "slow_errors.share: 1.5" in refusals(refused, projected, calibration_file(tmp_path, slow_errors=wrong))
 
 
+def test_a_picture_of_no_height_names_the_camera_that_takes_it(refused: Any, tmp_path: Path) -> None:
+    room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
+    setting = room_file(tmp_path, camera=room["camera"] | {"height": 1})
+    assert "projected_camera.width: 640" in refusals(refused, "camera=projected", "projected_camera.width=640", setting)
+
+
 @pytest.mark.egl
 def test_a_class_that_the_detector_does_not_know(refused: Any, tmp_path: Path) -> None:
     room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
