@@ -154,3 +154,20 @@ def test_an_unknown_key_is_answered_with_the_keys_of_its_own_group() -> None:
         load(GOOD.replace("size: [1.0, 2.0]", "size: [1.0, 2.0], cuont: 2"))
     with pytest.raises(InputError, match=r"part\.zzz: unknown key .*known are size, count$"):
         load(GOOD.replace("size: [1.0, 2.0]", "size: [1.0, 2.0], zzz: 2"))
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a: " + 31 * "[" + 31 * "]", None),
+        ("a: " + 32 * "[" + 32 * "]", "line 1: nested more than 32 deep"),
+        ("a:\n" + 40 * " - [1, {b: 2}]\n", None),  # groups one after another are not nested
+        ("a: &x 1\nb: *x", "line 2: aliases are not allowed"),
+    ],
+)
+def test_groups_may_be_nested_thirty_two_deep(text: str, problem: str | None) -> None:
+    if problem is None:
+        assert parse_yaml(text, "thing.yaml") == yaml.safe_load(text)
+        return
+    with pytest.raises(InputError, match=problem):
+        parse_yaml(text, "thing.yaml")
