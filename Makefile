@@ -57,7 +57,7 @@ test-all: ros2 kernels
 	@$(PYTEST) $(TESTS)
 
 # Whatever reads ORTILO_FUZZ_CASES.
-FUZZ := $(wildcard tests/integration/test_schema_fuzz.py tests/hil/test_udpm_fuzz.py)
+FUZZ := tests/integration/test_schema_fuzz.py tests/hil/test_udpm.py
 
 fuzz: kernels
 	@ORTILO_FUZZ_CASES=$${ORTILO_FUZZ_CASES:-20000} $(PYTEST) $(FUZZ)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption
+from ortilo_drake.commands.options import JsonOption, WorkersOption, finite
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
@@ -64,7 +64,7 @@ def render(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
     scale: Annotated[
-        float, typer.Option(min=0.001, max=100.0, help="Fewer or more scenes than we trained with.")
+        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Fewer or more scenes than we trained with.")
     ] = 1.0,
     width: WidthOption = 320,
     workers: WorkersOption = None,
@@ -132,7 +132,9 @@ def train(
 def evaluate(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
-    scale: Annotated[float, typer.Option(min=0.001, max=100.0, help="Fewer or more scenes than ours.")] = 1.0,
+    scale: Annotated[
+        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Fewer or more scenes than ours.")
+    ] = 1.0,
     width: WidthOption = 320,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
     network: NetworkOption = None,

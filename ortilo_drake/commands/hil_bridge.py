@@ -12,6 +12,7 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
+    finite,
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, say_written, write_json
@@ -34,7 +35,7 @@ def bridge(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after that long [s].")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after that long [s].")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot.

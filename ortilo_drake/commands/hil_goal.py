@@ -5,15 +5,15 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption
-from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, quiet_drake
+from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.hil.urls import DEFAULT_URL
 from ortilo_drake.scenario import load_scenario
 
 
 def goal(
-    x: Annotated[float, typer.Argument(help="East [m].")],
-    y: Annotated[float, typer.Argument(help="North [m].")],
+    x: Annotated[float, typer.Argument(callback=finite, help="East [m].")],
+    y: Annotated[float, typer.Argument(callback=finite, help="North [m].")],
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     seed: SeedOption = None,
     settings: SetOption = None,
@@ -21,7 +21,8 @@ def goal(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: Annotated[
-        float, typer.Option(min=0.1, help="How long to look for the world, and then for an answer [s].")
+        float,
+        typer.Option(min=0.1, callback=finite, help="How long to look for the world, and then for an answer [s]."),
     ] = 5.0,
 ) -> None:
     """Have a flight in real time go to another goal: it brakes, plans a way from there and flies it.

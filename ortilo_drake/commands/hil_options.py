@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ortilo_drake.commands.options import finite
 from ortilo_drake.commands.terminal import err, out, progress_bar
 
 UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
@@ -16,10 +17,11 @@ KeyOption = Annotated[
 InsecureOption = Annotated[
     bool, typer.Option("--insecure", help="No secret: whoever is on the network may command the vehicle.")
 ]
-WaitOption = Annotated[float, typer.Option(min=1.0, help="How long to look for the other half [s].")]
+WaitOption = Annotated[float, typer.Option(min=1.0, callback=finite, help="How long to look for the other half [s].")]
 LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]
 SecondsOption = Annotated[
-    float | None, typer.Option(min=0.1, help="In real time, end after that long [s]; else with the path.")
+    float | None,
+    typer.Option(min=0.1, callback=finite, help="In real time, end after that long [s]; else with the path."),
 ]
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil_options import show_report
-from ortilo_drake.commands.options import JsonOption, quiet_drake
+from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, say_written, write_json
 from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
 
@@ -19,7 +19,9 @@ def relay(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all chances.")] = 1,
     url_world: Annotated[str, typer.Option(help="The world's bus.")] = DEFAULT_URL,
     url_onboard: Annotated[str, typer.Option(help="The onboard half's bus.")] = ONBOARD_URL,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Stop after that long [s]; Ctrl-C stops it too.")] = 86400.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.0, callback=finite, help="Stop after that long [s]; Ctrl-C stops it too.")
+    ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:
     """Pass packets on between the halves, each on a bus of its own, with faults; the fields are in hil/faults.py."""

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,13 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the resul
 def quiet_drake() -> None:
     """Keep Drake from telling what is of no concern here; call it after importing Drake, which sets it to INFO."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+
+
+def finite(value: float | None) -> float | None:
+    """Refuse a number of the command line that no range of Typer's refuses: not a number, or infinite."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"must be a finite number, not {value}")
+    return value
 
 
 class Camera(StrEnum):
