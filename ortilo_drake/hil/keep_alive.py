@@ -17,6 +17,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 TOO_SOON: Final = 2.0  # a process that was killed within that long of its start did not come to fly [s]
 TRIES: Final = 3  # how many such in a row are started again
+LOOK_EVERY: Final = 0.005  # whether the process has ended, or is to end [s]
 ENDING: Final = (signal.SIGTERM, signal.SIGINT)
 
 
@@ -93,7 +94,10 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
     signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
     if ending.number:  # it came before the child was there
         os.kill(child, ending.number)
-    os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)  # its number stays its own until nothing can be sent to it
+    # With WNOWAIT its number stays its own until nothing can be sent to it. A wait without end would sleep through a
+    # signal that another thread has taken, as one does while this one has them blocked.
+    while os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None:
+        time.sleep(LOOK_EVERY)
     ending.child = 0
     return child, os.waitpid(child, 0)[1]
 

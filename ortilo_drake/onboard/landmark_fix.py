@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
-from scipy.stats import chi2
 
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, FIX_SIZE, N_XBAR, STAMP
 from ortilo_drake.onboard.cosine_law import cosine_law
+from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.onboard.known_attitude import known_attitude
 from ortilo_drake.onboard.landmark_association import associate
 from ortilo_drake.onboard.pnp import pnp
@@ -94,7 +94,7 @@ class LandmarkFix(LeafSystem):
             (room.landmark_positions, room.landmark_outlines, room.landmark_labels),
             room.camera.scaled_to(width).constants,
             settings.center_sd,
-            float(chi2.ppf(settings.gate, 2)),
+            squared_gate(settings.gate, 2),
             settings.max_residual,
         )
         self._prior = None

@@ -1,5 +1,6 @@
 """The LQ servo (paper, section IV-A)."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
     return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
 
 
-@TemplateSystem.define("LqServo_")
+@TemplateSystem.define("LqServo_", scope=sys.modules[__name__])
 def LqServo_(T: type) -> type:
     """Return the servo for a scalar type: float, AutoDiffXd or Expression."""
 

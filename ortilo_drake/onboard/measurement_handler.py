@@ -15,10 +15,10 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
-from scipy.stats import chi2
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR, SENSORS, STAMP
+from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
 from ortilo_drake.scenario import Noise
 
@@ -148,7 +148,7 @@ class MeasurementHandler(LeafSystem):
         self._V = np.array([np.diag(v if v is not None else (1.0, 1.0, 1.0)).ravel() for v in variances])
         self._from_fix = np.array([noise.uwb is None, noise.camera is None])
         gates = (settings.uwb_gate, settings.camera_gate)
-        self._gates = np.array([np.inf if gate is None else chi2.ppf(gate, df=3) for gate in gates])
+        self._gates = np.array([np.inf if gate is None else squared_gate(gate, 3) for gate in gates])
         is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
         sizes = {"uwb": FIX_SIZE, "camera": FIX_SIZE, "imu": IMU_SIZE}
         ports = [self.DeclareVectorInputPort(s, sizes[s]) if s in sensors else None for s in SENSORS]

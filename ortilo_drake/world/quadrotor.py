@@ -1,6 +1,7 @@
 """The quadrotor plant."""
 
 import contextlib
+import sys
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ def _body_of(vehicle: Vehicle) -> list[float]:
     return [vehicle.mass, *vehicle.inertia]
 
 
-@TemplateSystem.define("QuadrotorPlant_")
+@TemplateSystem.define("QuadrotorPlant_", scope=sys.modules[__name__])
 def QuadrotorPlant_(T: type) -> type:
     """Return the plant for a scalar type: float, AutoDiffXd or Expression."""
 

@@ -6,6 +6,7 @@ the lag has a derivative to either side only, and AutoDiff takes the side on whi
 analysis/operating_point.py.
 """
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,7 @@ def _rotors_of(vehicle: Vehicle) -> np.ndarray:
     return np.concatenate((M.ravel(), np.linalg.inv(M).ravel(), [vehicle.rotor_max_speed], vehicle.rotor_time_constant))
 
 
-@TemplateSystem.define("Rotors_", T_list=[float, AutoDiffXd])
+@TemplateSystem.define("Rotors_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def Rotors_(T: type) -> type:
     """Return the rotors for a scalar type: float or AutoDiffXd."""
 

@@ -196,7 +196,7 @@ def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
     with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
         world = pool.submit(run_world, scenario, bus, KEY, True, HANGS, record=lambda *tick: refused.wait(0.2))
         flight = find_world(joined, inbox, scenario, KEY, HANGS).flight
-        link = GoalLink(Outbox(joined, flight.session, flight.key), inbox)
+        link = GoalLink(Outbox(joined, flight.session, flight.key), inbox, HANGS)
         link.ask(1.0, 2.0)
         while not answers:
             heard = [arrival.packet.value for arrival in inbox.poll(10) if arrival.packet.name == "goal"]

@@ -3,11 +3,14 @@
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from waiting import wait_for
 
 from ortilo_drake.hil import keep_alive as module
 from ortilo_drake.hil.keep_alive import keep_alive
@@ -71,6 +74,25 @@ def test_a_signal_in_flight_ends_the_process_that_flies_too(number: int, tmp_pat
         time.sleep(60.0)
 
     is_ended_with(number, fly_on, tmp_path / "child")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_that_another_thread_takes_ends_the_process_too(number: int, tmp_path: Path) -> None:
+    child, slept = tmp_path / "child", tmp_path / "slept"
+
+    def fly_to_the_end() -> None:
+        time.sleep(60.0)
+        slept.touch()
+
+    def take() -> None:
+        wait_for(child.exists, "the process that flies")
+        signal.pthread_kill(threading.get_ident(), number)
+
+    with ThreadPoolExecutor(1) as pool:
+        taken = pool.submit(take)
+        is_ended_with(number, fly_to_the_end, child)
+        taken.result()
+    assert not slept.exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
