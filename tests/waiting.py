@@ -6,7 +6,7 @@ from typing import Final, TypeVar
 
 T = TypeVar("T")
 
-HANGS: Final = 600.0  # [s]: whatever takes longer never comes
+HANGS: Final = 300.0  # [s]: whatever takes longer never comes
 
 
 def wait_for(look: Callable[[], T], what: str) -> T:

@@ -71,7 +71,8 @@ class GoalLink:
             self._wish = None
             return answers[0]
         if now >= self._next:
-            publish_goal(self._outbox, wish._replace(tick=max(self._inbox.tick, 0)))
+            # Of the tick to come: the answer has the same, and one from before we joined would be refused as old.
+            publish_goal(self._outbox, wish._replace(tick=self._inbox.tick + 1))
             self._next = now + EVERY
         return None
 

@@ -49,6 +49,17 @@ def link_and_wire(wait: float = 5.0) -> tuple[GoalLink, Inbox]:
     return GoalLink(Outbox(joined, SESSION, FLIGHT_KEY), inbox, wait), inbox
 
 
+def test_who_joins_under_way_asks_for_a_tick_whose_answer_it_takes() -> None:
+    joined = open_bus(MEMORY_URL)
+    inbox = Inbox(joined, ["goal"], KEY)
+    inbox.begin(flight_for_packets(SESSION), 100)
+    link = GoalLink(Outbox(joined, SESSION, FLIGHT_KEY), inbox)
+    link.ask(1.0, 2.0)
+    link.turn([])
+    assert [goal.tick for goal in sent_by(inbox)] == [100]
+    assert inbox.counts()["rejected"] == 0
+
+
 def test_a_wish_is_repeated_until_its_own_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, (link, wire) = Clock(monkeypatch), link_and_wire()
     assert link.turn([]) is None
