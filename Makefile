@@ -1,7 +1,7 @@
 # make setup     a virtual environment in .venv with everything the project needs
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
-# make test      set up, run the tests but for notebooks, training, real time, processes of their own and videos
+# make test      set up, run the tests but for notebooks, training, real time, processes of their own, videos, long ones
 # make test-all  set up, with ROS 2 where there are wheels of it, run all tests
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
@@ -16,7 +16,7 @@ TESTS ?= tests
 PYTEST_ARGS ?=
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
-LONG := notebook or training or real_time or processes or video
+LONG := notebook or training or real_time or processes or video or long
 # What recorded flights the real-data test reads, where they lie beside the checkout.
 ifneq ($(wildcard ../shared/data),)
 export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)

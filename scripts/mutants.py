@@ -116,7 +116,7 @@ def run_tests(module: Path, log: Path, seconds: int) -> None:
         os.dup2(file.fileno(), 2)
     name = module.relative_to("ortilo_drake").as_posix()
     tests = PLAN["tests"].get(name) or [f"tests/{module.parent.name}/test_{module.stem}.py"]
-    plain = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-p", "xdist.plugin"]
+    plain = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-p", "xdist.plugin", "-p", "pytest_timeout"]
     examples = ["-p", "_hypothesis_pytestplugin", "--hypothesis-profile=mutants"]
     # Compiled code does not warn, and what is loaded cannot be rewritten.
     quiet = ["-W", "ignore::RuntimeWarning", "-W", "ignore::pytest.PytestAssertRewriteWarning"]

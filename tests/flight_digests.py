@@ -7,7 +7,7 @@ to change flights, and that says so in the CHANGELOG.
 import hashlib
 import json
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -33,11 +33,11 @@ def this_platform() -> str:
     return ", ".join((platform.machine(), get_host_cpu_name(), *(f"{name} {version(name)}" for name in libraries)))
 
 
-def fly_ready_made(name: str, camera: str) -> Iterator[tuple[int, xr.Dataset]]:
-    """Fly a ready-made scenario's SEEDS whole with the projected camera, on a short path with the rendered one."""
+def fly_ready_made(name: str, camera: str, seeds: Iterable[int] = SEEDS) -> Iterator[tuple[int, xr.Dataset]]:
+    """Fly a ready-made scenario whole with the projected camera, on a short path with the rendered one."""
     changes = (f"camera={camera}", *((SHORT,) if camera == "rendered" else ()))
     simulator = FlightSimulator(load_scenario(name, changes))
-    for seed in SEEDS:
+    for seed in seeds:
         yield seed, simulator.fly(seed)
 
 

@@ -1,13 +1,13 @@
 """The report over flights: regions, and numbers made up so that the answer is known."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from ortilo_drake.experiments.consistency_flights import consistency_report, regions
-from ortilo_drake.experiments.flight import fly
 from ortilo_drake.experiments.metrics import position_nees
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -16,8 +16,8 @@ SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 
 
 @pytest.fixture(scope="module")
-def flight() -> xr.Dataset:
-    return fly(load_scenario("imu_uwb", (SHORT,), 1))
+def flight(flown: Any) -> xr.Dataset:
+    return flown("imu_uwb", (SHORT,), 1)
 
 
 def test_regions_divide_the_flight(flight: xr.Dataset) -> None:

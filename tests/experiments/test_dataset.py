@@ -1,6 +1,7 @@
 """The Dataset of a flight: what it holds, that it is what the filter consumed, and that files keep it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,11 +25,11 @@ SEEN = [0, 1, 2, 0, 1, 2, 3, 4, 5]  # the state behind each row of y
 
 
 @pytest.fixture(scope="module")
-def flight() -> xr.Dataset:
-    return fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED, "seed=3")))
+def flight(flown: Any) -> xr.Dataset:
+    return flown("imu_uwb_yolo", (SHORT, PROJECTED), 3)
 
 
-def flown(name: str, *settings: str) -> tuple[Scenario, xr.Dataset]:
+def flown_here(name: str, *settings: str) -> tuple[Scenario, xr.Dataset]:
     scenario = load_scenario(name, settings)
     return scenario, fly(scenario)
 
@@ -111,7 +112,7 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
     ],
 )
 def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[str, ...]) -> None:
-    scenario, flight = flown(name, *settings)
+    scenario, flight = flown_here(name, *settings)
     h, vehicle, servo = scenario.h, scenario.vehicle, scenario.servo
     Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
     L = servo_gain(vehicle, servo.weights, h)
@@ -142,7 +143,7 @@ def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[st
 
 def test_the_plant_flies_the_logged_control_over_the_tick_that_follows() -> None:
     still = "world.disturbance={force_sd: 0.0, torque_sd: 0.0}"
-    scenario, flight = flown("imu_uwb", SHORT, still, "world.kinematics=linear")
+    scenario, flight = flown_here("imu_uwb", SHORT, still, "world.kinematics=linear")
     I_x, I_y, I_z = scenario.vehicle.inertia
     A, B = np.zeros((12, 12)), np.zeros((12, 4))
     A[0:6, 6:12] = np.eye(6)

@@ -21,8 +21,8 @@ NAMES = ("imu_uwb", "imu_uwb_yolo")
 
 
 @pytest.fixture(scope="module")
-def flights() -> dict[str, list[xr.Dataset]]:
-    return {name: [fly(load_scenario(name, (SHORT, PROJECTED), seed)) for seed in range(2)] for name in NAMES}
+def flights(flown: Any) -> dict[str, list[xr.Dataset]]:
+    return {name: [flown(name, (SHORT, PROJECTED), seed) for seed in range(2)] for name in NAMES}
 
 
 def read_picture(path: Path, width: int, height: int) -> np.ndarray:

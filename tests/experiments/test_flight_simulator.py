@@ -38,6 +38,7 @@ def test_flights_of_one_simulator_are_those_of_a_diagram_each_in_any_order(name:
     assert len(set(found)) == len(alone)
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_rendered_flights_too_with_pictures_that_come_late() -> None:
     settings = ("camera_link={every: 3, delay: 1, random_delay: 2}", "planner.duration=0.8")
@@ -100,6 +101,7 @@ print(resident() - before)
 """
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the memory of a process from /proc/self/statm of Linux")
 def test_thirty_flights_more_take_no_more_memory(tmp_path: Path) -> None:
     words = [sys.executable, "-c", GROWTH, str(tmp_path), *HOVER, "camera=projected"]

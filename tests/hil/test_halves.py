@@ -40,6 +40,7 @@ def test_halves_fly_the_closed_loop_bit_for_bit(name: str, settings: tuple[str, 
     same_flight(load_scenario(name, settings))
 
 
+@pytest.mark.long
 @pytest.mark.egl
 @pytest.mark.parametrize("settings", [(), LATE[:1]])
 def test_rendered_halves_fly_the_closed_loop_bit_for_bit(settings: tuple[str, ...]) -> None:

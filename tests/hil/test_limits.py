@@ -105,7 +105,9 @@ def test_the_limits_are_what_they_say() -> None:
     np.testing.assert_array_equal(row, [classes - 1, 1, 319.5, 239.5, 319.5, 239.5])
 
 
-@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name != "imu_uwb_yolo")) for name in scenario_names()]
+)
 def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     """The whole flight, but for rendered pictures, through the bytes."""
     scenario = load_scenario(name, ("camera=projected",))

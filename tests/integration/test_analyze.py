@@ -21,18 +21,21 @@ def analyzed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], 
     return json.loads(file.read_text()), (folder / "out" / "imu_uwb.md").read_text()
 
 
+@pytest.mark.long
 def test_drake_and_the_closed_forms_agree(analyzed: tuple[dict[str, Any], str]) -> None:
     agreement = analyzed[0]["linearization"]["agreement"]
     assert set(agreement) >= PARTS
     assert max(agreement[part][M] for part in PARTS for M in "ABCD") < 1e-10
 
 
+@pytest.mark.long
 def test_every_solver_solves_the_servos_equation(analyzed: tuple[dict[str, Any], str]) -> None:
     assert {solver: s["residual"] < 1e-10 for solver, s in analyzed[0]["riccati"]["servo"].items()} == dict.fromkeys(
         ("drake", "scipy", "doubling", "recursion"), True
     )
 
 
+@pytest.mark.long
 def test_a_map_of_one_sensor_has_that_sensors_rates_alone(analyzed: tuple[dict[str, Any], str]) -> None:
     arrivals = analyzed[0]["arrivals"]
     assert arrivals["rates_camera"] == [0.0]
@@ -42,6 +45,7 @@ def test_a_map_of_one_sensor_has_that_sensors_rates_alone(analyzed: tuple[dict[s
     assert np.all(np.diff(x[1:]) < 0.0)  # more arrivals, less error
 
 
+@pytest.mark.long
 def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str]) -> None:
     text = analyzed[1]
     for title in ("Linearisation", "Riccati equations", "Margins", "Arrival rates", "Lost and late commands"):

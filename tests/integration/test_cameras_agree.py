@@ -5,15 +5,14 @@ import pytest
 
 from ortilo_drake.experiments.flight import fly
 from ortilo_drake.model.signals import FIX_SIZE
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector import detections_message
 from ortilo_drake.onboard.detector_network import load_detector
 from ortilo_drake.onboard.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.training.sightings import look
 from ortilo_drake.world.projected_camera import ProjectedCamera
-from ortilo_drake.world.rendering import check_egl
 
+pytestmark = [pytest.mark.egl, pytest.mark.long]
 SEED = 7  # none of those that were calibrated on
 EVERY = 9  # ticks: every third picture
 POSITION_SD, ATTITUDE_SD = 0.1, 0.003  # of the prior that both get: what a filter knows between fixes [m], [rad]
@@ -53,10 +52,6 @@ def projected_messages(scenario, states, seed) -> list[np.ndarray]:
 @pytest.fixture(scope="module")
 def errors():
     """Fix errors by the rendered camera (n) and by the projected one (REALISATIONS, n)."""
-    try:
-        check_egl()
-    except InputError as error:
-        pytest.skip(str(error))
     scenario = load_scenario("imu_uwb_yolo", ("camera=projected",), SEED)
     room = scenario.load_room()
     states = fly(scenario)["truth"].values[::EVERY]

@@ -40,12 +40,14 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.C
     )
 
 
+@pytest.mark.processes
 def test_fly_succeeds_and_its_standard_error_is_silent(flown: Any) -> None:
     _, done = flown
     assert done.code == 0
     assert done.stderr == ""
 
 
+@pytest.mark.processes
 def test_fly_writes_the_files_asked_for_and_no_other(flown: Any) -> None:
     folder, done = flown
     files = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
@@ -56,6 +58,7 @@ def test_fly_writes_the_files_asked_for_and_no_other(flown: Any) -> None:
     assert "<html" in (folder / "flight.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.processes
 def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
     found = json.loads((flown[0] / "new/flight.json").read_text(encoding="utf-8"))
     assert set(found) == ASKED_FOR | BESIDE
@@ -68,6 +71,7 @@ def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
     assert found["real_time_factor"] > 1.0
 
 
+@pytest.mark.processes
 def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -> None:
     folder, done = flown
     scenario = load_scenario("imu_uwb_yolo", (SHORT, "camera=projected"), 3)
@@ -136,12 +140,14 @@ def tabled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.
     return folder, run_apart("tables", *words, folder=folder)
 
 
+@pytest.mark.processes
 def test_tables_succeed_and_their_standard_error_is_silent(tabled: Any) -> None:
     _, done = tabled
     assert done.code == 0
     assert done.stderr == ""
 
 
+@pytest.mark.processes
 def test_tables_write_the_keys_asked_for(tabled: Any) -> None:
     found = json.loads((tabled[0] / "tables.json").read_text(encoding="utf-8"))
     assert {"preset", "flights", "lost", "estimation", "path", "paper"} <= set(found)
@@ -155,6 +161,7 @@ def test_tables_write_the_keys_asked_for(tabled: Any) -> None:
             assert set(tables["path"][name]) == STATISTICS
 
 
+@pytest.mark.processes
 def test_tables_write_flights_figures_and_text_and_nothing_half_done(tabled: Any) -> None:
     folder, done = tabled
     files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
@@ -169,6 +176,7 @@ def test_tables_write_flights_figures_and_text_and_nothing_half_done(tabled: Any
     assert "IMU+UWB+YOLO" in text
 
 
+@pytest.mark.processes
 def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
     tabled: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

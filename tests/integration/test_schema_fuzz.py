@@ -23,7 +23,8 @@ from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.camera_calibration import CALIBRATION, CameraCalibration
 
 CASES = int(os.environ.get("ORTILO_FUZZ_CASES", "2000"))
-BLOCK = 100
+BLOCK, FEW = 100, 4  # cases of a test, and how many such tests are not long
+BLOCKS = max(1, CASES // BLOCK)
 FLOWN = 8  # of so many accepted cases one is flown
 TICKS = 12  # that far
 MODELS = (Scenario, Room, CameraCalibration)
@@ -109,7 +110,7 @@ def run_case(number: int, folder: Path) -> str:
     return "flown"
 
 
-@pytest.mark.parametrize("block", range(max(1, CASES // BLOCK)))
+@pytest.mark.parametrize("block", [pytest.param(k, marks=[pytest.mark.long] * (k >= FEW)) for k in range(BLOCKS)])
 def test_a_spoilt_file_flies_or_is_refused_in_one_line(block: int, tmp_path: Path) -> None:
     became: dict[str, int] = {}
     for number in range(block * BLOCK, (block + 1) * BLOCK):
@@ -123,6 +124,7 @@ def test_a_spoilt_file_flies_or_is_refused_in_one_line(block: int, tmp_path: Pat
     assert BLOCK - became["refused"] > BLOCK / 20
 
 
+@pytest.mark.long
 def test_every_place_of_the_schema_is_spoilt_in_some_case(tmp_path: Path) -> None:
     root = Scenario.model_json_schema()
     there = {place.path[0] for data in flights() for place in places(root, data, root) if place.path}
