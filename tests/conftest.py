@@ -59,7 +59,8 @@ def workers_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> 
 @pytest.fixture(scope="session")
 def flown(workers_folder: Path) -> Callable[..., xr.Dataset]:
     """A function that returns the flight of load_scenario's arguments, flown once whichever worker asks first."""
-    from ortilo_drake.experiments.flight import fly, load_flight, save_flight
+    from ortilo_drake.experiments.flight import fly
+    from ortilo_drake.experiments.saved_flight import load_flight, save_flight
     from ortilo_drake.scenario import load_scenario
 
     def flight_of(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> xr.Dataset:
