@@ -151,6 +151,7 @@ def test_two_states_of_the_literature(A: list) -> None:
         upper_bound(model, np.array([0.54, 0.46]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("rates", "runs"), [((0.5, 0.3), 10_000), ((0.2, 0.0), 3_000)])
 def test_monte_carlo_lies_between_the_bounds(rates: tuple[float, float], runs: int) -> None:
     probabilities = pattern_probabilities(*rates)

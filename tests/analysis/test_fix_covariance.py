@@ -21,6 +21,7 @@ def scenario_with(*settings: str) -> Scenario:
     return load_scenario("imu_uwb_yolo", (*STILL, *settings))
 
 
+@pytest.mark.long
 def test_covariances_are_those_of_a_flight_without_errors() -> None:
     # Ranges and boxes without noise, and a prior for the attitude that is given: the log must agree to rounding.
     scenario = scenario_with(

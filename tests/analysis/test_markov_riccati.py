@@ -81,6 +81,7 @@ def test_scalar_bursts_by_the_two_equations() -> None:
     assert pi_b * bad == pytest.approx(pi_g * g * after_good + pi_b * (1 - b) * after_bad, rel=1e-8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("uwb", "camera", "runs"),
     [

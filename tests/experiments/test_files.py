@@ -149,6 +149,7 @@ def test_a_character_device_is_written_to_and_stays(tmp_path: Path) -> None:
         os.close(theirs)
 
 
+@pytest.mark.processes
 def test_what_is_printed_and_a_result_on_stdout_both_reach_the_file(tmp_path: Path) -> None:
     script = "print('first'); write_text(Path('/dev/stdout'), 'second'); print('third')"
     with (tmp_path / "both.txt").open("w") as file:
@@ -213,6 +214,7 @@ def reached_by_all() -> Iterator[Path]:
         yield Path(folder)
 
 
+@pytest.mark.processes
 def test_without_permission_nothing_is_written(reached_by_all: Path) -> None:
     for name, allowed in (("closed", 0o555), ("open", 0o777)):
         (reached_by_all / name).mkdir()
@@ -239,6 +241,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.processes
 def test_a_full_disk_leaves_the_old_file_and_no_part_of_the_new(tmp_path: Path) -> None:
     old = tmp_path / "old.nc"
     old.write_text("old")
@@ -255,6 +258,7 @@ write_text(Path(sys.argv[1]), "new")
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("start", [check_output, lambda path: remove_stale(path.parent)], ids=["command", "flights"])
 def test_only_what_a_dead_process_left_is_removed(tmp_path: Path, start: Callable[[Path], None]) -> None:
     path = tmp_path / "flight.nc"

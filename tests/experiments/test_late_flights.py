@@ -37,6 +37,7 @@ def test_links_are_late_and_the_rest_stays() -> None:
         late_scenario(scenario, LateLinks(loss=1.5), "drop")
 
 
+@pytest.mark.long
 def test_the_same_seeds_in_every_mode(tmp_path: Path) -> None:
     scenario = load_scenario("imu_uwb", (*SHORT, "world.kinematics=linear"))
     told: list[str] = []

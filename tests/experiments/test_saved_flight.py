@@ -350,6 +350,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.processes
 def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(tmp_path: Path) -> None:
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[1] == resource.RLIM_INFINITY
     command = (sys.executable, "-c", FULL_DISK, str(tmp_path / "flight.nc"), str(Path(__file__).parent))

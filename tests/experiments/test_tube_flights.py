@@ -77,6 +77,7 @@ def test_a_flight_lost_though_the_tube_is_inside_is_a_breakdown() -> None:
     assert "1 lost" in result.breakdown
 
 
+@pytest.mark.long
 def test_flights_are_those_of_the_diagram_and_their_arrivals_the_expected_ones(tmp_path: Path) -> None:
     scenario, course = short()
     lossy = at_burst(scenario, (0.5, 0.3))

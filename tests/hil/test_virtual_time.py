@@ -30,12 +30,14 @@ def test_without_faults_it_is_the_flight_but_for_the_commands_millisecond() -> N
     np.testing.assert_allclose(flight["truth"][:, :3], plain["truth"][:, :3], atol=0.02)
 
 
+@pytest.mark.long
 def test_a_seed_flies_the_same_bits_and_another_others() -> None:
     one, two, other = (fly_in_virtual_time(scenario_of(), BAD, BAD, seed) for seed in (1, 1, 2))
     xr.testing.assert_identical(one, two)
     assert not one["truth"].equals(other["truth"])
 
 
+@pytest.mark.long
 def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
     found = {}
     for mode in ("ignore", "drop", "replay"):
@@ -46,6 +48,7 @@ def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
     assert found["drop"]["arrivals"]["camera"] < found["replay"]["arrivals"]["camera"]
 
 
+@pytest.mark.long
 def test_what_comes_twice_is_taken_once() -> None:
     twice = Faults(duplicate=1.0, spread=0.05)  # the second copy up to a tick and a half behind the first
     once = fly_in_virtual_time(scenario_of())

@@ -51,6 +51,7 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
         hover_V(load_scenario("imu_uwb_yolo", ("camera=projected",)), (20.5, -3.2, 1.5))
 
 
+@pytest.mark.long
 def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
     scenario = load_scenario("imu_uwb", ("camera=projected",))
     links = command_cases((0.4,), ("hold",), (6,))

@@ -90,7 +90,7 @@ def printed_step(
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("steps", [50, 20_000])  # the short one for mutants, which fly uncompiled
+@pytest.mark.parametrize("steps", [50, pytest.param(20_000, marks=pytest.mark.long)])
 def test_the_printed_formula_over_thousands_of_random_arrivals(steps: int, integrator: str) -> None:
     # Absolute tolerances on xhat (of order 1, the integral of order 100) and relative ones on P's largest entry.
     # Each runs on its own values from first to last: the comparison never re-synchronises them.

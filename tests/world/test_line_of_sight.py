@@ -58,6 +58,7 @@ def test_is_the_same_from_both_ends(p, q) -> None:
     assert walls_crossed(p, q, boxes) == walls_crossed(q, p, boxes)
 
 
+@pytest.mark.long
 def test_random_lines_through_the_room_meet_as_many_walls_as_the_samples_do() -> None:
     room = load_room()
     rng = np.random.default_rng(4)
