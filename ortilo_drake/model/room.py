@@ -5,11 +5,12 @@ world also blocks rays with the walls and stands.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -137,6 +138,13 @@ class Room(Frozen):
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Room) and self._text == other._text  # pydantic's would compare the cached arrays too
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> "Room":
+        """Return a copy with some fields changed; nothing that was computed from the old ones stays with it."""
+        copied = super().model_copy(update=update, deep=deep)
+        for computed in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[computed]
+        return copied
 
     def __hash__(self) -> int:
         return hash(self._text)  # the sizes are dicts, which have no hash

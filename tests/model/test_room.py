@@ -222,3 +222,13 @@ def test_a_picture_is_at_most_so_high_and_so_large(height: int, width: int, take
     else:
         with pytest.raises(InputError, match=f"are then {width} x {height} px"):
             camera.scaled_to(width)
+
+
+def test_rooms_are_the_same_by_what_they_hold_whatever_was_computed_of_them() -> None:
+    one, two, other = load_room(), ROOM.model_copy(), ROOM.model_copy(update={"anchors": ROOM.anchors[1:]})
+    for room in (one, two, other):
+        assert room.landmark_positions.size
+        assert room.landmark_outlines.size
+    assert one == two
+    assert hash(one) == hash(two)
+    assert one != other

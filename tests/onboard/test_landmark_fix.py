@@ -266,3 +266,14 @@ def test_camera_and_fix_together_along_the_first_blackout():
     assert len(nees) > 0.95 * 300
     low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * len(nees)) / len(nees)
     assert low < np.mean(nees) < high
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_estimate_that_has_diverged_is_no_fix_and_no_error(method):
+    message, nothing = detections(EXACT, shown=SHOWN), np.zeros(FIX_SIZE).tolist()
+    for wrong in (np.inf, np.nan):
+        assert fix(message, state(), np.full_like(covariance(), wrong), Settings(method=method)).tolist() == nothing
+    for wrong in (1e7, 1e200, np.inf, np.nan):
+        xhat = state()
+        xhat[0] = wrong
+        assert fix(message, xhat, covariance(), Settings(method=method)).tolist() == nothing

@@ -110,6 +110,11 @@ def test_an_unweighted_integral_or_yaw_is_refused() -> None:
     lq_gain(PHIBAR, GAMMABAR, without_weight(slice(0, 3)), R)  # the integrals see the position
 
 
+def test_matrices_beyond_what_can_be_computed_with_are_refused() -> None:
+    with pytest.raises(InputError, match="mass, inertia and control_rate are too far apart"):
+        lq_gain(np.full_like(PHIBAR, np.inf), GAMMABAR, Q, R)
+
+
 def test_a_vehicle_that_cannot_yaw_is_refused() -> None:
     crippled = GAMMABAR.copy()
     crippled[:, 3] = 0.0
