@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from darknet_architectures import ANCHORS, SIZES, architecture, seeded_image, write_seeded_weights
+from scipy.ndimage import correlate
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.darknet_cfg import parse_cfg
@@ -108,6 +109,18 @@ def test_convolution_normalises_and_then_activates(activation: str, expected: fl
         layer.state_dict()[key].fill_(value)
     with torch.inference_mode():  # 0.5 (3 x 1 - 9) / sqrt(1 - 1e-6 + 1e-6) + 1 = -2
         assert float(layer(torch.ones(1, 1, 1, 1))) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [1, 3, 5, 7])
+def test_a_convolution_keeps_the_shape_and_is_scipys(size: int) -> None:
+    rng = np.random.default_rng(size)
+    x, w = (rng.normal(size=shape).astype(np.float32) for shape in ((9, 8), (size, size)))
+    layer = Convolution(Convolutional(1, 1, size, 1, False, "linear")).eval()
+    layer.state_dict()["convolution.weight"].copy_(torch.from_numpy(w))
+    layer.state_dict()["convolution.bias"].fill_(0.5)
+    with torch.inference_mode():
+        found = layer(torch.from_numpy(x)[None, None])[0, 0].numpy()
+    np.testing.assert_allclose(found, correlate(x, w, mode="constant") + 0.5, atol=1e-5)
 
 
 def test_a_variance_of_zero_is_divided_by_as_opencv_does() -> None:

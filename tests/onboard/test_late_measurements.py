@@ -21,6 +21,7 @@ from ortilo_drake.onboard.late_measurements import (
     history_ticks,
     put_in,
     replay_step,
+    row_of_past,
 )
 from ortilo_drake.onboard.past_estimate import PastEstimate
 from ortilo_drake.scenario import load_scenario
@@ -284,3 +285,14 @@ def test_past_estimate_finds_the_tick_of_the_stamp() -> None:
 def test_settings_that_cannot_be_are_refused(setting: str, named: str) -> None:
     with pytest.raises(InputError, match=named):
         load_scenario("imu_uwb", (setting,))
+
+
+def test_the_row_of_a_tick_is_its_own_or_the_oldest_before_it_and_none_after() -> None:
+    history = empty_history(4)
+    assert [row_of_past(history, j) for j in (-1, 0, 5)] == [-1, -1, -1]
+    history[[0, 1, 2, 3], TICK] = [8, 9, 6, 7]  # tick j is in row j mod 4
+    assert [row_of_past(history, j) for j in (6, 7, 8, 9)] == [2, 3, 0, 1]
+    assert [row_of_past(history, j) for j in (5, 0, -3)] == [2, 2, 2]
+    assert row_of_past(history, 10) == -1
+    history[[0, 1, 2, 3], TICK] = [4, 5, 6, 7]
+    assert row_of_past(history, 3) == 0

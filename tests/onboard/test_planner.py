@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.planner import make_planner, plan
+from ortilo_drake.onboard.planner import make_planner, plan, waypoint_path
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner
 
 ROOM = load_room(ORTILO_ROOM)
@@ -118,6 +119,19 @@ def test_waypoints_are_passed_from_the_scenario_and_from_a_file(tmp_path: Path) 
     file.write_text("# x y z\n" + "\n".join(f"{x}, {y} {z}" for x, y, z in points))
     again = plan(WaypointPlanner(kind="waypoints", file=str(file)), ROOM, M100)
     assert np.array_equal(again.vector_values([3.0, 9.0]), flight.vector_values([3.0, 9.0]))
+
+
+def test_the_curve_through_waypoints_is_the_centripetal_spline_that_begins_and_ends_along_its_chords() -> None:
+    points = np.array([[0.0, 0.0, 1.5], [2.0, 1.5, 1.2], [4.0, 2.0, 1.8], [7.0, 2.5, 1.5]])
+    curve = waypoint_path(WaypointPlanner(kind="waypoints", points=tuple(map(tuple, points.tolist()))))
+    du = np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5
+    u = np.array([0.0, du[0], du[0] + du[1], du.sum()])
+    ends = (points[1] - points[0]) / du[0], (points[3] - points[2]) / du[2]
+    expected = CubicSpline(u, points, bc_type=((1, ends[0]), (1, ends[1])))
+    at = np.linspace(0.0, u[-1], 101)
+    assert curve.start_time() == 0.0
+    assert curve.end_time() == pytest.approx(u[-1])
+    np.testing.assert_allclose(curve.vector_values(at).T, expected(at), atol=1e-12)
 
 
 def gcs(**changes: object) -> GcsPlanner:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.room import load_room
-from ortilo_drake.onboard.range_least_squares import descend, linear_start
+from ortilo_drake.onboard.range_least_squares import descend, least_squares, linear_start
 
 ANCHORS = load_room().anchor_positions
 ALL = np.ones(len(ANCHORS))
@@ -52,6 +52,15 @@ def test_what_cannot_converge_says_so() -> None:
     least, q, _ = descend(np.ones(len(ANCHORS)), 0.0 * ALL, ANCHORS, NOISE, np.array([1.0, 2.0, 3.0]))
     assert least == np.inf
     np.testing.assert_array_equal(q, [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("there", [ALL, 0.0 * ALL])
+def test_without_a_fit_there_is_no_fix_and_its_covariance_is_of_the_same_shape(there: np.ndarray) -> None:
+    last = np.array([1.0, 2.0, 3.0])
+    found, p_WB, covariance = least_squares(np.full(len(ANCHORS), np.nan), there, ANCHORS, NOISE, last)
+    assert not found
+    np.testing.assert_array_equal(p_WB, last)
+    np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
 
 
 @pytest.mark.parametrize("seed", range(10))
