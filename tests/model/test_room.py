@@ -85,7 +85,13 @@ def test_stands_are_discs_and_the_rest_reaches_its_size() -> None:
         sizes = ROOM.landmark_sizes[ROOM.landmark_labels == ROOM.classes.index(label)]
         found = [np.subtract(f.high, f.low) + 2 * f.radius for f in named(label)[-len(sizes) :]]  # after the furniture
         np.testing.assert_allclose(found, sizes[:, :2], atol=1e-12)
-    n = len(ROOM.walls) + len(ROOM.stands) + len(ROOM.furniture) + len(ROOM.landmarks)
+    before = len(ROOM.walls) + len(ROOM.stands)
+    for footprint, (kind, x, y, z, *_) in zip(footprints(ROOM)[before:], ROOM.furniture, strict=False):
+        size = ROOM.furniture_size[kind]
+        assert (footprint.name, footprint.top) == (kind, z + size[2])
+        np.testing.assert_allclose(np.subtract(footprint.high, footprint.low) + 2 * footprint.radius, size[:2])
+        np.testing.assert_allclose(np.add(footprint.high, footprint.low) / 2, (x, y), atol=1e-12)
+    n = before + len(ROOM.furniture) + len(ROOM.landmarks)
     assert len(footprints(ROOM)) == n
 
 
@@ -174,6 +180,9 @@ def test_a_camera_at_half_the_size_sees_the_same_directions() -> None:
         ({"landmarks": [{**DATA["landmarks"][0], "size": [1.0, 0.0, 1.0]}]}, ["landmarks.0.size.1", "greater than 0"]),
         ({"furniture_size": {}}, ["furniture_size", "no size for kind"]),
         ({"ceiling": 3.0}, ["ceiling", "unknown key"]),
+        ({"camera": {**DATA["camera"], "width": 0}}, ["camera.width", "0", "greater than or equal to 1"]),
+        ({"camera": {**DATA["camera"], "height": 100_001}}, ["camera.height", "less than or equal to 100000"]),
+        ({"furniture": [["c" * 65, 0.0, 0.0, 0.0]]}, ["furniture.0.0", "at most 64"]),
         ({"name": 7}, ["name", "7", "string"]),
     ],
 )
