@@ -41,7 +41,7 @@ tables: setup
 ros2: $(STAMP)-ros2
 
 $(STAMP)-ros2: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[ros2]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[ros2]'
 	@touch $@
 
 kernels: $(STAMP)-kernels

@@ -40,4 +40,4 @@ command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo d
 find ortilo_drake diagrams -name '*.nb[ci]' -delete # numba does not notice a change in a function that another calls
 [ -x "$VENV/bin/python" ] || "$PYTHON" -m venv "$VENV"
 echo "setup: installing into $VENV" >&2
-"$VENV/bin/python" -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+"$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'
