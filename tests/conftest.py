@@ -32,7 +32,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     clock = [item for item in items if item.get_closest_marker("real_time")]
     notebooks = [item for item in items if item.get_closest_marker("notebook")]
-    others = [item for item in items if item not in {*clock, *notebooks}]
+    first = {*clock, *notebooks}
+    others = [item for item in items if item not in first]
     half = max(0, len(items) // 2 - len(clock))
     items[:] = [*clock, *others[:half], *notebooks, *others[half:]]
 

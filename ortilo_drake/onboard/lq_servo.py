@@ -74,6 +74,7 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
     return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
 
 
+# Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("LqServo_", scope=sys.modules[__name__])
 def LqServo_(T: type) -> type:
     """Return the servo for a scalar type: float, AutoDiffXd or Expression."""

@@ -22,6 +22,7 @@ def _body_of(vehicle: Vehicle) -> list[float]:
     return [vehicle.mass, *vehicle.inertia]
 
 
+# Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("QuadrotorPlant_", scope=sys.modules[__name__])
 def QuadrotorPlant_(T: type) -> type:
     """Return the plant for a scalar type: float, AutoDiffXd or Expression."""

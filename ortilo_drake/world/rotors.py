@@ -72,6 +72,7 @@ def _rotors_of(vehicle: Vehicle) -> np.ndarray:
     return np.concatenate((M.ravel(), np.linalg.inv(M).ravel(), [vehicle.rotor_max_speed], vehicle.rotor_time_constant))
 
 
+# Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("Rotors_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def Rotors_(T: type) -> type:
     """Return the rotors for a scalar type: float or AutoDiffXd."""
