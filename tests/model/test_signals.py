@@ -1,4 +1,4 @@
-"""The messages' layouts, as docs/hil.md and the packets have them."""
+"""The messages' layouts, as the head of model/signals.py gives them."""
 
 from ortilo_drake.model import signals
 
