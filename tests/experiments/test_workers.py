@@ -6,6 +6,7 @@ import socket
 import ssl
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -90,17 +91,28 @@ def die_once(mark: str, number: int) -> int:
     return -1
 
 
+def say(line: str) -> None:
+    """Print a line in one piece, which two processes' lines cannot fall into."""
+    os.write(1, f"{line}\n".encode())
+
+
+def stay(*_: object) -> None:
+    """Stay until Ctrl-C, in short steps: one that comes right before a system call blocks is seen only after it."""
+    while True:
+        time.sleep(0.01)
+
+
 PROGRAM = """
-import signal, sys
+import sys
 sys.path.insert(0, sys.argv[1])
-from test_workers import die_once
+from test_workers import die_once, say, stay
 from ortilo_drake.experiments.workers import run_all
 
 found = {}
 run_all(die_once, [(sys.argv[2], k) for k in range(4)], 2, found.__setitem__)
 print(found == {k: k for k in range(4)}, flush=True)
 try:
-    run_all(print, [("at work",)] * 2, 2, lambda number, result: signal.pause())
+    run_all(say, [("at work",)] * 2, 2, stay)
 except KeyboardInterrupt:
     print("interrupted")
 """

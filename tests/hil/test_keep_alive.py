@@ -67,11 +67,17 @@ def is_ended_with(number: int, fly: Callable[[], None], pids: Path) -> None:
             os.kill(int(child), 0)
 
 
+def fly_a_minute() -> None:
+    """Fly in short steps, as a flight does: a Ctrl-C right before a system call blocks is seen only after it."""
+    for _ in range(6000):
+        time.sleep(0.01)
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_in_flight_ends_the_process_that_flies_too(number: int, tmp_path: Path) -> None:
     def fly_on() -> None:
         os.kill(os.getppid(), number)
-        time.sleep(60.0)
+        fly_a_minute()
 
     is_ended_with(number, fly_on, tmp_path / "child")
 
@@ -81,7 +87,7 @@ def test_a_signal_that_another_thread_takes_ends_the_process_too(number: int, tm
     child, slept = tmp_path / "child", tmp_path / "slept"
 
     def fly_to_the_end() -> None:
-        time.sleep(60.0)
+        fly_a_minute()
         slept.touch()
 
     def take() -> None:
@@ -101,7 +107,7 @@ def test_a_signal_that_comes_inside_fork_is_not_lost(
     number: int, hooks: list[Callable[[], None]], tmp_path: Path
 ) -> None:
     hooks.append(lambda: os.kill(os.getpid(), number))
-    is_ended_with(number, lambda: time.sleep(60.0), tmp_path / "child")
+    is_ended_with(number, fly_a_minute, tmp_path / "child")
 
 
 def test_a_signal_while_a_killed_process_is_spoken_of_is_not_lost(tmp_path: Path) -> None:
@@ -111,7 +117,7 @@ def test_a_signal_while_a_killed_process_is_spoken_of_is_not_lost(tmp_path: Path
 
     def die_once() -> None:
         if (tmp_path / "died").exists():
-            time.sleep(60.0)
+            fly_a_minute()
         (tmp_path / "died").touch()
         os.kill(os.getpid(), signal.SIGKILL)
 
