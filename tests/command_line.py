@@ -1,6 +1,7 @@
 """The command `ortilo`, run in this process or in one of its own."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -24,9 +25,16 @@ class Done(NamedTuple):
 
 
 def run(*words: str) -> int:
-    """Run `ortilo` in this process; return its exit code."""
-    with patch.object(sys, "argv", ["ortilo", *words]), pytest.raises(SystemExit) as end:
-        cli.main()
+    """Run `ortilo` in this process; return its exit code.
+
+    Once interrupted it takes no second Ctrl-C before its process ends; this one goes on, and is to take them.
+    """
+    interrupt = signal.getsignal(signal.SIGINT)
+    try:
+        with patch.object(sys, "argv", ["ortilo", *words]), pytest.raises(SystemExit) as end:
+            cli.main()
+    finally:
+        signal.signal(signal.SIGINT, interrupt)
     return int(end.value.code or 0)
 
 

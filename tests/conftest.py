@@ -85,6 +85,18 @@ def one_in_real_time(request: pytest.FixtureRequest, workers_folder: Path) -> It
         yield
 
 
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """No test leaves signals otherwise than it found them: the next ones send them."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    after = [signal.getsignal(number) for number in numbers]
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+    assert after == before
+
+
 @pytest.fixture(autouse=True, scope="session")
 def own_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A folder for the settings of a user who runs the tests, not that user's own: there is the halves' key."""
