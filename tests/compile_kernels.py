@@ -6,7 +6,8 @@ No test needs it: what is missing here is compiled where it is first called.
 import contextlib
 import io
 import tempfile
-from pathlib import Path
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 
 from command_line import run
 
@@ -24,20 +25,32 @@ VARIANTS = (
 )
 
 
-def compile_kernels(folder: Path) -> None:
-    """Fly each kind of scenario for a moment and call the analyses, in a folder."""
+def fly_all() -> None:
+    """Fly each kind of scenario for a moment."""
     for name in scenario_names():
         warm_up(load_scenario(name, (PROJECTED,)))
     for changes in VARIANTS:
         warm_up(load_scenario("imu_uwb", changes))
-    flight = str(folder / "flight.nc")
-    assert run("fly", "imu_uwb", *SHORT, "--log", str(folder / "log"), "--out", flight) == 0
-    assert run("replay", str(folder / "log")) == 0
-    assert run("tune", flight, "--out", str(folder / "tuned.yaml")) == 0
-    assert run("analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "analysis")) == 0
+    with tempfile.TemporaryDirectory() as folder:
+        flight, log = f"{folder}/flight.nc", f"{folder}/log"
+        assert run("fly", "imu_uwb", *SHORT, "--log", log, "--out", flight) == 0
+        assert run("replay", log) == 0
+        assert run("tune", flight, "--out", f"{folder}/tuned.yaml") == 0
+
+
+def analyze_all() -> None:
+    """Call the analyses."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert run("analyze", "imu_uwb", "--flights", "0", "--out", folder) == 0
     predict_tube(load_scenario("imu_uwb_yolo", (PROJECTED,)))
 
 
+def _call(function: Callable[[], None]) -> None:
+    with contextlib.redirect_stdout(io.StringIO()):
+        function()
+
+
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
-        compile_kernels(Path(name))
+    warm_up(load_scenario("bursty_link", (PROJECTED,)))  # what both have in common
+    with ProcessPoolExecutor(2) as pool:
+        list(pool.map(_call, (fly_all, analyze_all)))

@@ -30,7 +30,7 @@ def same_flight(scenario: Scenario) -> xr.Dataset:
     ("name", "settings"),
     [
         ("imu_uwb", ()),
-        ("imu_uwb_yolo", ("camera=projected",)),
+        pytest.param("imu_uwb_yolo", ("camera=projected",), marks=pytest.mark.long),
         ("imu_uwb_yolo", ("camera=projected", *LATE)),
         ("paper_imu_uwb", ()),
         ("rotors", ("planner={kind: hover, duration: 4.0}",)),
