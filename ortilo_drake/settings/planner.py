@@ -61,7 +61,7 @@ class HoverPlanner(Frozen):
 
     kind: Literal["hover"]
     point: Vec3 = (0.0, 0.0, 1.5)
-    duration: Annotated[float, Field(gt=0.0, le=36000.0)] = 10.0
+    duration: Annotated[float, Field(ge=1e-3, le=36000.0)] = 10.0
 
 
 Planner = Annotated[GcsPlanner | WaypointPlanner | HoverPlanner, Field(discriminator="kind")]

@@ -70,6 +70,7 @@ def room_file(folder: Path, **changes: Any) -> str:
         ("seed=-1", ["seed", "-1", "0"]),
         ("seed=9223372036854775808", ["seed", "9223372036854775808"]),
         ("control_rate=0", ["control_rate", "5"]),
+        ("planner={kind: hover, duration: 5.0e-324}", ["planner.duration", "5e-324", "0.001"]),
         ("uwb.link.every=0", ["uwb.link.every", "0"]),
         ("uwb.link.loss={kind: bernoulli, probability: 1.1}", ["probability", "1.1"]),
         ("uwb.link.blackouts=[{kind: time, start: 3, end: 2}]", ["uwb.link", "3.0", "2.0"]),
