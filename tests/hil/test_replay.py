@@ -166,7 +166,7 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
     [
         ("imu_uwb", ()),
         ("imu_uwb_yolo", ("camera=projected", "filter.delay=replay")),
-        pytest.param("imu_uwb_yolo", (), marks=[pytest.mark.egl, pytest.mark.long]),
+        pytest.param("imu_uwb_yolo", (), marks=pytest.mark.egl),
     ],
 )
 def test_the_log_of_a_flight_in_which_the_world_waited_is_replayed(
