@@ -12,11 +12,11 @@ from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, N_Y, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.onboard.lq_servo import LqServo
+from ortilo_drake.onboard.lq_servo import LqServo_
 from ortilo_drake.onboard.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.quadrotor import QuadrotorPlant
-from ortilo_drake.world.rotors import Rotors
+from ortilo_drake.world.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.rotors import Rotors_
 
 N_V = N_X // 2  # velocities and Euler rates, which a scenario may lend the servo
 
@@ -29,8 +29,8 @@ def make_rotors_and_plant(vehicle: Vehicle, kinematics: str) -> Diagram:
         state (12, output): x.
     """
     builder = DiagramBuilder()
-    plant = builder.AddSystem(QuadrotorPlant(vehicle, kinematics))
-    rotors = builder.AddSystem(Rotors(vehicle))
+    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, kinematics))
+    rotors = builder.AddSystem(Rotors_[float](vehicle))
     builder.Connect(rotors.get_output_port(), plant.GetInputPort("control"))
     builder.ExportInput(rotors.get_input_port(), "control")
     builder.ExportOutput(plant.GetOutputPort("state"), "state")
@@ -45,7 +45,7 @@ def make_servo(scenario: Scenario) -> Diagram:
         control (4, output): u, f_T absolute.
     """
     builder = DiagramBuilder()
-    servo = builder.AddSystem(LqServo(scenario.servo, scenario.vehicle, scenario.h))
+    servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, scenario.h))
     lends = servo.HasInputPort("velocity")
     parts = builder.AddSystem(Demultiplexer([N_XBAR, REFERENCE_SIZE] + [N_V] * lends))
     builder.Connect(parts.get_output_port(0), servo.GetInputPort("estimate"))
@@ -97,9 +97,9 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
         delta: arrivals of uwb, camera, imu (3).
     """
     builder = DiagramBuilder()
-    plant = builder.AddSystem(QuadrotorPlant(scenario.vehicle, scenario.world.kinematics, scenario.h))
+    plant = builder.AddSystem(QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h))
     kalman = builder.AddNamedSystem("kalman_filter", make_frozen_filter(scenario, K, delta))
-    servo = builder.AddSystem(LqServo(scenario.servo, scenario.vehicle, scenario.h))
+    servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, scenario.h))
     sensors = builder.AddNamedSystem("sensors", MatrixGain(arrival_matrix(delta) @ output_C()))
     inputs = builder.AddSystem(Multiplexer([N_Y, N_U, REFERENCE_SIZE]))
     state = plant.GetOutputPort("state")

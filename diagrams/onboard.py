@@ -12,7 +12,7 @@ from ortilo_drake.onboard.kalman_filter import KalmanFilter
 from ortilo_drake.onboard.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.late_measurements import history_ticks
 from ortilo_drake.onboard.lq_gain import servo_gain
-from ortilo_drake.onboard.lq_servo import LqServo, resting_integral
+from ortilo_drake.onboard.lq_servo import LqServo_, resting_integral
 from ortilo_drake.onboard.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.multilateration import Multilateration
 from ortilo_drake.onboard.past_estimate import PastEstimate
@@ -114,7 +114,7 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detec
     xbar_0 = initial_estimate(scenario, r_0)
     Filter = ReplayKalmanFilter if delay == "replay" else KalmanFilter
     kalman = builder.AddSystem(Filter(scenario.filter, scenario.vehicle, scenario.servo.integrator, xbar_0, h))
-    servo = builder.AddSystem(LqServo(scenario.servo, scenario.vehicle, h))
+    servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, h))
     estimate, covariance = kalman.GetOutputPort("estimate"), kalman.GetOutputPort("covariance")
 
     if "uwb" in scenario.sensors:

@@ -15,8 +15,8 @@ from ortilo_drake.world.image_delay import ImageDelay, check_kept
 from ortilo_drake.world.imu import Imu
 from ortilo_drake.world.link import SensorLink
 from ortilo_drake.world.projected_camera import ProjectedCamera
-from ortilo_drake.world.quadrotor import QuadrotorPlant
-from ortilo_drake.world.rotors import Rotors
+from ortilo_drake.world.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.rotors import Rotors_
 from ortilo_drake.world.shutter import Shutter
 from ortilo_drake.world.true_velocity import TrueVelocity
 from ortilo_drake.world.uwb import UwbRanging
@@ -57,13 +57,13 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or h, N_U))
     sampled = scenario.world.plant == "sampled" and command_period is None
     plant = builder.AddSystem(
-        QuadrotorPlant(scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
+        QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
     )
     disturbance = builder.AddSystem(DisturbanceSource(scenario.world.disturbance, seed, h))
     disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     actuator: LeafSystem = hold
     if scenario.world.rotors.kind == "first_order":
-        actuator = builder.AddSystem(Rotors(scenario.vehicle))
+        actuator = builder.AddSystem(Rotors_[float](scenario.vehicle))
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
     command_link = fallback = None
     if command_period is not None:

@@ -21,7 +21,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.lq_gain import servo_gain
 from ortilo_drake.onboard.lq_servo import resting_integral
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.quadrotor import QuadrotorPlant
+from ortilo_drake.world.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.rotors import commanded_speeds, mixing_matrix
 
 PARTS = ("plant", "rotors_and_plant", "sampled_plant", "servo", "closed_loop")
@@ -112,7 +112,7 @@ def linearize(
         x, names = np.concatenate([x, speeds]), (*STATE_NAMES, "W_1", "W_2", "W_3", "W_4")
     elif part in ("plant", "sampled_plant"):
         h = scenario.h if part == "sampled_plant" else None
-        diagram = QuadrotorPlant(vehicle, kinematics, h or 0.0)
+        diagram = QuadrotorPlant_[float](vehicle, kinematics, h or 0.0)
     else:
         raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")
     context = diagram.CreateDefaultContext()

@@ -68,14 +68,10 @@ def fly(
     if meshcat and log:
         raise InputError("--log: is written by a flight that is not shown live; leave --meshcat out")
     check_writable(html, png, video, out_file, json_file)
-    # Only now: Drake and numba take seconds to import, a typing error should not.
-    from ortilo_drake.experiments.display import flight_page, fly_live
-    from ortilo_drake.experiments.figures import flight_figure
+    # Only now, and only what is asked for: Drake, numba and matplotlib take seconds to import, a wrong word should not.
     from ortilo_drake.experiments.flight import fly as fly_once
     from ortilo_drake.experiments.flyable import flight_ticks
     from ortilo_drake.experiments.metrics import summary
-    from ortilo_drake.experiments.saved_flight import save_flight
-    from ortilo_drake.hil.logged_flight import fly_logged
 
     if video:
         from ortilo_drake.experiments.video import check_video, flight_video
@@ -90,15 +86,27 @@ def fly(
             progress.update(task, completed=ticks, description="flying")
 
         if log:
+            from ortilo_drake.hil.logged_flight import fly_logged
+
             flight = fly_logged(chosen, log, show)
+        elif meshcat:
+            from ortilo_drake.experiments.display import fly_live
+
+            flight = fly_live(chosen, err.print, show)
         else:
-            flight = fly_live(chosen, err.print, show) if meshcat else fly_once(chosen, show)
+            flight = fly_once(chosen, show)
     result = summary(flight)
     if out_file:
+        from ortilo_drake.experiments.saved_flight import save_flight
+
         save_flight(flight, out_file)
     if html:
+        from ortilo_drake.experiments.display import flight_page
+
         write_text(html, flight_page(flight))
     if png:
+        from ortilo_drake.experiments.figures import flight_figure
+
         flight_figure(flight, png)
     if video:
         with progress_bar() as progress:

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
+import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
 import xarray as xr
-from scipy.stats import bootstrap
 
 from ortilo_drake.analysis.cramer_rao import position_floor
 from ortilo_drake.experiments.flight import AXES, scenario_of
@@ -63,6 +63,6 @@ def ratio_of_means(errors: list[float], floors: list[float]) -> dict[str, Any]:
     samples, found = (np.array(errors), np.array(floors)), None
     if len(floors) > 1:
         rng = np.random.default_rng(0)
-        found = bootstrap(samples, ratio, vectorized=True, paired=True, method="percentile", rng=rng)
+        found = scipy.stats.bootstrap(samples, ratio, vectorized=True, paired=True, method="percentile", rng=rng)
     low_high = found and [float(found.confidence_interval.low), float(found.confidence_interval.high)]
     return {"value": float(ratio(*samples)), "interval": low_high}

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.stats import wilcoxon
+import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
 
 from ortilo_drake.experiments.ensemble import fly_many
 from ortilo_drake.experiments.markdown import table
@@ -132,7 +132,7 @@ def paired(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str
         a, b = errors_of(ours, name), errors_of(theirs, name)
         both = np.isfinite(a) & np.isfinite(b)
         logarithm = np.log(a[both] / b[both])
-        p = float(wilcoxon(logarithm, alternative="less").pvalue) if np.any(logarithm) else 1.0
+        p = float(scipy.stats.wilcoxon(logarithm, alternative="less").pvalue) if np.any(logarithm) else 1.0
         compared[name] = {
             "better": int(np.sum(logarithm < 0.0)),
             "pairs": int(both.sum()),

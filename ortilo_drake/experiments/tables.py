@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
+import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
 
 from ortilo_drake.experiments.efficiency import ratio_of_means
 from ortilo_drake.experiments.flight import AXES
@@ -61,7 +61,7 @@ def interval(values: list[float], statistic: str) -> list[float] | None:
     """Return the bootstrap 95 % interval (percentile method) of a statistic; None below two values."""
     if len(values) < 2:
         return None
-    found = bootstrap(
+    found = scipy.stats.bootstrap(
         (np.array(values),),
         _FUNCTIONS[statistic],
         vectorized=True,
@@ -83,7 +83,7 @@ def drop_in_x(without: list[float], with_camera: list[float]) -> dict[str, Any] 
         return 1.0 - np.median(b, axis=axis) / np.median(a, axis=axis)
 
     samples = (np.array(without), np.array(with_camera))
-    found = bootstrap(samples, drop, vectorized=True, method="percentile", rng=np.random.default_rng(0))
+    found = scipy.stats.bootstrap(samples, drop, vectorized=True, method="percentile", rng=np.random.default_rng(0))
     low, high = found.confidence_interval
     return {"median": float(drop(*samples)), "interval": [float(low), float(high)]}
 

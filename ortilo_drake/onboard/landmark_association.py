@@ -11,8 +11,8 @@ chapter 4).
 """
 
 import numpy as np
+import scipy  # its parts load when used: scipy.optimize takes longer than a flight is worth waiting for
 from numba import njit
-from scipy.optimize import linear_sum_assignment
 
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import NEAR, Camera, box_center, extent_box, in_body_frame
@@ -146,6 +146,6 @@ def associate(
         gate: largest admissible d^2.
     """
     candidates, centers, costs = association_costs(detections, xhat, P, positions, outlines, labels, camera, sd, gate)
-    _, column = linear_sum_assignment(costs)
+    _, column = scipy.optimize.linear_sum_assignment(costs)
     paired = column < len(centers)
     return candidates[paired], centers[column[paired]]

@@ -125,5 +125,3 @@ def LqServo_(T: type) -> type:
 
     return Impl
 
-
-LqServo = LqServo_[None]

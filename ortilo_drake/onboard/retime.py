@@ -10,9 +10,9 @@ window, which makes the acceleration continuous and keeps both limits on v and d
 """
 
 import numpy as np
+import scipy  # its parts load when used: scipy.integrate takes longer than a flight is worth waiting for
 from numba import njit
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
-from scipy.integrate import cumulative_trapezoid
 
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -64,10 +64,10 @@ def averaged_length(ds: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarr
     if not duration <= LONGEST:
         raise InputError(f"takes {duration:g} s at this speed and acceleration, must not exceed {LONGEST:g} s")
     fine = np.linspace(0.0, duration, int(np.ceil(duration / STEP)) + 1)
-    s = cumulative_trapezoid(np.interp(fine, t_v, v), fine, initial=0.0)
+    s = scipy.integrate.cumulative_trapezoid(np.interp(fine, t_v, v), fine, initial=0.0)
     # The mean over the window that ends at t: the averaged motion starts at 0 too and ends a window later.
     v_mean = (s - np.interp(fine - WINDOW, fine, s)) / WINDOW
-    s_mean = cumulative_trapezoid(v_mean, fine, initial=0.0)
+    s_mean = scipy.integrate.cumulative_trapezoid(v_mean, fine, initial=0.0)
     t = np.linspace(0.0, duration, max(3, int(np.ceil(duration / KNOTS)) + 1))
     return t, np.interp(t, fine, s_mean) * (ds.sum() / s_mean[-1])
 

@@ -111,5 +111,3 @@ def QuadrotorPlant_(T: type) -> type:
 
     return Impl
 
-
-QuadrotorPlant = QuadrotorPlant_[None]

@@ -125,5 +125,3 @@ def Rotors_(T: type) -> type:
 
     return Impl
 
-
-Rotors = Rotors_[None]

@@ -7,9 +7,9 @@ from pydrake.symbolic import Expression
 from pydrake.systems.framework import System
 
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.lq_servo import LqServo
+from ortilo_drake.onboard.lq_servo import LqServo_
 from ortilo_drake.scenario import LqServo as ServoSettings
-from ortilo_drake.world.rotors import Rotors
+from ortilo_drake.world.rotors import Rotors_
 
 H = 1.0 / 30.0
 
@@ -19,12 +19,12 @@ H = 1.0 / 30.0
 def test_servo_of_another_scalar_gives_the_same_control(form: str, T: type) -> None:
     rng = np.random.default_rng(6)
     values = {"estimate": rng.normal(size=15), "reference": rng.normal(size=9), "velocity": rng.normal(size=8)}
-    servo = LqServo(ServoSettings(form=form, velocities="truth", yaw=0.1), M100, H)
+    servo = LqServo_[float](ServoSettings(form=form, velocities="truth", yaw=0.1), M100, H)
     assert_same_output(servo, servo.ToScalarType[T](), T, values)
 
 
 def test_rotors_of_autodiff_give_the_same_wrench_and_lag() -> None:
-    rotors = Rotors(M100)
+    rotors = Rotors_[float](M100)
     other = rotors.ToAutoDiffXd()
     command = np.array([30.0, 0.4, -0.3, 0.1])
     assert_same_output(rotors, other, AutoDiffXd, {"control": command})

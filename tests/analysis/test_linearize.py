@@ -16,7 +16,7 @@ from ortilo_drake.onboard.planner import plan
 from ortilo_drake.scenario import InputError, Noise, Scenario, World, load_scenario
 from ortilo_drake.scenario import KalmanFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
-from ortilo_drake.world.quadrotor import QuadrotorPlant
+from ortilo_drake.world.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.rotors import commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
 
 H = 1.0 / 30.0
@@ -131,7 +131,7 @@ def test_operating_point_accelerates_as_planned(kinematics: str) -> None:
 def test_plant_on_the_way_has_the_slopes_of_drakes_symbols(kinematics: str) -> None:
     scenario = flown(kinematics, yaw=0.08)
     x_0, u_0 = operating_point(M100, kinematics, ON_THE_WAY, 0.08)
-    plant = QuadrotorPlant(vehicle=M100, kinematics=kinematics).ToScalarType[Expression]()
+    plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics).ToScalarType[Expression]()
     context = plant.CreateDefaultContext()
     x, u = MakeVectorContinuousVariable(12, "x"), MakeVectorContinuousVariable(4, "u")
     context.SetContinuousState([Expression(v) for v in x])

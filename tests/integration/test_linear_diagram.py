@@ -22,13 +22,13 @@ from ortilo_drake.model.hover import disturbance_W, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.kalman_filter import KalmanFilter
 from ortilo_drake.onboard.lq_gain import servo_gain
-from ortilo_drake.onboard.lq_servo import LqServo
+from ortilo_drake.onboard.lq_servo import LqServo_
 from ortilo_drake.onboard.measurement_handler import MeasurementHandler
 from ortilo_drake.scenario import KalmanFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
 from ortilo_drake.scenario import Noise
-from ortilo_drake.world.quadrotor import QuadrotorPlant
+from ortilo_drake.world.quadrotor import QuadrotorPlant_
 
 H = 1.0 / 30.0
 TICKS = 400
@@ -69,11 +69,11 @@ def reference() -> np.ndarray:
 def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
     """The 'linear' plant, a hold, exact measurements C x as messages, and the onboard systems."""
     builder = DiagramBuilder()
-    plant = builder.AddSystem(QuadrotorPlant(vehicle=M100, kinematics="linear"))
+    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle=M100, kinematics="linear"))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(H, 4))
     handler = builder.AddSystem(MeasurementHandler(HandlerSettings(), VARIANCES, H))
     kalman = builder.AddSystem(KalmanFilter(FILTER, M100, integrator, np.zeros(15), H))
-    servo = builder.AddSystem(LqServo(ServoSettings(form=form, integrator=integrator), M100, H))
+    servo = builder.AddSystem(LqServo_[float](ServoSettings(form=form, integrator=integrator), M100, H))
     planner = builder.AddSystem(TrajectorySource(per_tick(reference())))
     for j, (name, first, size) in enumerate([("uwb", 0, 14), ("camera", 0, 14), ("imu", 3, 11)]):
         # message = [flag, stamp and payload], the payload's first three entries are x[first : first + 3].

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from ortilo_drake.model.equations import DYNAMICS, rigid_body_dynamics, small_angle_dynamics
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.world.quadrotor import QuadrotorPlant, QuadrotorPlant_
+from ortilo_drake.world.quadrotor import QuadrotorPlant_
 
 INERTIA = np.array(M100.inertia)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
@@ -26,7 +26,7 @@ ACCURATE = SimulatorConfig(
 
 @pytest.mark.parametrize("kinematics", DYNAMICS)
 def test_drake_linearises_the_plant_at_hover_to_A_and_B(kinematics: str) -> None:
-    plant = QuadrotorPlant(vehicle=M100, kinematics=kinematics)
+    plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics)
     context = plant.CreateDefaultContext()
     plant.GetInputPort("control").FixValue(context, HOVER)
     plant.GetInputPort("disturbance").FixValue(context, np.zeros(6))
@@ -40,7 +40,7 @@ def test_drake_linearises_the_plant_at_hover_to_A_and_B(kinematics: str) -> None
 
 @pytest.mark.parametrize("kinematics", DYNAMICS)
 def test_disturbance_enters_by_B_d(kinematics: str) -> None:
-    plant = QuadrotorPlant(vehicle=M100, kinematics=kinematics).ToScalarType[AutoDiffXd]()
+    plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics).ToScalarType[AutoDiffXd]()
     context = plant.CreateDefaultContext()
     plant.GetInputPort("control").FixValue(context, HOVER)
     plant.GetInputPort("disturbance").FixValue(context, InitializeAutoDiff(np.zeros((6, 1))))
@@ -50,7 +50,7 @@ def test_disturbance_enters_by_B_d(kinematics: str) -> None:
 
 @pytest.mark.parametrize("kinematics", DYNAMICS)
 def test_symbolic_jacobian_at_hover_is_A_and_B(kinematics: str) -> None:
-    plant = QuadrotorPlant(vehicle=M100, kinematics=kinematics).ToScalarType[Expression]()
+    plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics).ToScalarType[Expression]()
     assert isinstance(plant, QuadrotorPlant_[Expression])
     context = plant.CreateDefaultContext()
     x, u = MakeVectorContinuousVariable(12, "x"), MakeVectorContinuousVariable(4, "u")
@@ -69,7 +69,7 @@ def test_symbolic_jacobian_at_hover_is_A_and_B(kinematics: str) -> None:
 def test_other_scalars_give_the_same_derivatives(kinematics: str, T: type) -> None:
     rng = np.random.default_rng(2)
     x, u = rng.uniform(-0.8, 0.8, 12), HOVER + rng.uniform(-2.0, 2.0, 4)
-    plant = QuadrotorPlant(vehicle=M100, kinematics=kinematics)
+    plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics)
     other = plant.ToScalarType[T]()
     derivatives = []
     for system, scalar in ((plant, float), (other, T)):
@@ -102,7 +102,7 @@ def test_rigid_body_flies_as_drakes_cpp_quadrotor_through_large_angles() -> None
     mixing = np.array([[kF] * 4, [0.0, arm * kF, 0.0, -arm * kF], [-arm * kF, 0.0, arm * kF, 0.0], [kM, -kM, kM, -kM]])
     builder = DiagramBuilder()
     control = builder.AddSystem(TrajectorySource(swinging_control()))
-    plant = builder.AddSystem(QuadrotorPlant(vehicle=M100, kinematics="rigid_body"))
+    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle=M100, kinematics="rigid_body"))
     twin = builder.AddSystem(DrakeQuadrotor(M100.mass, arm, np.diag(INERTIA), kF, kM))
     to_rotors = builder.AddSystem(MatrixGain(np.linalg.inv(mixing)))
     builder.Connect(control.get_output_port(), plant.GetInputPort("control"))
@@ -144,7 +144,7 @@ def test_small_angle_is_the_rigid_body_to_second_order() -> None:
 
 def test_free_rotation_conserves_energy_and_angular_momentum() -> None:
     builder = DiagramBuilder()
-    plant = builder.AddSystem(QuadrotorPlant(vehicle=M100, kinematics="rigid_body"))
+    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle=M100, kinematics="rigid_body"))
     free = builder.AddSystem(ConstantVectorSource(np.zeros(4)))
     builder.Connect(free.get_output_port(), plant.GetInputPort("control"))
     simulator = Simulator(builder.Build())
@@ -174,7 +174,7 @@ def test_free_rotation_conserves_energy_and_angular_momentum() -> None:
 @pytest.mark.parametrize("kinematics", DYNAMICS)
 def test_the_sampled_plant_linearises_to_phi_and_gamma(kinematics: str) -> None:
     h = 1.0 / 30.0
-    plant = QuadrotorPlant(M100, kinematics, time_step=h)
+    plant = QuadrotorPlant_[float](M100, kinematics, time_step=h)
     context = plant.CreateDefaultContext()
     plant.SetState(context, np.array([3.0, 1.0, 1.5] + [0.0] * 9))
     plant.GetInputPort("control").FixValue(context, [M100.hover_thrust, 0.0, 0.0, 0.0])
@@ -199,7 +199,7 @@ def test_a_step_of_the_sampled_plant_agrees_with_scipy(kinematics: str) -> None:
     exact = solve_ivp(
         lambda _, y: DYNAMICS[kinematics](y, u, d, M100.mass, inertia), (0.0, h), x, rtol=1e-12, atol=1e-14
     ).y[:, -1]
-    plant = QuadrotorPlant(M100, kinematics, time_step=h)
+    plant = QuadrotorPlant_[float](M100, kinematics, time_step=h)
     simulator = Simulator(plant)
     context = simulator.get_mutable_context()
     plant.SetState(context, x)

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
 from ortilo_drake.model.vehicle import M100, Vehicle
-from ortilo_drake.world.rotors import Rotors, commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
+from ortilo_drake.world.rotors import Rotors_, commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
 
 M = mixing_matrix(M100)
 M_INVERSE = np.linalg.inv(M)
@@ -36,7 +36,7 @@ def test_mixing_is_undone_by_its_inverse(speeds: np.ndarray) -> None:
 
 
 def test_hover_speeds_lift_exactly_the_weight() -> None:
-    rotors = Rotors(M100)
+    rotors = Rotors_[float](M100)
     context = rotors.CreateDefaultContext()
     np.testing.assert_allclose(rotors.get_output_port().Eval(context), HOVER, atol=1e-12)
     rotors.get_input_port().FixValue(context, HOVER)
@@ -59,7 +59,7 @@ def test_largest_thrust_is_that_of_all_rotors_at_full_speed() -> None:
 
 @pytest.mark.parametrize(("thrust", "tau"), [(40.0, 0.0125), (10.0, 0.025)], ids=["faster", "slower"])
 def test_lag_is_the_exponential_of_its_own_direction(thrust: float, tau: float) -> None:
-    rotors = Rotors(M100)
+    rotors = Rotors_[float](M100)
     simulator = Simulator(rotors)
     ApplySimulatorConfig(
         SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-10, max_step_size=0.01), simulator
