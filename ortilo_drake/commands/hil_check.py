@@ -90,7 +90,6 @@ def check(
     from ortilo_drake.experiments.flight import fly
     from ortilo_drake.experiments.flyable import flight_ticks
     from ortilo_drake.hil.key_file import new_key
-    from ortilo_drake.hil.latency_figure import latency_figure
     from ortilo_drake.hil.runs import run_world
 
     quiet_drake()
@@ -113,6 +112,8 @@ def check(
     report["lost"] = json.loads(flight.attrs["lost"])
     write_json(json_file, report)
     if png:
+        from ortilo_drake.hil.latency_figure import latency_figure
+
         latency_figure(latencies, chosen.h, png)
     out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
     show_report(report)

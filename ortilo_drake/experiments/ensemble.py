@@ -130,7 +130,8 @@ def fly_many(
         run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
     finally:
         _simulator.cache_clear()  # files that the scenario names may be others at the next call
-        gc.collect()  # a renderer's windows go in the thread that drew them; EGL complains in another
+        if scenario.is_rendered:
+            gc.collect()  # a renderer's windows go in the thread that drew them; EGL complains in another
     return [summaries[seed] for seed in seeds]
 
 

@@ -43,7 +43,7 @@ def rays(pixels: np.ndarray, f: float, c: np.ndarray) -> tuple[np.ndarray, np.nd
 
 @njit(cache=True)
 def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether it converged, the distances d (n), and d d_i / d(b_j . b_k) (n, pairs).
+    """Return whether it converged, the distances d (n), and d(b_j . b_k) / d d_i (pairs, n) where the last step began.
 
     Args:
         b: unit vectors to the landmarks (n, 3).
@@ -69,8 +69,8 @@ def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) 
         if not np.min(d) > 0.0:
             break
         if np.max(np.abs(step)) < _CONVERGED:
-            return True, d, np.linalg.pinv(A)
-    return False, d, np.zeros((n, pairs))
+            return True, d, A
+    return False, d, A
 
 
 @njit(cache=True)
@@ -119,7 +119,6 @@ def cosine_law(
     p_WB, nothing = xhat[0:3].copy(), (False, xhat[0:3].copy(), np.zeros((3, 3)))
     if n < 3:
         return nothing
-    M = np.zeros((3, 2 * n))
     for _ in range(_ITERATIONS):
         # From box centres to points needs the position itself: again until it stays.
         pixels = point_pixels(centers, positions, outlines, p_WB, R_WB, camera)
@@ -128,21 +127,21 @@ def cosine_law(
         b, db = rays(pixels, camera.f, camera.c)
         p_WC = p_WB + R_WB @ p_BC
         d = np.sqrt(np.sum((positions - p_WC) ** 2, axis=1))
-        solved, d, D = distances_from_cosines(b, positions, d)
+        solved, d, A = distances_from_cosines(b, positions, d)
         if not solved:
             return nothing
         solved, p_WC, T = trilaterate(d, positions, p_WC)
         if not solved:
             return nothing
-        C, k = np.zeros((D.shape[1], 2 * n)), 0
-        for i in range(n):
-            for j in range(i):
-                C[k, 2 * i : 2 * i + 2] = b[j] @ db[i]
-                C[k, 2 * j : 2 * j + 2] = b[i] @ db[j]
-                k += 1
-        M = T @ np.ascontiguousarray(D) @ C
         moved = np.sqrt(np.sum((p_WC - R_WB @ p_BC - p_WB) ** 2))
         p_WB = p_WC - R_WB @ p_BC
         if moved < 1e-8:
+            C, k = np.zeros((A.shape[0], 2 * n)), 0
+            for i in range(n):
+                for j in range(i):
+                    C[k, 2 * i : 2 * i + 2] = b[j] @ db[i]
+                    C[k, 2 * j : 2 * j + 2] = b[i] @ db[j]
+                    k += 1
+            M = T @ np.ascontiguousarray(np.linalg.pinv(A)) @ C
             return True, p_WB, sd**2 * (M @ M.T)
     return nothing

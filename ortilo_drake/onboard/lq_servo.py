@@ -124,4 +124,3 @@ def LqServo_(T: type) -> type:
             output.SetFromVector(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
 
     return Impl
-

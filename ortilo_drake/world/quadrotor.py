@@ -110,4 +110,3 @@ def QuadrotorPlant_(T: type) -> type:
             return self._control.Eval(context), d
 
     return Impl
-

@@ -124,4 +124,3 @@ def Rotors_(T: type) -> type:
             output.SetFromVector(self._wrench_of(context.get_continuous_state_vector().CopyToVector(), M))
 
     return Impl
-

@@ -16,9 +16,8 @@ from ortilo_drake.logs.reader import read_messages
 pytestmark = pytest.mark.processes
 
 
-@pytest.mark.parametrize("words", [("imu_uwb", *HOVER), ("imu_uwb_yolo", *HOVER, *PROJECTED)])
-def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, words: tuple[str, ...], bus: str) -> None:
-    report = checked(tmp_path / "report.json", *words, "--lockstep", "--url", bus)
+def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, bus: str) -> None:
+    report = checked(tmp_path / "report.json", "imu_uwb_yolo", *HOVER, *PROJECTED, "--lockstep", "--url", bus)
     assert report["identical"] is True
     assert report["ticks"] == 121
     assert report["rejected"] == 0
@@ -41,9 +40,9 @@ def test_three_seconds_in_real_time(tmp_path: Path, rate: int, bus: str) -> None
     assert (tmp_path / "latencies.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("words", [("imu_uwb", "--seed", "1"), ("imu_uwb_yolo", *PROJECTED)])
-def test_halves_of_two_flights_refuse_each_other(words: tuple[str, ...], bus: str) -> None:
-    world, onboard = run_both(("imu_uwb", "--url", bus, *WAIT), (*words, "--url", bus, *WAIT))
+def test_halves_of_two_flights_refuse_each_other(bus: str) -> None:
+    here = ("imu_uwb", "--url", bus, *WAIT)
+    world, onboard = run_both(here, (*here, "--seed", "1"))
     for (code, _, errors), other in ((world, "onboard half"), (onboard, "world")):
         assert code == 2
         assert errors.count("\n") == 1
@@ -51,11 +50,14 @@ def test_halves_of_two_flights_refuse_each_other(words: tuple[str, ...], bus: st
 
 
 @pytest.mark.parametrize(("half", "other"), [("world", "onboard"), ("onboard", "world")])
-def test_without_the_other_half_a_line_says_how_to_start_it(half: str, other: str, bus: str) -> None:
-    code, _, errors = run_apart("hil", half, "imu_uwb", "--url", bus, "--wait", "1")
+def test_without_the_other_half_a_line_says_how_to_start_it_and_no_log_is_left(
+    tmp_path: Path, half: str, other: str, bus: str
+) -> None:
+    code, _, errors = run_apart("hil", half, "imu_uwb", "--url", bus, "--wait", "1", "--log", str(tmp_path / "log"))
     assert code == 2
     assert errors.count("\n") == 1
     assert f"not heard in 1 s; start it with: ortilo hil {other}" in errors
+    assert list(tmp_path.iterdir()) == []
 
 
 def replayed(log: Path, file: Path) -> dict[str, Any]:

@@ -82,11 +82,3 @@ def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path:
         "ortilo: world: not heard in 1 s; start it with: ortilo hil world"
     ]
     assert len(errors.splitlines()) == 2  # and which process it was
-
-
-@pytest.mark.parametrize("half", ["world", "onboard"])
-def test_a_half_that_met_no_other_leaves_no_log(tmp_path: Path, bus: str, half: str) -> None:
-    code, _, errors = run_apart("hil", half, "imu_uwb", "--url", bus, "--wait", "1", "--log", str(tmp_path / "log"))
-    assert code == 2
-    assert errors.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []

@@ -31,24 +31,22 @@ def test_a_ray_is_the_unit_vector_to_its_pixel_and_its_derivative_a_difference()
 def test_distances_follow_from_the_angles_between_rays(n: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     b, expected = seen_from(P_WC, n)
-    converged, d, D = distances_from_cosines(b, POINTS[:n], expected + rng.uniform(-0.3, 0.3, n))
+    converged, d, A = distances_from_cosines(b, POINTS[:n], expected + rng.uniform(-0.3, 0.3, n))
     assert converged
     np.testing.assert_allclose(d, expected, rtol=1e-9)
     pairs = [(i, j) for i in range(n) for j in range(i)]
-    assert D.shape == (n, len(pairs))
+    assert A.shape == (len(pairs), n)
     # From angles that fit an eye a little aside follow the distances seen from there.
     aside, there = seen_from(P_WC + 1e-6 * rng.normal(size=3), n)
     change = np.array([aside[i] @ aside[j] - b[i] @ b[j] for i, j in pairs])
-    np.testing.assert_allclose(D @ change, there - expected, rtol=1e-4, atol=1e-10)
+    np.testing.assert_allclose(np.linalg.pinv(A) @ change, there - expected, rtol=1e-4, atol=1e-10)
 
 
 def test_distances_that_cannot_be_are_not_found() -> None:
     """Two rays that are one, of landmarks that are two."""
     b, d = seen_from(P_WC, 4)
     b[1] = b[0]
-    converged, _, D = distances_from_cosines(b[:2], POINTS[:2], d[:2])
-    assert not converged
-    np.testing.assert_array_equal(D, np.zeros((2, 1)))
+    assert not distances_from_cosines(b[:2], POINTS[:2], d[:2])[0]
 
 
 @pytest.mark.parametrize("n", [3, 4, 7])
