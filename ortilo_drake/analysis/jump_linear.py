@@ -15,6 +15,7 @@ import contextlib
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from ortilo_drake.model.typed_yaml import InputError
@@ -62,18 +63,25 @@ def stationary(transition: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(equations, np.append(np.zeros(M), 1.0), rcond=None)[0]
 
 
-def over_a_tick(system: JumpLinear, k: int, S: np.ndarray) -> np.ndarray:
-    """Return the linear part of (*) at tick k applied to S (M, n, n)."""
-    A = system.A[k]
-    moved = A @ S[:, np.newaxis] @ A.transpose(0, 2, 1)  # (M, P, n, n)
-    within = np.sum(system.chance[:, :, np.newaxis, np.newaxis] * moved, axis=1)
-    return np.tensordot(system.transition.T, within, 1)
+@njit(cache=True)
+def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return the linear part of (*) with a tick's A (P, n, n) applied to S (M, n, n)."""
+    after = np.zeros(S.shape)
+    for i in range(S.shape[0]):
+        within = np.zeros(S.shape[1:])
+        for p in range(A.shape[0]):
+            if chance[i, p] != 0.0:
+                within += chance[i, p] * (A[p] @ S[i] @ A[p].T)
+        for j in range(S.shape[0]):
+            after[j] += transition[i, j] * within
+    return after
 
 
-def over_a_period(system: JumpLinear, S: np.ndarray) -> np.ndarray:
-    """Return the linear part of (*) over a period applied to S (M, n, n)."""
-    for k in range(len(system.A)):
-        S = over_a_tick(system, k, S)
+@njit(cache=True)
+def over_a_period(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return the linear part of (*) over a period, A (T, P, n, n), applied to S (M, n, n)."""
+    for k in range(A.shape[0]):
+        S = over_a_tick(A[k], chance, transition, S)
     return S
 
 
@@ -87,11 +95,12 @@ def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
     M, n, T = len(system.transition), system.A.shape[-1], len(system.A)
     upper = np.triu_indices(n)
     size = M * len(upper[0])
+    parts = np.ascontiguousarray(system.A), system.chance, system.transition
 
     def apply(s: np.ndarray) -> np.ndarray:
         S = np.zeros((M, n, n))
         S[:, upper[0], upper[1]] = S[:, upper[1], upper[0]] = s.reshape(M, -1)
-        return over_a_period(system, S)[:, upper[0], upper[1]].ravel()
+        return over_a_period(*parts, S)[:, upper[0], upper[1]].ravel()
 
     if size > largest_dense:
         start = np.tile(np.eye(n)[upper], M)
@@ -115,7 +124,8 @@ def steady_second_moment(system: JumpLinear, accuracy: float = 1e-9) -> np.ndarr
     radius = mean_square_radius(system)
     if not radius < 1.0 - MARGIN:
         raise InputError(f"second moment: grows by {radius:.6f} a tick, so there is no steady one")
-    n, T = system.A.shape[-1], len(system.A)
+    A = np.ascontiguousarray(system.A)
+    n, T = A.shape[-1], len(A)
     S = np.zeros((len(system.transition), n, n))
     pi = stationary(system.transition)
     phases = np.zeros((T, n, n))
@@ -125,7 +135,7 @@ def steady_second_moment(system: JumpLinear, accuracy: float = 1e-9) -> np.ndarr
         before = S
         for k in range(T):
             phases[k] = S.sum(axis=0)
-            S = over_a_tick(system, k, S) + noise[k]
+            S = over_a_tick(A[k], system.chance, system.transition, S) + noise[k]
         change = np.abs(np.diagonal(S - before, axis1=1, axis2=2)).sum(axis=0)
         if np.all(change * max(to_come, 1.0) <= accuracy * np.diagonal(S, axis1=1, axis2=2).sum(axis=0)):
             return phases

@@ -41,12 +41,13 @@ def analyze(
     from ortilo_drake.experiments.analysis_text import analysis_text
     from ortilo_drake.experiments.analyze import analyze as analyze_scenario
     from ortilo_drake.experiments.files import write_text
+    from ortilo_drake.experiments.workers import kept_workers
 
     quiet_drake()
     if chosen.is_rendered:
         err.print("the camera is projected here, not rendered")
         chosen = chosen.model_copy(update={"camera": "projected"})
-    with progress_bar() as progress:
+    with progress_bar() as progress, kept_workers():
         task = progress.add_task("theory", total=None)
         data, figures = analyze_scenario(
             chosen,

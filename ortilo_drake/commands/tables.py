@@ -57,12 +57,13 @@ def tables(
     from ortilo_drake.experiments.ensemble import flight_file, fly_many
     from ortilo_drake.experiments.figures import DRAWN, arrival_figure, error_figure, trajectory_figure
     from ortilo_drake.experiments.saved_flight import load_flight
+    from ortilo_drake.experiments.workers import kept_workers
 
     for flown in chosen.values():
         make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
     count = workers or os.cpu_count() or 1
     summaries: dict[str, list[dict[str, Any]]] = {}
-    with progress_bar() as progress:
+    with progress_bar() as progress, kept_workers():
         tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
         for name, flown in chosen.items():
 

@@ -63,14 +63,14 @@ def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
 
 
 @lru_cache(maxsize=1)
-def _simulator(scenario_json: str) -> FlightSimulator:
-    """Return what flies a scenario in this process; the last one is kept."""
+def _simulator(scenario_json: str, folder: str) -> FlightSimulator:
+    """Return what flies a scenario in this process; the last one is kept, while the folder's digest is the same."""
     return FlightSimulator(Scenario.model_validate_json(scenario_json))
 
 
 def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
     """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
-    flight = _simulator(scenario_json).fly(seed)
+    flight = _simulator(scenario_json, Path(file).parent.name).fly(seed)
     flight.attrs["summary"] = json.dumps(summary(flight))
     save_flight(flight, Path(file))
     return dict(json.loads(flight.attrs["summary"]))

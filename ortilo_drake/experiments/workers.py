@@ -8,13 +8,36 @@ and no process serves HTTP.
 import logging
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from multiprocessing import resource_tracker
 from typing import Any
 
 from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
 
 LOOPBACK = "127.0.0.1"
+
+
+class _Shared:
+    """The processes that the calls of run_all within kept_workers have in common."""
+
+    def __init__(self, stack: ExitStack):
+        self.stack = stack
+        self.client: Client | None = None
+
+
+_shared: ContextVar[_Shared | None] = ContextVar("shared workers", default=None)
+
+
+@contextmanager
+def kept_workers() -> Iterator[None]:
+    """Have every call of run_all within use the processes that the first one starts, which takes seconds."""
+    with ExitStack() as stack:
+        token = _shared.set(_Shared(stack))
+        try:
+            yield
+        finally:
+            _shared.reset(token)
 
 
 def run_all(
@@ -35,10 +58,21 @@ def run_all(
         for number, job in enumerate(jobs):
             take(number, function(*job))
         return
-    with start_cluster(min(workers, len(jobs))) as cluster, Client(cluster) as client:
+    with ExitStack() as stack:
+        client = _connect(workers, min(workers, len(jobs)), stack)
         futures = {client.submit(function, *job, pure=False, retries=2): number for number, job in enumerate(jobs)}
         for future in as_completed(futures):
             take(futures[future], future.result())
+
+
+def _connect(workers: int, needed: int, stack: ExitStack) -> Client:
+    """Return a client of the shared workers, all of them, or else of as many as are needed, until the stack closes."""
+    shared = _shared.get()
+    if shared is None:
+        return stack.enter_context(Client(stack.enter_context(start_cluster(needed))))
+    if shared.client is None:
+        shared.client = shared.stack.enter_context(Client(shared.stack.enter_context(start_cluster(workers))))
+    return shared.client
 
 
 def start_cluster(workers: int) -> SpecCluster:

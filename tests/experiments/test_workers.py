@@ -14,7 +14,7 @@ import pytest
 from distributed import Client, Security, SpecCluster
 from distributed.comm import CommClosedError
 
-from ortilo_drake.experiments.workers import start_cluster
+from ortilo_drake.experiments.workers import kept_workers, run_all, start_cluster
 
 pytestmark = pytest.mark.processes
 
@@ -140,3 +140,15 @@ def test_of_a_worker_that_dies_and_of_ctrl_c_nothing_is_said(tmp_path: Path) -> 
     assert (tmp_path / "mark").exists()  # a worker did die
     assert (lines[1], rest.splitlines()[-1], process.returncode) == ("at work\n", "interrupted", 0), lines[1] + rest
     assert set(rest.splitlines()) <= {"at work", "interrupted"}
+
+
+def test_kept_workers_are_the_same_in_every_call_and_end_with_the_context() -> None:
+    found: set[int] = set()
+    with kept_workers():
+        for _ in range(2):
+            run_all(os.getpid, [()] * 4, 2, lambda number, pid: found.add(pid))
+    assert 0 < len(found) <= 2
+    assert os.getpid() not in found
+    for pid in found:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
