@@ -19,12 +19,12 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.signals import N_X, N_XBAR
-from ortilo_drake.onboard.detector import detections_message
-from ortilo_drake.onboard.detector_network import load_detector
-from ortilo_drake.onboard.landmark_fix import LandmarkFix
-from ortilo_drake.onboard.planner import plan
+from ortilo_drake.onboard.detector.detector import detections_message
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Detector, load_scenario
 
 BACKENDS = ("onnxruntime", "opencv", "torch")

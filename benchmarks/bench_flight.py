@@ -24,14 +24,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from filterpy.kalman import KalmanFilter as FilterpyFilter
 
-from ortilo_drake.experiments.flight import fly
-from ortilo_drake.hil.logged_flight import fly_logged
-from ortilo_drake.logs.reader import read_ticks
-from ortilo_drake.logs.writer import LogWriter
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.reader import read_ticks
+from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_HOLD, filter_step
-from ortilo_drake.onboard.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, filter_step
+from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import load_scenario, with_seed
 
 H = 1.0 / 30.0

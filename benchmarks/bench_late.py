@@ -19,7 +19,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ortilo_drake.experiments.late_flights import (
+from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.flight.workers import run_all
+from ortilo_drake.hil.relay.faults import Faults
+from ortilo_drake.hil.relay.virtual_time import summary_in_virtual_time
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.late.late_flights import (
     AT_30_HZ,
     BOTH_WAYS_AT_30_HZ,
     BOTH_WAYS_AT_100_HZ,
@@ -29,12 +35,6 @@ from ortilo_drake.experiments.late_flights import (
     mode_report,
     paired,
 )
-from ortilo_drake.experiments.metrics import summary
-from ortilo_drake.experiments.saved_flight import load_flight
-from ortilo_drake.experiments.workers import run_all
-from ortilo_drake.hil.faults import Faults
-from ortilo_drake.hil.virtual_time import summary_in_virtual_time
-from ortilo_drake.scenario import load_scenario
 
 FAULTS = "{loss: 0.2, delay: 0.04, spread: 0.02}"
 PORT = 7680  # first of six UDP ports

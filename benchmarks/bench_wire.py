@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from pydrake.lcm import DrakeLcm
 
-from ortilo_drake.hil.bus import open_bus
-from ortilo_drake.hil.key_file import new_key
-from ortilo_drake.hil.seal import is_sealed, seal
+from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.key_file import new_key
+from ortilo_drake.hil.wire.seal import is_sealed, seal
 
 OURS, THEIRS = "udpm://239.255.76.67:7698?ttl=0", "udpm://239.255.76.67:7699?ttl=0"
 SIZES = {"imu (11 numbers)": 116, "telemetry (288 numbers)": 2328, "picture (120 kB)": 120_000}

@@ -10,7 +10,7 @@ from ortilo_drake.diagrams.onboard import make_onboard
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_U, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.meshcat_flight import MeshcatFlight
+from ortilo_drake.world.scenery.meshcat_flight import MeshcatFlight
 
 # What the log holds, in order: port -> size.
 LOGGED = {

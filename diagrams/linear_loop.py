@@ -12,11 +12,11 @@ from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, N_Y, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.onboard.lq_servo import LqServo_
-from ortilo_drake.onboard.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.onboard.servo.lq_servo import LqServo_
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.quadrotor import QuadrotorPlant_
-from ortilo_drake.world.rotors import Rotors_
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.rotors import Rotors_
 
 N_V = N_X // 2  # velocities and Euler rates, which a scenario may lend the servo
 
@@ -60,7 +60,7 @@ def make_servo(scenario: Scenario) -> Diagram:
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:
-    """Return the filter of onboard/intermittent_filter.py with its gain and the arrivals frozen.
+    """Return the filter of onboard/estimator/intermittent_filter.py with its gain and the arrivals frozen.
 
         xhat_{k+1} = Phi xhat + Gamma (u - u_hover) + K Delta (y - C xhat)
         i_{k+1}    = i + r - E y;  'hold': i where E = 0;  'estimate': i + r - p_hat

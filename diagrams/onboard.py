@@ -6,18 +6,18 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, N_XBAR
-from ortilo_drake.onboard.detector import Detector
-from ortilo_drake.onboard.detector_network import load_detector
-from ortilo_drake.onboard.kalman_filter import KalmanFilter
-from ortilo_drake.onboard.landmark_fix import LandmarkFix
-from ortilo_drake.onboard.late_measurements import history_ticks
-from ortilo_drake.onboard.lq_gain import servo_gain
-from ortilo_drake.onboard.lq_servo import LqServo_, resting_integral
-from ortilo_drake.onboard.measurement_handler import MeasurementHandler
-from ortilo_drake.onboard.multilateration import Multilateration
-from ortilo_drake.onboard.past_estimate import PastEstimate
-from ortilo_drake.onboard.planner import make_planner, plan
-from ortilo_drake.onboard.replay_kalman_filter import ReplayKalmanFilter
+from ortilo_drake.onboard.detector.detector import Detector
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter
+from ortilo_drake.onboard.estimator.late_measurements import history_ticks
+from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.estimator.past_estimate import PastEstimate
+from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.planner.planner import make_planner, plan
+from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import LqServo_, resting_integral
 from ortilo_drake.scenario import Scenario
 
 

@@ -5,9 +5,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.sensors import RgbdSensor
 
 from ortilo_drake.model.room import Room
-from ortilo_drake.world.rendering import camera_in_body, make_scene_graph, render_cameras
-from ortilo_drake.world.scene import scene_items
-from ortilo_drake.world.vehicle_pose import VehiclePose
+from ortilo_drake.world.scenery.rendering import camera_in_body, make_scene_graph, render_cameras
+from ortilo_drake.world.scenery.scene import scene_items
+from ortilo_drake.world.scenery.vehicle_pose import VehiclePose
 
 
 def make_rendered_camera(room: Room, width: int) -> Diagram:

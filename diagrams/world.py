@@ -8,18 +8,18 @@ from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, N_U, SHUTTER_S
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Link, Scenario
-from ortilo_drake.world.command_link import CommandLink
-from ortilo_drake.world.disturbance import DisturbanceSource
-from ortilo_drake.world.failsafe import Failsafe
-from ortilo_drake.world.image_delay import ImageDelay, check_kept
-from ortilo_drake.world.imu import Imu
-from ortilo_drake.world.link import SensorLink
-from ortilo_drake.world.projected_camera import ProjectedCamera
-from ortilo_drake.world.quadrotor import QuadrotorPlant_
-from ortilo_drake.world.rotors import Rotors_
-from ortilo_drake.world.shutter import Shutter
-from ortilo_drake.world.true_velocity import TrueVelocity
-from ortilo_drake.world.uwb import UwbRanging
+from ortilo_drake.world.radio.command_link import CommandLink
+from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
+from ortilo_drake.world.radio.link import SensorLink
+from ortilo_drake.world.sensors.imu import Imu
+from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
+from ortilo_drake.world.sensors.shutter import Shutter
+from ortilo_drake.world.sensors.true_velocity import TrueVelocity
+from ortilo_drake.world.sensors.uwb import UwbRanging
+from ortilo_drake.world.vehicle.disturbance import DisturbanceSource
+from ortilo_drake.world.vehicle.failsafe import Failsafe
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.rotors import Rotors_
 
 
 def make_world(scenario: Scenario, command_period: float | None = None) -> Diagram:

@@ -1,4 +1,4 @@
-"""Make the vehicle's mesh: ortilo_drake/world/meshes/m100.obj and m100.mtl.
+"""Make the vehicle's mesh: ortilo_drake/world/scenery/meshes/m100.obj and m100.mtl.
 
 A quadrotor in X configuration with the M100's main dimensions, our own shapes, in the body frame B
 (x forward, y left, z up) about the centre of mass [m]. Every part is a closed solid with outward faces and a
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 Solid = tuple[np.ndarray, np.ndarray]  # vertices (n, 3) [m], triangles (m, 3), counted from 0
-FOLDER = Path(__file__).resolve().parents[1] / "ortilo_drake" / "world" / "meshes"
+FOLDER = Path(__file__).resolve().parents[1] / "ortilo_drake" / "world" / "scenery" / "meshes"
 
 MOTOR_RADIUS = 0.65 / 2  # half the diagonal wheelbase
 PROPELLER_RADIUS = 13 * 0.0254 / 2

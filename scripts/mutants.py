@@ -9,7 +9,7 @@ A run draws places in the code with a seed and one mutant at each of them, and k
 out/mutants/session.sqlite, a session of Cosmic Ray: an interrupted run goes on where it was, and a repeated one tries
 again what survived and what stands in a module that has changed. Usage: make mutants, or
 
-    python scripts/mutants.py [--count 400] [--seed 12] [--workers 2] [--only 'ortilo_drake/onboard/*.py']
+    python scripts/mutants.py [--count 400] [--seed 12] [--workers 2] [--only 'ortilo_drake/onboard/estimator/*.py']
 """
 
 import argparse
@@ -115,7 +115,7 @@ def run_tests(module: Path, log: Path, seconds: int) -> None:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     name = module.relative_to("ortilo_drake").as_posix()
-    tests = PLAN["tests"].get(name) or [f"tests/{module.parent.name}/test_{module.stem}.py"]
+    tests = PLAN["tests"].get(name) or [f"tests/{module.parts[1]}/test_{module.stem}.py"]
     plain = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-p", "xdist.plugin", "-p", "pytest_timeout"]
     examples = ["-p", "_hypothesis_pytestplugin", "--hypothesis-profile=mutants"]
     # Compiled code does not warn, and what is loaded cannot be rewritten.

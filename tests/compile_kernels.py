@@ -11,9 +11,9 @@ from concurrent.futures import ProcessPoolExecutor
 
 from command_line import run
 
-from ortilo_drake.analysis.tube import predict_tube
-from ortilo_drake.hil.warm_up import warm_up
+from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.scenario import load_scenario, scenario_names
+from ortilo_drake.studies.tube.tube import predict_tube
 
 PROJECTED = "camera=projected"
 SHORT = ("--set", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}")

@@ -42,7 +42,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("egl"):
         from ortilo_drake.model.typed_yaml import InputError
-        from ortilo_drake.world.rendering import check_egl
+        from ortilo_drake.world.scenery.rendering import check_egl
 
         try:
             check_egl()
@@ -60,8 +60,8 @@ def workers_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> 
 @pytest.fixture(scope="session")
 def flown(workers_folder: Path) -> Callable[..., xr.Dataset]:
     """A function that returns the flight of load_scenario's arguments, flown once whichever worker asks first."""
-    from ortilo_drake.experiments.flight import fly
-    from ortilo_drake.experiments.saved_flight import load_flight, save_flight
+    from ortilo_drake.flight.flight import fly
+    from ortilo_drake.flight.saved_flight import load_flight, save_flight
     from ortilo_drake.scenario import load_scenario
 
     def flight_of(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> xr.Dataset:
@@ -111,7 +111,7 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     from hil_link import own_bus
     from waiting import HANGS
 
-    for module in ("bridge", "lockstep_link", "real_time_onboard"):
+    for module in ("bridge", "lockstep_link", "real_time.real_time_onboard"):
         monkeypatch.setattr(f"ortilo_drake.hil.{module}.PATIENCE", HANGS)
     with own_bus() as url:
         yield url

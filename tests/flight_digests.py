@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from llvmlite.binding import get_host_cpu_name
 
-from ortilo_drake.experiments.flight import FlightSimulator
+from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.scenario import load_scenario, scenario_names
 
 FILE: Final = Path(__file__).parent / "data" / "flight_digests.json"

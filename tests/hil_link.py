@@ -9,15 +9,15 @@ from pathlib import Path
 
 from waiting import HANGS
 
-from ortilo_drake.hil import bus as library
-from ortilo_drake.hil.bus import Bus
-from ortilo_drake.hil.halves import OnboardHalf
-from ortilo_drake.hil.handshake import Greeter, draw, flight_of, meet_world
-from ortilo_drake.hil.inbox import Inbox
+from ortilo_drake.flight.halves import OnboardHalf
 from ortilo_drake.hil.lockstep_link import answer_over_link
-from ortilo_drake.hil.packet_checks import Flight
-from ortilo_drake.hil.packets import PORTS, Goal, Hello
-from ortilo_drake.hil.wire import Outbox
+from ortilo_drake.hil.wire import bus as library
+from ortilo_drake.hil.wire.bus import Bus
+from ortilo_drake.hil.wire.handshake import Greeter, draw, flight_of, meet_world
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packet_checks import Flight
+from ortilo_drake.hil.wire.packets import PORTS, Goal, Hello
+from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import Scenario, load_scenario
 
 KEY, FLIGHT_KEY = 32 * b"k", 32 * b"f"  # that the halves share, and of a flight

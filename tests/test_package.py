@@ -7,9 +7,9 @@ import tomllib
 from pathlib import Path
 
 import ortilo_drake
-from ortilo_drake.onboard.detector_network import OWN_CFG, OWN_CLASSES, OWN_NETWORK, OWN_ONNX
-from ortilo_drake.settings.sensors import MeasuredErrors
-from ortilo_drake.world.camera_calibration import load_calibration
+from ortilo_drake.onboard.detector.detector_network import OWN_CFG, OWN_CLASSES, OWN_NETWORK, OWN_ONNX
+from ortilo_drake.scenario.sensors import MeasuredErrors
+from ortilo_drake.world.sensors.camera_calibration import load_calibration
 
 PACKAGE = Path(ortilo_drake.__file__).parent
 ROOT = PACKAGE.parent

@@ -38,10 +38,10 @@ def analyze(
     chosen = load_scenario(scenario, tuple(settings or ()))
     report = out_folder / f"{chosen.name}.md"
     check_writable(json_file, report)
-    from ortilo_drake.experiments.analysis_text import analysis_text
-    from ortilo_drake.experiments.analyze import analyze as analyze_scenario
-    from ortilo_drake.experiments.files import write_text
-    from ortilo_drake.experiments.workers import kept_workers
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.studies.report.analysis_text import analysis_text
+    from ortilo_drake.studies.report.analyze import analyze as analyze_scenario
 
     quiet_drake()
     if chosen.is_rendered:

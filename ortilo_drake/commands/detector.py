@@ -41,7 +41,7 @@ def _settings(network: tuple[Path, Path] | None, backend: str = "auto") -> Detec
 
 
 def _render(folder: Path, parts: tuple[str, ...], seed: int, scale: float, width: int, workers: int | None) -> None:
-    from ortilo_drake.training.sets import KINDS, SCENES, render_set
+    from ortilo_drake.training.pictures.sets import KINDS, SCENES, render_set
 
     counts = {(part, kind): max(1, round(scale * SCENES[part][kind])) for part in parts for kind in KINDS}
     with progress_bar() as progress:
@@ -91,16 +91,16 @@ def train(
     check_writable(out_folder / NETWORK.name)
     import torch
 
-    from ortilo_drake.experiments.files import write_bytes, write_text
+    from ortilo_drake.flight.files import write_bytes, write_text
     from ortilo_drake.model.input_files import read_text
-    from ortilo_drake.onboard.darknet_cfg import read_cfg
-    from ortilo_drake.onboard.darknet_file import OWN_EPSILON, network_bytes
-    from ortilo_drake.onboard.darknet_network import DarknetNetwork
-    from ortilo_drake.onboard.detector_network import OWN_CFG, OWN_CLASSES
-    from ortilo_drake.training.losses_figure import losses_figure
-    from ortilo_drake.training.sets import load_set
-    from ortilo_drake.training.train import BATCH, initialize
-    from ortilo_drake.training.train import train as train_network
+    from ortilo_drake.onboard.detector.darknet_cfg import read_cfg
+    from ortilo_drake.onboard.detector.darknet_file import OWN_EPSILON, network_bytes
+    from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
+    from ortilo_drake.onboard.detector.detector_network import OWN_CFG, OWN_CLASSES
+    from ortilo_drake.training.network.losses_figure import losses_figure
+    from ortilo_drake.training.network.train import BATCH, initialize
+    from ortilo_drake.training.network.train import train as train_network
+    from ortilo_drake.training.pictures.sets import load_set
 
     frames = load_set(pictures, "train")
     cfg = read_cfg(OWN_CFG)
@@ -146,8 +146,8 @@ def evaluate(
     check_writable(json_file, worst, pictures / "test" / "x.npz")
     if worst is not None and worst.suffix != ".png":
         raise InputError(f"--worst {worst}: must end in .png")
-    from ortilo_drake.onboard.detector_network import load_detector
-    from ortilo_drake.training.judge import judge
+    from ortilo_drake.onboard.detector.detector_network import load_detector
+    from ortilo_drake.training.judging.judge import judge
 
     settings = _settings(network, backend)
     room = load_scenario("imu_uwb_yolo").load_room()
@@ -177,7 +177,7 @@ def export(
     """Write a trained network as ONNX, for OpenCV and onnxruntime."""
     _need_torch()
     check_writable(onnx)
-    from ortilo_drake.training.export import export as export_network
+    from ortilo_drake.training.network.export import export as export_network
 
     export_network(network, onnx)
     say_written(onnx)
@@ -198,7 +198,7 @@ def calibrate(
     """
     check_writable(out_file)
     settings = _settings(network)
-    from ortilo_drake.training.calibrate import calibrate as measure
+    from ortilo_drake.training.calibration.calibrate import calibrate as measure
 
     with progress_bar() as progress:
         task = progress.add_task("looking", total=None)

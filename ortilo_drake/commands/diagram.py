@@ -7,7 +7,7 @@ import typer
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
 from ortilo_drake.commands.terminal import check_writable, out
-from ortilo_drake.experiments.files import write_text
+from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import load_scenario
 
 
@@ -20,7 +20,7 @@ def diagram(
     """Draw the closed loop's block diagram."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     check_writable(svg)
-    from ortilo_drake.experiments.block_diagram import diagram_svg
+    from ortilo_drake.views.block_diagram import diagram_svg
 
     write_text(svg, diagram_svg(chosen, depth))
     out.print(f"wrote {svg}", markup=False, soft_wrap=True)

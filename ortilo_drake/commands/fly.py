@@ -17,7 +17,7 @@ from ortilo_drake.commands.options import (
     with_camera,
 )
 from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
-from ortilo_drake.experiments.files import write_text
+from ortilo_drake.flight.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
@@ -69,12 +69,12 @@ def fly(
         raise InputError("--log: is written by a flight that is not shown live; leave --meshcat out")
     check_writable(html, png, video, out_file, json_file)
     # Only now, and only what is asked for: Drake, numba and matplotlib take seconds to import, a wrong word should not.
-    from ortilo_drake.experiments.flight import fly as fly_once
-    from ortilo_drake.experiments.flyable import flight_ticks
-    from ortilo_drake.experiments.metrics import summary
+    from ortilo_drake.flight.flight import fly as fly_once
+    from ortilo_drake.flight.flyable import flight_ticks
+    from ortilo_drake.flight.metrics import summary
 
     if video:
-        from ortilo_drake.experiments.video import check_video, flight_video
+        from ortilo_drake.views.video import check_video, flight_video
 
         check_video(video)
     quiet_drake()
@@ -86,26 +86,26 @@ def fly(
             progress.update(task, completed=ticks, description="flying")
 
         if log:
-            from ortilo_drake.hil.logged_flight import fly_logged
+            from ortilo_drake.interop.log.logged_flight import fly_logged
 
             flight = fly_logged(chosen, log, show)
         elif meshcat:
-            from ortilo_drake.experiments.display import fly_live
+            from ortilo_drake.views.display import fly_live
 
             flight = fly_live(chosen, err.print, show)
         else:
             flight = fly_once(chosen, show)
     result = summary(flight)
     if out_file:
-        from ortilo_drake.experiments.saved_flight import save_flight
+        from ortilo_drake.flight.saved_flight import save_flight
 
         save_flight(flight, out_file)
     if html:
-        from ortilo_drake.experiments.display import flight_page
+        from ortilo_drake.views.display import flight_page
 
         write_text(html, flight_page(flight))
     if png:
-        from ortilo_drake.experiments.figures import flight_figure
+        from ortilo_drake.views.figures import flight_figure
 
         flight_figure(flight, png)
     if video:

@@ -16,7 +16,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, say_written, write_json
-from ortilo_drake.hil.urls import DEFAULT_URL
+from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 
 
@@ -48,10 +48,10 @@ def bridge(
     if vision and mavlink is None:
         raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
     check_writable(json_file)
-    from ortilo_drake.bridges.mavlink import MavlinkBridge
-    from ortilo_drake.bridges.ros2 import Ros2Bridge
     from ortilo_drake.hil.bridge import Goals, Target, mavlink_target, ros2_target, run_bridge
-    from ortilo_drake.hil.key_file import choose_key
+    from ortilo_drake.hil.wire.key_file import choose_key
+    from ortilo_drake.interop.mavlink import MavlinkBridge
+    from ortilo_drake.interop.ros.ros2 import Ros2Bridge
 
     quiet_drake()
     secret = choose_key(url, key, insecure)

@@ -22,7 +22,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
-from ortilo_drake.hil.urls import DEFAULT_URL
+from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight [s]
@@ -41,7 +41,7 @@ def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterat
     with tempfile.TemporaryDirectory() as folder:
         import yaml
 
-        from ortilo_drake.hil.key_file import STDIN
+        from ortilo_drake.hil.wire.key_file import STDIN
 
         file = Path(folder) / f"{scenario.name}.yaml"
         file.write_text(yaml.safe_dump(scenario.model_dump(mode="json")), encoding="utf-8")
@@ -87,10 +87,10 @@ def check(
     if lockstep and (seconds is not None or png is not None):
         raise InputError("--seconds, --png: belong to a flight in real time, not to --lockstep")
     check_writable(png, json_file)
-    from ortilo_drake.experiments.flight import fly
-    from ortilo_drake.experiments.flyable import flight_ticks
-    from ortilo_drake.hil.key_file import new_key
+    from ortilo_drake.flight.flight import fly
+    from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.hil.runs import run_world
+    from ortilo_drake.hil.wire.key_file import new_key
 
     quiet_drake()
     url, key = url or _bus_of_our_own(), new_key()
@@ -112,7 +112,7 @@ def check(
     report["lost"] = json.loads(flight.attrs["lost"])
     write_json(json_file, report)
     if png:
-        from ortilo_drake.hil.latency_figure import latency_figure
+        from ortilo_drake.hil.real_time.latency_figure import latency_figure
 
         latency_figure(latencies, chosen.h, png)
     out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")

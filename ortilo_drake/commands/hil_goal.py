@@ -7,7 +7,7 @@ import typer
 from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import out
-from ortilo_drake.hil.urls import DEFAULT_URL
+from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import load_scenario
 
 
@@ -32,8 +32,8 @@ def goal(
     `ortilo hil world`.
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
-    from ortilo_drake.hil.goal_link import ask_goal
-    from ortilo_drake.hil.key_file import choose_key
+    from ortilo_drake.hil.goals.goal_link import ask_goal
+    from ortilo_drake.hil.wire.key_file import choose_key
 
     quiet_drake()
     ask_goal(url, choose_key(url, key, insecure), chosen, x, y, wait)

@@ -17,15 +17,15 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_error, say_written, write_json
-from ortilo_drake.hil.urls import DEFAULT_URL
+from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 
 def _profile(scenario: Scenario, json_file: Path | None) -> None:
     """Print, and write as JSON, which block of the onboard half spends the time."""
-    from ortilo_drake.hil.panel import profile_table
-    from ortilo_drake.hil.profile import PROFILE_TICKS, profile_onboard
-    from ortilo_drake.hil.warm_up import no_collecting
+    from ortilo_drake.hil.real_time.panel import profile_table
+    from ortilo_drake.hil.real_time.profile import PROFILE_TICKS, profile_onboard
+    from ortilo_drake.hil.real_time.warm_up import no_collecting
 
     with no_collecting():
         rows = profile_onboard(scenario, PROFILE_TICKS)
@@ -62,15 +62,15 @@ def onboard(
     if keep and log:
         raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
     check_writable(json_file, checkpoint)
-    from ortilo_drake.experiments.flyable import flight_ticks
-    from ortilo_drake.hil.goal_planner import GoalPlanner
-    from ortilo_drake.hil.handshake import PATIENCE
-    from ortilo_drake.hil.keep_alive import keep_alive
-    from ortilo_drake.hil.key_file import choose_key
+    from ortilo_drake.flight.flyable import flight_ticks
+    from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+    from ortilo_drake.hil.real_time.warm_up import warm_up
+    from ortilo_drake.hil.restart.keep_alive import keep_alive
+    from ortilo_drake.hil.restart.spare import Spare
     from ortilo_drake.hil.runs import run_onboard
-    from ortilo_drake.hil.spare import Spare
-    from ortilo_drake.hil.warm_up import warm_up
-    from ortilo_drake.logs.writer import LogWriter
+    from ortilo_drake.hil.wire.handshake import PATIENCE
+    from ortilo_drake.hil.wire.key_file import choose_key
+    from ortilo_drake.interop.log.writer import LogWriter
 
     quiet_drake()
     if profile:

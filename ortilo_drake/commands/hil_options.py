@@ -40,7 +40,7 @@ def _number(value: Any) -> str:
 @contextlib.contextmanager
 def showing_flight(name: str, ticks: int, lockstep: bool) -> Iterator[dict[str, Any]]:
     """Show a flight in the terminal, in real time its figures; yields what run_world wants for that."""
-    from ortilo_drake.hil.panel import live_panel
+    from ortilo_drake.hil.real_time.panel import live_panel
 
     if lockstep:
         with progress_bar() as bar:

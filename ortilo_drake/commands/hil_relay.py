@@ -7,7 +7,7 @@ import typer
 from ortilo_drake.commands.hil_options import show_report
 from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, say_written, write_json
-from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
+from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 
 
 def relay(
@@ -24,10 +24,10 @@ def relay(
     ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Pass packets on between the halves, each on a bus of its own, with faults; the fields are in hil/faults.py."""
+    """Pass packets on between the halves, each on a bus of its own, with faults, see hil/relay/faults.py."""
     check_writable(json_file)
-    from ortilo_drake.hil.faults import Faults
-    from ortilo_drake.hil.relay import run_relay
+    from ortilo_drake.hil.relay.faults import Faults
+    from ortilo_drake.hil.relay.relay import run_relay
     from ortilo_drake.model.typed_yaml import parse_yaml, validate
 
     quiet_drake()

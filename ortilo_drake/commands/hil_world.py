@@ -26,7 +26,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, out, say_error, say_written, write_json
-from ortilo_drake.hil.urls import DEFAULT_URL
+from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 
 
@@ -49,13 +49,13 @@ def world(
     if seconds is not None and lockstep:
         raise InputError("--seconds: ends a flight in real time, not in --lockstep")
     check_writable(out_file, json_file)
-    from ortilo_drake.experiments.flyable import flight_ticks
-    from ortilo_drake.experiments.saved_flight import save_flight
-    from ortilo_drake.hil.key_file import choose_key
+    from ortilo_drake.flight.flyable import flight_ticks
+    from ortilo_drake.flight.saved_flight import save_flight
+    from ortilo_drake.hil.restart.spare import Spare
     from ortilo_drake.hil.runs import run_world
-    from ortilo_drake.hil.spare import Spare
-    from ortilo_drake.logs.ros_messages import SENT, TAKEN
-    from ortilo_drake.logs.writer import LogWriter
+    from ortilo_drake.hil.wire.key_file import choose_key
+    from ortilo_drake.interop.log.writer import LogWriter
+    from ortilo_drake.interop.ros.ros_messages import SENT, TAKEN
 
     quiet_drake()
     secret = choose_key(url, key, insecure)

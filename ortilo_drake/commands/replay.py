@@ -16,7 +16,7 @@ def replay(
 ) -> None:
     """Drive the onboard half from a recorded world and compare its estimates with the recorded ones."""
     check_writable(json_file)
-    from ortilo_drake.hil.replay import replay_log
+    from ortilo_drake.interop.log.replay import replay_log
 
     quiet_drake()
     result = replay_log(log)

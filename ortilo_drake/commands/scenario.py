@@ -30,7 +30,7 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
     """Check a scenario: all that `ortilo fly` would refuse is refused here."""
     chosen = load_scenario(scenario, tuple(settings or ()))
-    from ortilo_drake.experiments.flyable import check_flyable
+    from ortilo_drake.flight.flyable import check_flyable
 
     quiet_drake()
     seconds = check_flyable(chosen) * chosen.h

@@ -16,7 +16,7 @@ from ortilo_drake.commands.options import (
     with_camera,
 )
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, write_json
-from ortilo_drake.experiments.files import write_text
+from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import load_scenario
 
 
@@ -43,8 +43,8 @@ def tables(
 
     Flights already in the folder are kept, so an interrupted run goes on where it stopped.
     """
-    from ortilo_drake.experiments.report import table_text
-    from ortilo_drake.experiments.tables import SCENARIOS, make_tables
+    from ortilo_drake.studies.paper_tables.report import table_text
+    from ortilo_drake.studies.paper_tables.tables import SCENARIOS, make_tables
 
     prefix = "paper_" if preset is Preset.paper else ""
     chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
@@ -54,10 +54,11 @@ def tables(
             chosen[name] = load_scenario(prefix + name, laid_over)
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
-    from ortilo_drake.experiments.ensemble import flight_file, fly_many
-    from ortilo_drake.experiments.figures import DRAWN, arrival_figure, error_figure, trajectory_figure
-    from ortilo_drake.experiments.saved_flight import load_flight
-    from ortilo_drake.experiments.workers import kept_workers
+    from ortilo_drake.flight.ensemble import flight_file, fly_many
+    from ortilo_drake.flight.saved_flight import load_flight
+    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.studies.paper_tables.error_figure import error_figure
+    from ortilo_drake.views.figures import DRAWN, arrival_figure, trajectory_figure
 
     for flown in chosen.values():
         make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown

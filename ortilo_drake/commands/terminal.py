@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ortilo_drake.experiments.files import check_output, write_text
+from ortilo_drake.flight.files import check_output, write_text
 
 # Results go to stdout, progress and errors to stderr.
 out = Console(highlight=False)

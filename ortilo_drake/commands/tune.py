@@ -67,13 +67,13 @@ def tune(
     if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out_file}: must end in .yaml")
     check_writable(out_file, json_file, figure)
-    from ortilo_drake.experiments.consistency_figures import tuning_figure
-    from ortilo_drake.experiments.files import write_text
-    from ortilo_drake.experiments.flight import scenario_of
-    from ortilo_drake.experiments.pictures import check_picture
-    from ortilo_drake.experiments.saved_flight import load_flight
-    from ortilo_drake.experiments.tune import check_flights, find_flights, overlay_text, tuning_data
-    from ortilo_drake.experiments.tune import tune as tune_flights
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.flight.flight import scenario_of
+    from ortilo_drake.flight.saved_flight import load_flight
+    from ortilo_drake.studies.consistency.consistency_figures import tuning_figure
+    from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text, tuning_data
+    from ortilo_drake.studies.tuning.tune import tune as tune_flights
+    from ortilo_drake.views.pictures import check_picture
 
     quiet_drake()
     if figure is not None:

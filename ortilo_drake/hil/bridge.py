@@ -10,21 +10,21 @@ from typing import Any, Final
 
 import numpy as np
 
-from ortilo_drake.bridges.mavlink import MavlinkBridge
-from ortilo_drake.bridges.ros2 import Ros2Bridge
-from ortilo_drake.hil.bus import open_bus
-from ortilo_drake.hil.goal_link import GoalLink, goal_text
-from ortilo_drake.hil.handshake import PATIENCE, find_world
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packets import FINISHED, PORTS, Goal
-from ortilo_drake.hil.tick_inbox import TickInbox
-from ortilo_drake.hil.unpack import Packet
-from ortilo_drake.hil.wire import Outbox
-from ortilo_drake.logs.signals import OUTPUTS, Signals
+from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.hil.goals.goal_link import GoalLink, goal_text
+from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.handshake import PATIENCE, find_world
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packets import FINISHED, PORTS, Goal
+from ortilo_drake.hil.wire.tick_inbox import TickInbox
+from ortilo_drake.hil.wire.unpack import Packet
+from ortilo_drake.hil.wire.wire import Outbox
+from ortilo_drake.interop.mavlink import MavlinkBridge
+from ortilo_drake.interop.ros.ros2 import Ros2Bridge
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-Target = Callable[[float, Signals, Signals], None]  # t [s], messages, outputs; as in logs/ros_messages.py
+Target = Callable[[float, Signals, Signals], None]  # t [s], messages, outputs; as in interop/ros/ros_messages.py
 Goals = Callable[[], np.ndarray | None]
 LAG: Final = 6  # ticks after which one is handed on without what is missing
 _POLL_MS: Final = 50

@@ -8,15 +8,15 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from ortilo_drake.hil.flight_record import Record
-from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, answer_to
-from ortilo_drake.hil.halves import OUTPUTS, OnboardHalf, Signals
-from ortilo_drake.hil.handshake import PATIENCE, Greeter
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.lockstep import Ask
-from ortilo_drake.hil.packets import FINISHED, Goal
-from ortilo_drake.hil.tick_inbox import TickInbox
-from ortilo_drake.hil.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
+from ortilo_drake.flight.halves import OUTPUTS, OnboardHalf, Signals
+from ortilo_drake.flight.lockstep import Ask
+from ortilo_drake.flight.signals import Record
+from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, answer_to
+from ortilo_drake.hil.wire.handshake import PATIENCE, Greeter
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packets import FINISHED, Goal
+from ortilo_drake.hil.wire.tick_inbox import TickInbox
+from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
 from ortilo_drake.model.typed_yaml import InputError
 
 SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30

@@ -8,23 +8,23 @@ from typing import Any
 
 import xarray as xr
 
-from ortilo_drake.hil.bus import open_bus
-from ortilo_drake.hil.camera_process import CameraProcess
-from ortilo_drake.hil.checkpoint import session_of
-from ortilo_drake.hil.detector_thread import DetectorThread
-from ortilo_drake.hil.flight_record import Record
-from ortilo_drake.hil.goal_planner import GoalPlanner
-from ortilo_drake.hil.goals import Goals
-from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.handshake import Greeter, meet_onboard, meet_world
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.lockstep import fly_lockstep
+from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.lockstep import fly_lockstep
+from ortilo_drake.flight.signals import Record
+from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+from ortilo_drake.hil.goals.goals import Goals
 from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
-from ortilo_drake.hil.packets import FINISHED, PORTS
-from ortilo_drake.hil.real_time_onboard import answer_in_real_time
-from ortilo_drake.hil.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
-from ortilo_drake.hil.warm_up import no_collecting, warm_up
-from ortilo_drake.hil.wire import Outbox
+from ortilo_drake.hil.real_time.camera_process import CameraProcess
+from ortilo_drake.hil.real_time.detector_thread import DetectorThread
+from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
+from ortilo_drake.hil.real_time.warm_up import no_collecting, warm_up
+from ortilo_drake.hil.restart.checkpoint import session_of
+from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.handshake import Greeter, meet_onboard, meet_world
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packets import FINISHED, PORTS
+from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; each may be lost

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.world.rendering import move_landmarks
+from ortilo_drake.world.scenery.rendering import move_landmarks
 
 
 def set_vehicle(world: Diagram, context: Context, vehicle: Vehicle, imu_bias: np.ndarray | None = None) -> None:

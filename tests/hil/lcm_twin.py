@@ -8,7 +8,7 @@ import time
 
 from pydrake.lcm import DrakeLcm
 
-from ortilo_drake.hil.bus import open_bus
+from ortilo_drake.hil.wire.bus import open_bus
 
 URL = "udpm://239.255.76.67:7667?ttl=0"
 

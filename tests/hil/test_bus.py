@@ -12,10 +12,10 @@ import pytest
 from hil_link import open_bus
 from waiting import HANGS
 
-from ortilo_drake.hil import bus as library
-from ortilo_drake.hil.bus import MEMORY_URL, Bus
-from ortilo_drake.hil.multicast import Multicast, address, is_local, leaves_machine
-from ortilo_drake.hil.udpm import encode
+from ortilo_drake.hil.wire import bus as library
+from ortilo_drake.hil.wire.bus import MEMORY_URL, Bus
+from ortilo_drake.hil.wire.multicast import Multicast, address, is_local, leaves_machine
+from ortilo_drake.hil.wire.udpm import encode
 from ortilo_drake.model.typed_yaml import InputError
 
 SIZES = (0, 1, 200, 65_496, 65_497, 65_498, 65_499, 150_000)  # on channel X the last but two are LCM's short ones
@@ -146,8 +146,8 @@ def test_what_comes_from_elsewhere_is_not_heard(bus: str, monkeypatch: pytest.Mo
         sender.sendto(datagram, group_of(bus))
         assert joined.handle(round(1e3 * HANGS)) == 1
         # A sender is on this machine only if its address is: one of a network of documentation's is not.
-        monkeypatch.setattr("ortilo_drake.hil.multicast._LOOPBACK", "203.0.113.7")
-        monkeypatch.setattr("ortilo_drake.hil.multicast.is_local", lambda host: host == "203.0.113.7")
+        monkeypatch.setattr("ortilo_drake.hil.wire.multicast._LOOPBACK", "203.0.113.7")
+        monkeypatch.setattr("ortilo_drake.hil.wire.multicast.is_local", lambda host: host == "203.0.113.7")
         sender.sendto(datagram, group_of(bus))
         assert joined.handle(50) == 0
     assert came == [b"data"]

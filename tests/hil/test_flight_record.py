@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.hil.flight_record import FlightRecord
-from ortilo_drake.hil.halves import OUTPUTS, Signals
-from ortilo_drake.hil.real_time_world import COMMAND_PERIOD, looks
-from ortilo_drake.hil.unpack import Packet
+from ortilo_drake.flight.halves import OUTPUTS, Signals
+from ortilo_drake.hil.real_time.flight_record import FlightRecord
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, looks
+from ortilo_drake.hil.wire.unpack import Packet
 
 
 def telemetry(k: int) -> Signals:

@@ -15,15 +15,15 @@ from typer.testing import CliRunner
 from waiting import HANGS
 
 from ortilo_drake.commands.hil import hil_app
-from ortilo_drake.experiments.flight import fly
-from ortilo_drake.hil import goal_link
-from ortilo_drake.hil.bus import MEMORY_URL
-from ortilo_drake.hil.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
-from ortilo_drake.hil.handshake import find_world
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packets import Goal
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.hil.goals import goal_link
+from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
 from ortilo_drake.hil.runs import run_world
-from ortilo_drake.hil.wire import Outbox, publish_goal
+from ortilo_drake.hil.wire.bus import MEMORY_URL
+from ortilo_drake.hil.wire.handshake import find_world
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packets import Goal
+from ortilo_drake.hil.wire.wire import Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from waiting import HANGS, wait_for
 
-from ortilo_drake.hil.goal_planner import GONE, GoalPlanner, Plan, goal_settings, reason_of
-from ortilo_drake.hil.goals import REPLACED, Goals, Step
-from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.packets import Goal
+from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.hil.goals.goal_planner import GONE, GoalPlanner, Plan, goal_settings, reason_of
+from ortilo_drake.hil.goals.goals import REPLACED, Goals, Step
+from ortilo_drake.hil.wire.packets import Goal
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.free_cells import free_space
-from ortilo_drake.onboard.goal_path import knots
-from ortilo_drake.onboard.planner import plan, refuse_contact
+from ortilo_drake.onboard.planner.free_cells import free_space
+from ortilo_drake.onboard.planner.goal_path import knots
+from ortilo_drake.onboard.planner.planner import plan, refuse_contact
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
 SCENARIO = load_scenario("imu_uwb")
@@ -203,7 +203,7 @@ def test_the_process_plans_what_the_planner_plans_and_the_newest_goal_counts() -
 def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
     program = (
         "import time\n"
-        "from ortilo_drake.hil.goal_planner import GoalPlanner\n"
+        "from ortilo_drake.hil.goals.goal_planner import GoalPlanner\n"
         "from ortilo_drake.scenario import load_scenario\n"
         "if __name__ == '__main__':\n"
         "    with GoalPlanner(load_scenario('imu_uwb')) as planner:\n"

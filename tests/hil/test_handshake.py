@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from hil_link import KEY, PlayedWorld, open_bus
 
-from ortilo_drake.hil.bus import Bus
-from ortilo_drake.hil.handshake import Greeter, Met, draw, find_world, meet_onboard, meet_world, say_hello
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packet_checks import Flight
-from ortilo_drake.hil.packets import CHANNELS, FINISHED, FLYING, PORTS, Hello
-from ortilo_drake.hil.seal import seal
-from ortilo_drake.hil.wire import Outbox, publish_command, publish_messages
+from ortilo_drake.hil.wire.bus import Bus
+from ortilo_drake.hil.wire.handshake import Greeter, Met, draw, find_world, meet_onboard, meet_world, say_hello
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packet_checks import Flight
+from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, FLYING, PORTS, Hello
+from ortilo_drake.hil.wire.seal import seal
+from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 

@@ -8,12 +8,12 @@ import pytest
 from hil_link import FLIGHT_KEY, KEY, flight_for_packets, open_bus
 from waiting import HANGS
 
-from ortilo_drake.hil.bus import MEMORY_URL
-from ortilo_drake.hil.handshake import draw, say_hello
-from ortilo_drake.hil.inbox import GOAL_AGE, Inbox
-from ortilo_drake.hil.packets import CHANNELS, TELEMETRY, Goal, Hello, encode_command, encode_vector
-from ortilo_drake.hil.seal import seal
-from ortilo_drake.hil.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire.bus import MEMORY_URL
+from ortilo_drake.hil.wire.handshake import draw, say_hello
+from ortilo_drake.hil.wire.inbox import GOAL_AGE, Inbox
+from ortilo_drake.hil.wire.packets import CHANNELS, TELEMETRY, Goal, Hello, encode_command, encode_vector
+from ortilo_drake.hil.wire.seal import seal
+from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
 
 FLIGHT = flight_for_packets()
 HELLO = Hello("world", 16 * "a", 77, nonce=5)
@@ -57,7 +57,7 @@ def test_counts() -> None:
 
 
 def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.hil.window.REMEMBERED", 64)
+    monkeypatch.setattr("ortilo_drake.hil.wire.window.REMEMBERED", 64)
     inbox, outbox = inbox_and_outbox("command")
 
     def send(*ticks: int) -> int:

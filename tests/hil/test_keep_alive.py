@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from waiting import wait_for
 
-from ortilo_drake.hil import keep_alive as module
-from ortilo_drake.hil.keep_alive import keep_alive
+from ortilo_drake.hil.restart import keep_alive as module
+from ortilo_drake.hil.restart.keep_alive import keep_alive
 from ortilo_drake.model.typed_yaml import InputError
 
 IN_FORK: list[Callable[[], None]] = []  # called inside os.fork in the parent, before there is a child

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from ortilo_drake.hil import key_file
-from ortilo_drake.hil.key_file import NO_SECRET, choose_key, default_file, own_key, read_key, write_key
+from ortilo_drake.hil.wire import key_file
+from ortilo_drake.hil.wire.key_file import NO_SECRET, choose_key, default_file, own_key, read_key, write_key
 from ortilo_drake.model.typed_yaml import InputError
 
 HERE, BEYOND = "udpm://239.255.76.67:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=1"

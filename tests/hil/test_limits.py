@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hil_link import FLIGHT_KEY
 
-from ortilo_drake.hil.handshake import flight_of
-from ortilo_drake.hil.limits import FARTHEST, limits_of
-from ortilo_drake.hil.lockstep import fly_lockstep, in_this_process
-from ortilo_drake.hil.packet_checks import BadPacket, Flight
-from ortilo_drake.hil.packets import (
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.hil.wire.handshake import flight_of
+from ortilo_drake.hil.wire.limits import FARTHEST, limits_of
+from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
+from ortilo_drake.hil.wire.packets import (
     TELEMETRY,
     Goal,
     encode_command,
@@ -16,9 +16,9 @@ from ortilo_drake.hil.packets import (
     encode_telemetry,
     encode_vector,
 )
-from ortilo_drake.hil.seal import seal
-from ortilo_drake.hil.unpack import decode
-from ortilo_drake.hil.wire import Outbox, publish_command, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire.seal import seal
+from ortilo_drake.hil.wire.unpack import decode
+from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages, publish_telemetry
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 

@@ -11,8 +11,8 @@ from hil_link import KEY, flight_for_packets
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.hil.packet_checks import BadPacket, Flight
-from ortilo_drake.hil.packets import (
+from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
+from ortilo_drake.hil.wire.packets import (
     CHANNELS,
     FLYING,
     MAX_HEARD,
@@ -29,9 +29,9 @@ from ortilo_drake.hil.packets import (
     encode_tick,
     encode_vector,
 )
-from ortilo_drake.hil.plain_text import plain
-from ortilo_drake.hil.seal import MAC_SIZE, flight_key, hello_key, seal
-from ortilo_drake.hil.unpack import Packet, decode
+from ortilo_drake.hil.wire.plain_text import plain
+from ortilo_drake.hil.wire.seal import MAC_SIZE, flight_key, hello_key, seal
+from ortilo_drake.hil.wire.unpack import Packet, decode
 from ortilo_drake.model.signals import IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
 
 SESSION, TICK, SHAPE = 77, 30, (6, 9)

@@ -5,8 +5,8 @@ import sys
 
 from rich.console import Console, RenderableType
 
-from ortilo_drake.hil.panel import live_panel, panel, profile_table
-from ortilo_drake.hil.watch import Watch
+from ortilo_drake.hil.real_time.panel import live_panel, panel, profile_table
+from ortilo_drake.hil.real_time.watch import Watch
 
 PACKETS = {"late": 2, "lost": 5, "rejected": 7}
 H = 0.01

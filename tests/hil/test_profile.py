@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ortilo_drake.hil.halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.profile import (
+from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.hil.real_time.profile import (
     REST,
     WHOLE,
     dataflow_order,

@@ -14,14 +14,14 @@ from pydantic import ValidationError
 from scipy.stats import binomtest, geom, kstest
 from waiting import HANGS, wait_for
 
-from ortilo_drake.hil.faults import Faults, Line
-from ortilo_drake.hil.handshake import say_hello
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.multicast import address
-from ortilo_drake.hil.packets import CHANNELS, Goal, Hello, encode_command, encode_vector
-from ortilo_drake.hil.relay import run_relay
-from ortilo_drake.hil.urls import DEFAULT_URL, ONBOARD_URL
-from ortilo_drake.hil.wire import Outbox, publish_goal
+from ortilo_drake.hil.relay.faults import Faults, Line
+from ortilo_drake.hil.relay.relay import run_relay
+from ortilo_drake.hil.wire.handshake import say_hello
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.multicast import address
+from ortilo_drake.hil.wire.packets import CHANNELS, Goal, Hello, encode_command, encode_vector
+from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
+from ortilo_drake.hil.wire.wire import Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 
 N = 4000
@@ -114,7 +114,7 @@ def test_one_bus_is_not_enough(bus: str) -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("module", ["ortilo_drake.hil.urls", "ortilo_drake.commands.hil"])
+@pytest.mark.parametrize("module", ["ortilo_drake.hil.wire.urls", "ortilo_drake.commands.hil"])
 def test_the_buses_are_known_without_drake(module: str) -> None:
     code = f"import sys, {module}; print(sorted(sys.modules.keys() & {{'pydrake', {module!r}}}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,10 +9,10 @@ import pytest
 from hil_link import KEY, PlayedWorld, open_bus
 from waiting import HANGS
 
-from ortilo_drake.hil.handshake import Met, meet_world
-from ortilo_drake.hil.inbox import Inbox
-from ortilo_drake.hil.packets import PORTS
-from ortilo_drake.hil.wire import publish_command
+from ortilo_drake.hil.wire.handshake import Met, meet_world
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packets import PORTS
+from ortilo_drake.hil.wire.wire import publish_command
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
@@ -47,7 +47,7 @@ def join(bus: str, flew: int) -> Met:
 
 
 def test_another_onboard_half_is_refused(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.hil.handshake.OTHERS", HANGS)
+    monkeypatch.setattr("ortilo_drake.hil.wire.handshake.OTHERS", HANGS)
     with a_flight(bus, is_commanded=True), pytest.raises(InputError, match="flies with another onboard half already"):
         join(bus, 0)
 

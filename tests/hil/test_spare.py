@@ -1,6 +1,6 @@
 """What a flight can do without, when it fails."""
 
-from ortilo_drake.hil.spare import Spare
+from ortilo_drake.hil.restart.spare import Spare
 from ortilo_drake.model.typed_yaml import InputError
 
 

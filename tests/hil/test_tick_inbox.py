@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.hil.tick_inbox import TickInbox
-from ortilo_drake.hil.unpack import Packet
+from ortilo_drake.hil.wire.tick_inbox import TickInbox
+from ortilo_drake.hil.wire.unpack import Packet
 
 TICKS = 12
 messages = st.lists(

@@ -10,8 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.hil import udpm
-from ortilo_drake.hil.udpm import AGE, HELD, LARGEST, MOST_FRAGMENT, MOST_SHORT, PENDING, SENDERS, Reassembly, encode
+from ortilo_drake.hil.wire import udpm
+from ortilo_drake.hil.wire.udpm import (
+    AGE,
+    HELD,
+    LARGEST,
+    MOST_FRAGMENT,
+    MOST_SHORT,
+    PENDING,
+    SENDERS,
+    Reassembly,
+    encode,
+)
 
 CASES = int(os.environ.get("ORTILO_FUZZ_CASES", "2000"))
 ME, YOU = ("127.0.0.1", 1000), ("127.0.0.1", 1001)

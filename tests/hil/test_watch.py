@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.hil.watch import Watch, quantiles
+from ortilo_drake.hil.real_time.watch import Watch, quantiles
 
 H = 0.01  # [s]
 START = 1000.0  # the clock's zero is nowhere in particular [s]

@@ -9,8 +9,8 @@ import yaml
 from command_line import run
 
 from ortilo_drake.model.room import ORTILO_ROOM
-from ortilo_drake.world import rendering
-from ortilo_drake.world.camera_calibration import CALIBRATION
+from ortilo_drake.world.scenery import rendering
+from ortilo_drake.world.sensors.camera_calibration import CALIBRATION
 
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
 NAN, INF = float("nan"), float("inf")

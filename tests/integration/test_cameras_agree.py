@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.signals import FIX_SIZE
-from ortilo_drake.onboard.detector import detections_message
-from ortilo_drake.onboard.detector_network import load_detector
-from ortilo_drake.onboard.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.detector.detector import detections_message
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.training.sightings import look
-from ortilo_drake.world.projected_camera import ProjectedCamera
+from ortilo_drake.training.calibration.sightings import look
+from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 pytestmark = [pytest.mark.egl, pytest.mark.long]
 SEED = 7  # none of those that were calibrated on

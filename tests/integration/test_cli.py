@@ -14,9 +14,9 @@ from command_line import run, run_apart
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.experiments.flight import fly, scenario_of
-from ortilo_drake.experiments.metrics import summary
-from ortilo_drake.experiments.saved_flight import load_flight
+from ortilo_drake.flight.flight import fly, scenario_of
+from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
@@ -277,7 +277,7 @@ def test_bad_input_ends_the_process_with_code_two_and_one_line(tmp_path: Path) -
 def test_control_c_ends_with_code_130_and_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    from ortilo_drake.experiments import flight
+    from ortilo_drake.flight import flight
 
     def press_control_c(*_: Any) -> None:
         raise KeyboardInterrupt

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ortilo_drake.analysis.command_loss import deviation
-from ortilo_drake.experiments.command_flights import POINT, command_cases, command_flights, hover_V
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, load_scenario
+from ortilo_drake.studies.command_link.command_flights import POINT, command_cases, command_flights, hover_V
+from ortilo_drake.studies.command_link.command_loss import deviation
 
 SHORT = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"
 NOTHING_LOST = "command_link.loss={kind: bernoulli, probability: 0.0}"

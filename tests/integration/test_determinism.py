@@ -11,7 +11,7 @@ import xarray as xr
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"

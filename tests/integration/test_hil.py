@@ -11,7 +11,7 @@ import pytest
 from command_line import run_apart
 from halves_in_processes import HOVER, PROJECTED, RENDERED, WAIT, check_in_time, checked, run_both
 
-from ortilo_drake.logs.reader import read_messages
+from ortilo_drake.interop.log.reader import read_messages
 
 pytestmark = pytest.mark.processes
 

@@ -13,9 +13,9 @@ import xarray as xr
 from command_line import end, run_apart, start
 from halves_in_processes import HOVER, PROJECTED, WAIT, check_in_time, run_both
 
-from ortilo_drake.experiments.flight import fly
-from ortilo_drake.experiments.saved_flight import load_flight
-from ortilo_drake.hil.multicast import MEND, MEND_NETWORK
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.hil.wire.multicast import MEND, MEND_NETWORK
 from ortilo_drake.scenario import load_scenario
 
 pytestmark = pytest.mark.processes

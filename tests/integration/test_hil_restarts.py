@@ -12,8 +12,8 @@ import pytest
 from command_line import end, run_apart, start
 from waiting import wait_for
 
-from ortilo_drake.experiments.saved_flight import load_flight
-from ortilo_drake.logs.reader import read_ticks
+from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.interop.log.reader import read_ticks
 from ortilo_drake.scenario import Failsafe
 
 pytestmark = pytest.mark.processes

@@ -20,15 +20,15 @@ from scipy.signal import cont2discrete
 
 from ortilo_drake.model.hover import disturbance_W, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.kalman_filter import KalmanFilter
-from ortilo_drake.onboard.lq_gain import servo_gain
-from ortilo_drake.onboard.lq_servo import LqServo_
-from ortilo_drake.onboard.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter
+from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import LqServo_
 from ortilo_drake.scenario import KalmanFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
 from ortilo_drake.scenario import Noise
-from ortilo_drake.world.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
 H = 1.0 / 30.0
 TICKS = 400

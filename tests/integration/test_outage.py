@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import load_scenario
 
 START, END = 5.0, 7.0

@@ -12,10 +12,10 @@ import yaml
 from command_line import run
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.experiments.ensemble import flight_file, fly_many
-from ortilo_drake.experiments.flight import fly
-from ortilo_drake.experiments.saved_flight import load_flight
-from ortilo_drake.experiments.simulator import make_simulator
+from ortilo_drake.flight.ensemble import flight_file, fly_many
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -239,7 +239,7 @@ def test_a_detector_has_nothing_to_look_at_where_boxes_are_projected(refused: An
 
 @pytest.mark.parametrize("how", ["rendered", "--set"])
 def test_without_egl_it_says_what_to_install(refused: Any, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.world.rendering._egl_works", lambda: False)
+    monkeypatch.setattr("ortilo_drake.world.scenery.rendering._egl_works", lambda: False)
     words = command(camera=how) if how == "rendered" else command("--set", "camera=rendered")
     line = refused(*words, "--out", "flight.nc")
     assert "apt-get install libegl1 libgl1-mesa-dri" in line
@@ -251,7 +251,7 @@ def test_without_egl_no_set_is_rendered(
     words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ortilo_drake.world.rendering._egl_works", lambda: False)
+    monkeypatch.setattr("ortilo_drake.world.scenery.rendering._egl_works", lambda: False)
     assert run("detector", *words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "apt-get install libegl1" in line

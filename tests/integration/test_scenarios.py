@@ -8,9 +8,9 @@ import pytest
 import yaml
 from command_line import run
 
-from ortilo_drake.experiments.flight import fly
-from ortilo_drake.experiments.flyable import flight_ticks
-from ortilo_drake.experiments.metrics import summary
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.flight.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import SCENARIO_FOLDER, GcsPlanner, Scenario, load_scenario, scenario_names
 

@@ -14,13 +14,13 @@ import yaml
 from schema_mutations import Where, as_settings, as_yaml, places, spoil
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.experiments.flyable import check_flyable
-from ortilo_drake.experiments.simulator import make_simulator
+from ortilo_drake.flight.flyable import check_flyable
+from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.model.input_error import LONGEST, InputError
 from ortilo_drake.model.room import ORTILO_ROOM, Room
 from ortilo_drake.model.typed_yaml import parse_yaml
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.world.camera_calibration import CALIBRATION, CameraCalibration
+from ortilo_drake.world.sensors.camera_calibration import CALIBRATION, CameraCalibration
 
 CASES = int(os.environ.get("ORTILO_FUZZ_CASES", "2000"))
 BLOCK, FEW = 100, 4  # cases of a test, and how many such tests are not long

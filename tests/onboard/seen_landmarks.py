@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import load_room
-from ortilo_drake.onboard.landmark_fix import METHODS
+from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants

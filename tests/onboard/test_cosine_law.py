@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from seen_landmarks import CAMERA, POINTS
 
-from ortilo_drake.onboard.cosine_law import distances_from_cosines, rays, trilaterate
+from ortilo_drake.onboard.landmarks.cosine_law import distances_from_cosines, rays, trilaterate
 
 P_WC = np.array([0.1, -0.2, 1.4])
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.darknet_cfg import parse_cfg, read_cfg
-from ortilo_drake.onboard.darknet_layers import Convolutional, DarknetCfg, Maxpool, Route, Shortcut
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
+from ortilo_drake.onboard.detector.darknet_layers import Convolutional, DarknetCfg, Maxpool, Route, Shortcut
 
 SMALL = """\
 # a comment

@@ -13,14 +13,14 @@ from darknet_architectures import ANCHORS, SIZES, architecture, seeded_image, wr
 from scipy.ndimage import correlate
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.darknet_cfg import parse_cfg
-from ortilo_drake.onboard.darknet_layers import Convolutional, Maxpool
-from ortilo_drake.onboard.yolo_boxes import decode
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg
+from ortilo_drake.onboard.detector.darknet_layers import Convolutional, Maxpool
+from ortilo_drake.onboard.detector.yolo_boxes import decode
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the network in torch cannot run")
 
-from ortilo_drake.onboard.darknet_network import Convolution, DarknetNetwork, Pool  # noqa: E402
-from ortilo_drake.onboard.darknet_weights import read_weights  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_network import Convolution, DarknetNetwork, Pool  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_weights import read_weights  # noqa: E402
 
 REFERENCES = json.loads((Path(__file__).parents[1] / "data" / "darknet_references.json").read_text())
 

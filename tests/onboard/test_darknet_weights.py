@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.darknet_cfg import parse_cfg
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the network in torch cannot be read")
 pytest.importorskip("safetensors", reason="safetensors is not installed: the network's file cannot be read")
 
 from safetensors.torch import save  # noqa: E402
 
-from ortilo_drake.onboard.darknet_file import network_bytes, read_network  # noqa: E402
-from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
-from ortilo_drake.onboard.darknet_weights import read_darknet, read_weights, weights_bytes  # noqa: E402
-from ortilo_drake.onboard.detector_network import OWN_NETWORK  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_file import network_bytes, read_network  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_weights import read_darknet, read_weights, weights_bytes  # noqa: E402
+from ortilo_drake.onboard.detector.detector_network import OWN_NETWORK  # noqa: E402
 
 CFG = """[net]\nwidth=64\nheight=32\nchannels=3
 [convolutional]\nbatch_normalize=1\nfilters=4\nsize=3\nstride=2\npad=1\nactivation=leaky

@@ -12,7 +12,7 @@ from pydrake.systems.sensors import ImageRgba8U
 
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector import Boxes, Detector, detections_message
+from ortilo_drake.onboard.detector.detector import Boxes, Detector, detections_message
 
 H, SIZE = 1.0 / 30.0, (6, 4)
 

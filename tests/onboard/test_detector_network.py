@@ -9,10 +9,10 @@ import pytest
 
 from ortilo_drake.model.room import Room, load_room
 from ortilo_drake.model.typed_yaml import InputError, validate
-from ortilo_drake.onboard import detector_network
-from ortilo_drake.onboard.coco import COCO_CLASSES
-from ortilo_drake.onboard.darknet_cfg import parse_cfg, read_cfg
-from ortilo_drake.onboard.detector_network import (
+from ortilo_drake.onboard.detector import detector_network
+from ortilo_drake.onboard.detector.coco import COCO_CLASSES
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
+from ortilo_drake.onboard.detector.detector_network import (
     OWN_CFG,
     OWN_CLASSES,
     OWN_NETWORK,
@@ -22,8 +22,13 @@ from ortilo_drake.onboard.detector_network import (
     own_backend,
     room_labels,
 )
-from ortilo_drake.onboard.network_backends import check_installed, onnxruntime_network, opencv_network, torch_network
-from ortilo_drake.onboard.yolo_boxes import decode
+from ortilo_drake.onboard.detector.network_backends import (
+    check_installed,
+    onnxruntime_network,
+    opencv_network,
+    torch_network,
+)
+from ortilo_drake.onboard.detector.yolo_boxes import decode
 from ortilo_drake.scenario import Detector
 
 ROOM = load_room()

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from pydrake.geometry.optimization import HPolyhedron, Hyperellipsoid, Hyperrectangle, MinkowskiSum
 
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
-from ortilo_drake.onboard.free_cells import FreeSpace, cells_along, first_false, free_space, grow_cell
-from ortilo_drake.onboard.gcs_path import shortest_route
+from ortilo_drake.onboard.planner.free_cells import FreeSpace, cells_along, first_false, free_space, grow_cell
+from ortilo_drake.onboard.planner.gcs_path import shortest_route
 
 SPACE = free_space(load_room(ORTILO_ROOM), height=1.5, vehicle_radius=0.49, clearance=0.7, vertical_clearance=0.6)
 

@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.free_cells import free_space
-from ortilo_drake.onboard.goal_path import LEAST, brake, knots, then, through
-from ortilo_drake.onboard.planner import plan, refuse_contact
+from ortilo_drake.onboard.planner.free_cells import free_space
+from ortilo_drake.onboard.planner.goal_path import LEAST, brake, knots, then, through
+from ortilo_drake.onboard.planner.planner import plan, refuse_contact
 from ortilo_drake.scenario import GcsPlanner
 
 SPEED, ACCELERATION = 0.35, 0.2

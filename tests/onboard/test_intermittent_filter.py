@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.intermittent_filter import (
+from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_HOLD,
     INTEGRATOR_LITERAL,

@@ -12,8 +12,8 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_center, extent_box
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
-from ortilo_drake.onboard.landmark_association import associate, innovation_covariance
-from ortilo_drake.onboard.landmark_association import squared_distance as kernel_distance
+from ortilo_drake.onboard.landmarks.landmark_association import associate, innovation_covariance
+from ortilo_drake.onboard.landmarks.landmark_association import squared_distance as kernel_distance
 
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants

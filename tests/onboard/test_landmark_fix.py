@@ -22,12 +22,12 @@ from seen_landmarks import (
 )
 
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, FIX_SIZE, PAYLOAD
-from ortilo_drake.onboard.landmark_fix import METHODS, LandmarkFix
-from ortilo_drake.onboard.pnp import refine_pose
+from ortilo_drake.onboard.landmarks.landmark_fix import METHODS, LandmarkFix
+from ortilo_drake.onboard.landmarks.pnp import refine_pose
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import ProjectedCamera as CameraSettings
-from ortilo_drake.settings.sensors import ParametricErrors
-from ortilo_drake.world.projected_camera import ProjectedCamera
+from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 offsets = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 angles = st.tuples(*[st.floats(-0.1, 0.1)] * 3)

@@ -7,12 +7,17 @@ from hypothesis import strategies as st
 from pydrake.systems.framework import BasicVector
 from scipy.stats import chi2
 
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_HOLD, INTEGRATORS, filter_step
-from ortilo_drake.onboard.late_measurements import (
+from ortilo_drake.onboard.estimator.intermittent_filter import (
+    INTEGRATOR_ESTIMATE,
+    INTEGRATOR_HOLD,
+    INTEGRATORS,
+    filter_step,
+)
+from ortilo_drake.onboard.estimator.late_measurements import (
     COVARIANCE,
     MEASUREMENT,
     TICK,
@@ -23,7 +28,7 @@ from ortilo_drake.onboard.late_measurements import (
     replay_step,
     row_of_past,
 )
-from ortilo_drake.onboard.past_estimate import PastEstimate
+from ortilo_drake.onboard.estimator.past_estimate import PastEstimate
 from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0

@@ -10,8 +10,8 @@ from scipy.linalg import solve_discrete_are
 from ortilo_drake.model.hover import output_C
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100, Vehicle
-from ortilo_drake.onboard.lq_gain import augmented_pair, is_detectable, lq_gain, servo_gain, weight_matrices
-from ortilo_drake.onboard.measurement_handler import selection_matrix
+from ortilo_drake.onboard.estimator.measurement_handler import selection_matrix
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, is_detectable, lq_gain, servo_gain, weight_matrices
 from ortilo_drake.scenario import ServoWeights
 
 H = 1.0 / 30.0

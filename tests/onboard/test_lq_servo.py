@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from ortilo_drake.model.equations import small_angle_dynamics
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.lq_gain import augmented_pair, servo_gain
-from ortilo_drake.onboard.lq_servo import LqServo_, resting_integral, servo_control
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
+from ortilo_drake.onboard.servo.lq_servo import LqServo_, resting_integral, servo_control
 from ortilo_drake.scenario import LqServo as Settings
 from ortilo_drake.scenario import ServoWeights
 

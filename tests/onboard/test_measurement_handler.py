@@ -10,8 +10,8 @@ from scipy.stats import chi2
 
 from ortilo_drake.model.hover import output_C
 from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, MEASUREMENT_Y, SENSORS
-from ortilo_drake.onboard.intermittent_filter import STATE_OF_ROW
-from ortilo_drake.onboard.measurement_handler import (
+from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
+from ortilo_drake.onboard.estimator.measurement_handler import (
     MeasurementHandler,
     arrival_matrix,
     selection_matrix,

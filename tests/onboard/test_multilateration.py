@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import FIX_SIZE, N_XBAR, uwb_size
-from ortilo_drake.onboard.multilateration import Multilateration
-from ortilo_drake.onboard.nearest_three import nearest_three
-from ortilo_drake.onboard.range_equations import MAX_SD
-from ortilo_drake.onboard.range_least_squares import least_squares
+from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.onboard.ranging.nearest_three import nearest_three
+from ortilo_drake.onboard.ranging.range_equations import MAX_SD
+from ortilo_drake.onboard.ranging.range_least_squares import least_squares
 from ortilo_drake.scenario import ConstantNoise, ProportionalNoise
 from ortilo_drake.scenario import Multilateration as Settings
 

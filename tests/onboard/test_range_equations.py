@@ -5,8 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.onboard.range_equations import MAX_SD, Symmetric, fix_with_covariance, inverse, normal_equations
-from ortilo_drake.onboard.range_equations import product as times
+from ortilo_drake.onboard.ranging.range_equations import (
+    MAX_SD,
+    Symmetric,
+    fix_with_covariance,
+    inverse,
+    normal_equations,
+)
+from ortilo_drake.onboard.ranging.range_equations import product as times
 
 UPPER = np.triu_indices(3)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.room import load_room
-from ortilo_drake.onboard.range_least_squares import descend, least_squares, linear_start
+from ortilo_drake.onboard.ranging.range_least_squares import descend, least_squares, linear_start
 
 ANCHORS = load_room().anchor_positions
 ALL = np.ones(len(ANCHORS))

@@ -6,7 +6,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial import cKDTree
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.retime import WINDOW, retime
+from ortilo_drake.onboard.planner.retime import WINDOW, retime
 
 
 def line(length: float) -> PiecewisePolynomial:

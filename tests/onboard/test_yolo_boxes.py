@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.yolo_boxes import decode, non_max_suppression
+from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
 
 Detections = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.training.augment import augment, blur_kernel
+from ortilo_drake.training.network.augment import augment, blur_kernel
 
 W, H = 96, 72
 

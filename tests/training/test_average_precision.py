@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.training.average_precision import average_precision, iou_matrix, match
-from ortilo_drake.training.labels import LABEL_SIZE, MAX_OBJECTS
+from ortilo_drake.training.judging.average_precision import average_precision, iou_matrix, match
+from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS
 
 
 def truth_of(*objects: tuple[int, tuple[float, float, float, float], float]) -> np.ndarray:

@@ -9,15 +9,15 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from ortilo_drake.experiments.flight import fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError, load_yaml, validate
 from ortilo_drake.scenario import ProjectedCamera as Settings
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.settings.sensors import MeasuredErrors
-from ortilo_drake.training import calibrate as calibration_of
-from ortilo_drake.training.estimates import (
+from ortilo_drake.scenario.sensors import MeasuredErrors
+from ortilo_drake.training.calibration import calibrate as calibration_of
+from ortilo_drake.training.calibration.estimates import (
     both_below,
     fit_slow,
     fit_table,
@@ -25,10 +25,10 @@ from ortilo_drake.training.estimates import (
     latent_correlation,
     slow_correlation,
 )
-from ortilo_drake.training.sightings import LEAST_OVERLAP, is_whole, match_landmarks, sightings
-from ortilo_drake.world.camera_calibration import CameraCalibration, load_calibration
-from ortilo_drake.world.landmark_view import DISTANCE, VISIBLE
-from ortilo_drake.world.projected_camera import ProjectedCamera
+from ortilo_drake.training.calibration.sightings import LEAST_OVERLAP, is_whole, match_landmarks, sightings
+from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
+from ortilo_drake.world.sensors.landmark_view import DISTANCE, VISIBLE
+from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 pytestmark = pytest.mark.training
 

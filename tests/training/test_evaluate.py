@@ -8,12 +8,12 @@ import pytest
 
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector import Boxes
-from ortilo_drake.onboard.detector_network import OWN_CLASSES
+from ortilo_drake.onboard.detector.detector import Boxes
+from ortilo_drake.onboard.detector.detector_network import OWN_CLASSES
 from ortilo_drake.scenario import Detector
-from ortilo_drake.training.evaluate import evaluate, milliseconds_per_frame, whole
-from ortilo_drake.training.judge import draw_boxes, judge
-from ortilo_drake.training.labels import LABEL_SIZE, MAX_OBJECTS, Frames
+from ortilo_drake.training.judging.evaluate import evaluate, milliseconds_per_frame, whole
+from ortilo_drake.training.judging.judge import draw_boxes, judge
+from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 
 W, H, CLASSES = 160, 120, ("cat", "dog", "clock")
 
@@ -155,7 +155,7 @@ def test_time_is_the_detectors_own(monkeypatch: pytest.MonkeyPatch) -> None:
         now += next(spends)
 
     clock = SimpleNamespace(perf_counter=lambda: now)
-    monkeypatch.setattr("ortilo_drake.training.evaluate.time", clock)
+    monkeypatch.setattr("ortilo_drake.training.judging.evaluate.time", clock)
     assert milliseconds_per_frame(detect, FRAMES.images, 5) == pytest.approx(5.0)  # type: ignore[arg-type]
 
 

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.darknet_cfg import parse_cfg, read_cfg
-from ortilo_drake.onboard.detector_network import OWN_CFG, OWN_CLASSES, OWN_NETWORK, OWN_ONNX
-from ortilo_drake.onboard.network_backends import onnxruntime_network, opencv_network, torch_network
-from ortilo_drake.onboard.yolo_boxes import decode
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
+from ortilo_drake.onboard.detector.detector_network import OWN_CFG, OWN_CLASSES, OWN_NETWORK, OWN_ONNX
+from ortilo_drake.onboard.detector.network_backends import onnxruntime_network, opencv_network, torch_network
+from ortilo_drake.onboard.detector.yolo_boxes import decode
 
 torch = pytest.importorskip("torch", reason="torch is not installed: nothing can be exported")
 pytest.importorskip("safetensors", reason="safetensors is not installed: a trained network cannot be read")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: nothing to compare with")
 
-from ortilo_drake.onboard.darknet_file import network_bytes, read_network  # noqa: E402
-from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
-from ortilo_drake.training.export import export, fold  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_file import network_bytes, read_network  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork  # noqa: E402
+from ortilo_drake.training.network.export import export, fold  # noqa: E402
 
 pytestmark = pytest.mark.training
 

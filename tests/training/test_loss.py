@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="torch is not installed: nothing can be trained")
 
-from ortilo_drake.onboard.yolo_boxes import decode  # noqa: E402
-from ortilo_drake.training.loss import complete_iou, predicted_boxes, yolo_loss  # noqa: E402
+from ortilo_drake.onboard.detector.yolo_boxes import decode  # noqa: E402
+from ortilo_drake.training.network.loss import complete_iou, predicted_boxes, yolo_loss  # noqa: E402
 
 WIDTH, HEIGHT, CLASSES = 96, 64, 3
 ANCHORS = (np.array([[30.0, 30.0], [60.0, 40.0]]), np.array([[8.0, 10.0], [14.0, 17.0]]))

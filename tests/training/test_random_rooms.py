@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import Room, load_room
-from ortilo_drake.training.random_rooms import clutter_kinds, random_pose, random_room
-from ortilo_drake.world.scene import mesh_file, scene_items
+from ortilo_drake.training.pictures.random_rooms import clutter_kinds, random_pose, random_room
+from ortilo_drake.world.scenery.scene import mesh_file, scene_items
 
 BASE = load_room()
 seeds = st.integers(0, 2**63 - 1)

@@ -16,8 +16,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from ortilo_drake.model.room import CameraModel, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.training import sets
-from ortilo_drake.training.labels import (
+from ortilo_drake.training.pictures import sets
+from ortilo_drake.training.pictures.labels import (
     BOX,
     CLASS,
     DISTANCE,
@@ -28,11 +28,11 @@ from ortilo_drake.training.labels import (
     Frames,
     is_to_be_found,
 )
-from ortilo_drake.training.renders import Studio, render_scene
-from ortilo_drake.training.sets import load_set, render_set, set_folder
-from ortilo_drake.training.shards import load_frames, render_shard
-from ortilo_drake.world.rendering import camera_in_body, make_scene_graph, render_cameras
-from ortilo_drake.world.scene import scene_items
+from ortilo_drake.training.pictures.renders import Studio, render_scene
+from ortilo_drake.training.pictures.sets import load_set, render_set, set_folder
+from ortilo_drake.training.pictures.shards import load_frames, render_shard
+from ortilo_drake.world.scenery.rendering import camera_in_body, make_scene_graph, render_cameras
+from ortilo_drake.world.scenery.scene import scene_items
 
 pytestmark = pytest.mark.training
 
@@ -155,7 +155,7 @@ def test_what_is_to_be_found_is_visible_and_large_enough(least: tuple[float, flo
 
 PROGRAM = """
 import sys, hashlib
-from ortilo_drake.training.renders import render_scene
+from ortilo_drake.training.pictures.renders import render_scene
 frames = render_scene(sys.argv[1], 3, 1, 2, 160)
 print(hashlib.sha256(frames.images.tobytes() + frames.labels.tobytes()).hexdigest())
 """

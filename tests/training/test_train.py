@@ -9,13 +9,13 @@ import pytest
 
 import ortilo_drake
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.darknet_cfg import parse_cfg
-from ortilo_drake.training.labels import LABEL_SIZE, MAX_OBJECTS, Frames
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg
+from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 
 torch = pytest.importorskip("torch", reason="torch is not installed: nothing can be trained")
 
-from ortilo_drake.onboard.darknet_network import DarknetNetwork  # noqa: E402
-from ortilo_drake.training.train import RARE, batch_of, initialize, train  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork  # noqa: E402
+from ortilo_drake.training.network.train import RARE, batch_of, initialize, train  # noqa: E402
 
 pytestmark = pytest.mark.training
 
@@ -62,7 +62,7 @@ def same(one: DarknetNetwork, other: DarknetNetwork) -> bool:
 
 
 def test_the_loss_falls_and_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.training.train.WARM_UP", 20)  # of 120 steps
+    monkeypatch.setattr("ortilo_drake.training.network.train.WARM_UP", 20)  # of 120 steps
     network, seen = made(), []
     history = train(network, coloured_rectangles(40), 12, 0, tmp_path, lambda *told: seen.append(told), batch=BATCH)
     assert len(history) == 12

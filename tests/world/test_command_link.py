@@ -12,7 +12,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import BernoulliLoss, GilbertElliottLoss, load_scenario
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
-from ortilo_drake.world.command_link import CommandLink
+from ortilo_drake.world.radio.command_link import CommandLink
 
 H = 1.0 / 30.0
 HOVER = np.array([2.7 * 9.81, 0.0, 0.0, 0.0])

@@ -10,9 +10,9 @@ from pydrake.systems.sensors import ImageRgba8U
 
 from ortilo_drake.model.signals import ARRIVED, N_X, SHUTTER_SIZE, STAMP
 from ortilo_drake.scenario import BernoulliLoss, Link
-from ortilo_drake.world.image_delay import ImageDelay
-from ortilo_drake.world.link import SensorLink
-from ortilo_drake.world.shutter import Shutter
+from ortilo_drake.world.radio.image_delay import ImageDelay
+from ortilo_drake.world.radio.link import SensorLink
+from ortilo_drake.world.sensors.shutter import Shutter
 
 H = 1.0 / 30.0
 

@@ -11,8 +11,8 @@ from scipy import stats
 from ortilo_drake.model.equations import rigid_body_dynamics
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Imu as Settings
-from ortilo_drake.world.imu import Imu, imu_message
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.imu import Imu, imu_message
 
 H = 1.0 / 30.0
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])

@@ -15,8 +15,8 @@ from ortilo_drake.scenario import (
     PositionBlackout,
     TimeBlackout,
 )
-from ortilo_drake.world.link import SensorLink
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.radio.link import SensorLink
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")

@@ -21,7 +21,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.world.meshcat_draw import (
+from ortilo_drake.world.scenery.meshcat_draw import (
     PLANNED_PATH,
     TRUE,
     VEHICLE_MESH,
@@ -30,10 +30,10 @@ from ortilo_drake.world.meshcat_draw import (
     sigma_ellipsoid,
     tube,
 )
-from ortilo_drake.world.meshcat_flight import CHUNK, MeshcatFlight
-from ortilo_drake.world.meshcat_replay import html_replay
-from ortilo_drake.world.meshcat_room import draw_room, make_meshcat
-from ortilo_drake.world.scene import scene_items
+from ortilo_drake.world.scenery.meshcat_flight import CHUNK, MeshcatFlight
+from ortilo_drake.world.scenery.meshcat_replay import html_replay
+from ortilo_drake.world.scenery.meshcat_room import draw_room, make_meshcat
+from ortilo_drake.world.scenery.scene import scene_items
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "make_vehicle_mesh.py"
 ROOM = load_room()

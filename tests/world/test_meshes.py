@@ -15,7 +15,7 @@ from ortilo_drake.model.room import ORTILO_ROOM, load_room
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts" / "make_room_meshes.py"
-MESHES = ROOT / "ortilo_drake" / "world" / "meshes"
+MESHES = ROOT / "ortilo_drake" / "world" / "scenery" / "meshes"
 ROOM = load_room()
 OUTLINES = {label: np.array(points) for label, points in ROOM.landmark_outline.items()}
 CLUTTER = {  # extents [m]; foot at z = 0

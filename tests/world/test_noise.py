@@ -10,8 +10,8 @@ from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 from scipy import stats
 
 from ortilo_drake.scenario import Disturbance
-from ortilo_drake.world.disturbance import DisturbanceSource
 from ortilo_drake.world.noise import normals, philox_words, stream_id, uniforms
+from ortilo_drake.world.vehicle.disturbance import DisturbanceSource
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")

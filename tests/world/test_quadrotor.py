@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from ortilo_drake.model.equations import DYNAMICS, rigid_body_dynamics, small_angle_dynamics
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.world.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
 INERTIA = np.array(M100.inertia)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])

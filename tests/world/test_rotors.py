@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
 from ortilo_drake.model.vehicle import M100, Vehicle
-from ortilo_drake.world.rotors import Rotors_, commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
+from ortilo_drake.world.vehicle.rotors import Rotors_, commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
 
 M = mixing_matrix(M100)
 M_INVERSE = np.linalg.inv(M)

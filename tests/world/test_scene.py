@@ -13,10 +13,10 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import extent_box
 from ortilo_drake.model.room import Landmark, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.world import rendering
-from ortilo_drake.world.obj_normals import with_face_normals, without_normals
-from ortilo_drake.world.rendering import camera_in_body, check_egl, make_scene_graph, render_cameras
-from ortilo_drake.world.scene import NO_LANDMARK, SceneItem, mesh_file, scene_items
+from ortilo_drake.world.scenery import rendering
+from ortilo_drake.world.scenery.obj_normals import with_face_normals, without_normals
+from ortilo_drake.world.scenery.rendering import camera_in_body, check_egl, make_scene_graph, render_cameras
+from ortilo_drake.world.scenery.scene import NO_LANDMARK, SceneItem, mesh_file, scene_items
 
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320)

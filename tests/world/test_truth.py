@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from ortilo_drake.diagrams.closed_loop import set_world_hovering
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.experiments.simulator import fix_steps
+from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario

@@ -16,8 +16,8 @@ from ortilo_drake.scenario import (
     WallsBlock,
     WallsIgnored,
 )
-from ortilo_drake.world.line_of_sight import walls_crossed
-from ortilo_drake.world.uwb import UwbRanging
+from ortilo_drake.world.sensors.line_of_sight import walls_crossed
+from ortilo_drake.world.sensors.uwb import UwbRanging
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")

@@ -1,1 +1,0 @@
-"""Theory on matrices taken from the diagram that flies: linearisation, Riccati equations, loss, delay, honesty."""

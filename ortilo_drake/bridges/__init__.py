@@ -1,1 +1,0 @@
-"""The onboard estimate in the languages of other autopilots and tools."""

@@ -1,1 +1,0 @@
-"""One flight, many flights, and what is learnt from them."""

@@ -1,0 +1,68 @@
+"""How near the filter comes to the Cramer-Rao floor (floor/cramer_rao.py, which says what the floor is)."""
+
+from typing import Any
+
+import numpy as np
+import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
+import xarray as xr
+
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.floor.cramer_rao import position_floor
+
+START = 2.0  # [s]
+
+
+def floor_at_ticks(flight: xr.Dataset) -> np.ndarray | None:
+    """Return the least mean squared error of xhat_{k|k-1} per axis at every tick [m^2] (n, 3); see position_floor."""
+    return position_floor(scenario_of(flight), flight["truth"].values)
+
+
+def mean_floor(floor: np.ndarray | None) -> dict[str, float] | None:
+    """Return the floor per axis, the mean over ticks as estimation_mse is one [m^2]; None where it is unknown."""
+    return None if floor is None else dict(zip(AXES, np.mean(floor, axis=0).tolist(), strict=True))
+
+
+def efficiency(mse: dict[str, float], floor: dict[str, float] | None) -> dict[str, float | None]:
+    """Return the mean squared error over the floor per axis; None where there is no floor above 0.
+
+    On average over flights it is 1 or more; a single flight, whose errors hang together, is often below.
+    """
+    floor = floor or {}
+    return {axis: value / floor[axis] if floor.get(axis, 0.0) > 0.0 else None for axis, value in mse.items()}
+
+
+def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, float | None]:
+    """Return the mean over ticks of squared error over floor per axis; None where there is no floor above 0.
+
+    The mean squared error is almost all from the blackouts, where a flight errs in one direction or the other; here
+    every tick counts alike, which needs fewer flights to tell a filter from the floor. The first START seconds are left
+    out: there the floor rises from 0, and the filter errs by what it believes of its own start.
+    """
+    if floor is None:
+        return dict.fromkeys(AXES)
+    later = slice(round(START / scenario_of(flight).h), None)
+    e2, floor = (flight["estimate"].values[later, :3] - flight["truth"].values[later, :3]) ** 2, floor[later]
+    there = floor > 0.0
+    return {
+        axis: float(np.mean(e2[there[:, i], i] / floor[there[:, i], i])) if there[:, i].any() else None
+        for i, axis in enumerate(AXES)
+    }
+
+
+def ratio_of_means(errors: list[float], floors: list[float]) -> dict[str, Any]:
+    """Return sum(errors) / sum(floors) over flights, with its bootstrap 95 % interval, drawing whole flights.
+
+    It is the flights' mean squared error over the mean floor: what the Cramer-Rao bound says is 1 or more.
+    """
+    if not floors or sum(floors) <= 0.0:
+        return {"value": None, "interval": None}
+
+    def ratio(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return np.sum(a, axis=axis) / np.sum(b, axis=axis)
+
+    samples, found = (np.array(errors), np.array(floors)), None
+    if len(floors) > 1:
+        rng = np.random.default_rng(0)
+        found = scipy.stats.bootstrap(samples, ratio, vectorized=True, paired=True, method="percentile", rng=rng)
+    low_high = found and [float(found.confidence_interval.low), float(found.confidence_interval.high)]
+    return {"value": float(ratio(*samples)), "interval": low_high}

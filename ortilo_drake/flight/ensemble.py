@@ -1,0 +1,143 @@
+"""Many flights on worker processes, resumable."""
+
+import gc
+import hashlib
+import json
+import logging
+from collections.abc import Callable, Iterable
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+import ortilo_drake
+from ortilo_drake.flight.files import remove_stale
+from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
+from ortilo_drake.flight.workers import run_all
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.detector_network import own_backend
+from ortilo_drake.scenario import Scenario
+
+_LOG = logging.getLogger(__name__)
+
+
+def flight_folder(out: Path, scenario: Scenario) -> Path:
+    """Return the folder of a scenario's flights: its name and a digest of all that decides them but the seed.
+
+    That is the scenario, the room, the camera's files and the program itself, so that a resumed run never mixes two.
+    """
+    text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
+    everything = "\n".join((text, scenario.load_room().model_dump_json(), _camera(scenario), _program()))
+    return out / f"{scenario.name}-{hashlib.sha256(everything.encode()).hexdigest()[:8]}"
+
+
+@cache
+def _program() -> str:
+    """Return a digest of the package's sources, meshes and weights."""
+    digest = hashlib.sha256()
+    package = Path(ortilo_drake.__file__).parent
+    for folder in (package, (package / "diagrams").resolve()):  # a link, which rglob does not follow
+        for path in sorted(folder.rglob("*.*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _camera(scenario: Scenario) -> str:
+    """Return a digest of the user's own files of detector and calibration, and which backend computes our network."""
+    chosen, errors = scenario.detector, scenario.projected_camera.errors
+    digest = hashlib.sha256(own_backend(chosen.backend).encode() if scenario.is_rendered else b"")
+    names = chosen.names or (chosen.cfg and str(Path(chosen.cfg).with_suffix(".names")))
+    for file in (chosen.cfg, chosen.weights, names, errors.file if errors.kind == "measured" else None):
+        if file is not None and Path(file).is_file():
+            digest.update(Path(file).read_bytes())
+    return digest.hexdigest()
+
+
+def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
+    """Return where the flight with that seed is kept."""
+    return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
+
+
+@lru_cache(maxsize=1)
+def _simulator(scenario_json: str, folder: str) -> FlightSimulator:
+    """Return what flies a scenario in this process; the last one is kept, while the folder's digest is the same."""
+    return FlightSimulator(Scenario.model_validate_json(scenario_json))
+
+
+def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
+    """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
+    flight = _simulator(scenario_json, Path(file).parent.name).fly(seed)
+    flight.attrs["summary"] = json.dumps(summary(flight))
+    save_flight(flight, Path(file))
+    return dict(json.loads(flight.attrs["summary"]))
+
+
+def _finished(path: Path) -> dict[str, Any] | None:
+    """Return the summary of a flight that is already there; None, and a warning, if it is damaged."""
+    if not path.exists():
+        return None
+    try:
+        return load_summary(path)
+    except InputError as error:
+        _LOG.warning("%s: flown again", error)
+        return None
+
+
+def fly_many(
+    scenario: Scenario,
+    seeds: Iterable[int],
+    out: Path,
+    workers: int = 1,
+    progress: Callable[[dict[str, Any]], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Fly a scenario once for each seed and return the summaries in the order of the seeds.
+
+    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one is,
+    with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone, not on the
+    number of workers; a worker that dies is replaced and its flight flown again.
+
+    Args:
+        scenario: the scenario; its own seed is not used.
+        seeds: the seeds.
+        out: folder for the flights.
+        workers: worker processes; 1 flies in this process.
+        progress: called with each summary as it comes in.
+
+    Raises:
+        InputError: if a flight cannot be flown or written.
+    """
+    seeds = list(seeds)
+    summaries: dict[int, dict[str, Any]] = {}
+
+    def take(seed: int, result: dict[str, Any]) -> None:
+        summaries[seed] = result
+        if progress:
+            progress(result)
+
+    remove_stale(flight_folder(out, scenario))
+    for seed in seeds:
+        done = _finished(flight_file(out, scenario, seed))
+        if done is not None:
+            take(seed, done)
+    missing = [seed for seed in seeds if seed not in summaries]
+    text = scenario.model_dump_json()
+    jobs = [(text, seed, str(flight_file(out, scenario, seed))) for seed in missing]
+    try:
+        run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
+    finally:
+        _simulator.cache_clear()  # files that the scenario names may be others at the next call
+        if scenario.is_rendered:
+            gc.collect()  # a renderer's windows go in the thread that drew them; EGL complains in another
+    return [summaries[seed] for seed in seeds]
+
+
+def flights_of(scenario: Scenario, seeds: Iterable[int], out: Path) -> list[xr.Dataset]:
+    """Return the saved flights of those seeds; InputError if one is missing."""
+    flights = [load_flight(flight_file(out, scenario, seed)) for seed in seeds]
+    if not flights:
+        raise InputError("flights: none asked for")
+    return flights

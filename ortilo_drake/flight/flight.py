@@ -1,0 +1,202 @@
+"""Flights: a scenario in, an xarray Dataset for each seed out."""
+
+import gc
+import json
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+from pydrake.geometry import Meshcat
+
+from ortilo_drake import __version__
+from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
+from ortilo_drake.flight.flyable import check_flyable
+from ortilo_drake.flight.lost import Lost
+from ortilo_drake.flight.simulator import advance, make_simulator
+from ortilo_drake.model.signals import (
+    CONTROL_NAMES,
+    MEASUREMENT_DELTA,
+    MEASUREMENT_V2,
+    MEASUREMENT_Y,
+    OUTPUT_NAMES,
+    SENSORS,
+    STATE_NAMES,
+)
+from ortilo_drake.scenario import Scenario, with_seed
+
+AXES = ("x", "y", "z")
+XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
+_UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
+
+
+class FlightSimulator:
+    """A scenario's closed loop, built once, that flies one seed after the other.
+
+    A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
+    gives back. A flight needs but a Context: it holds seed, start and all that evolves, and each has its own, so the
+    flights before it change nothing.
+
+    Args:
+        scenario: the scenario; its own seed is not used.
+        meshcat: shows each flight live; it is then paced by the wall clock.
+
+    Raises:
+        InputError: if the scenario cannot be flown, see check_flyable.
+    """
+
+    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None):
+        self._scenario, self._is_live = scenario, meshcat is not None
+        self._ticks = check_flyable(scenario)
+        self._diagram = make_closed_loop(scenario, meshcat=meshcat)
+        # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
+        # scene differs from the later ones in the last bits of a few pixels.
+        make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
+
+    def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
+        """Fly one seed.
+
+        Args:
+            seed: the seed of all noise.
+            progress: called with the number of ticks flown.
+
+        Returns:
+            A Dataset over ticks; see flight_dataset. The same seed gives the same numbers bit for bit; only the
+            attribute real_time_factor differs.
+
+        Raises:
+            InputError: if the seed is none that a scenario allows.
+        """
+        scenario = with_seed(self._scenario, seed)
+        simulator = make_simulator(self._diagram, scenario)
+        if self._is_live:
+            simulator.set_target_realtime_rate(1.0)
+        collects = gc.isenabled()
+        gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
+        try:
+            lost, wall = advance(simulator, scenario, self._ticks, progress)
+        finally:
+            if collects:
+                gc.enable()
+        log = self._diagram.GetSubsystemByName("log").FindLog(simulator.get_context())
+        end = lost.tick + 1 if lost else self._ticks + 1
+        dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)
+        dataset.attrs["real_time_factor"] = simulator.get_context().get_time() / wall
+        return dataset
+
+
+def fly(
+    scenario: Scenario, progress: Callable[[int], None] | None = None, meshcat: Meshcat | None = None
+) -> xr.Dataset:
+    """Fly one scenario, its seed included; for many seeds of it make one FlightSimulator.
+
+    Args:
+        scenario: the scenario.
+        progress: called with the number of ticks flown.
+        meshcat: shows the flight live; it is then paced by the wall clock.
+
+    Returns:
+        A Dataset over ticks; see FlightSimulator.fly.
+
+    Raises:
+        InputError: if the scenario cannot be flown, see check_flyable.
+    """
+    return FlightSimulator(scenario, meshcat).fly(scenario.seed, progress)
+
+
+def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lost: Lost | None) -> xr.Dataset:
+    """Return the log of a closed loop as a Dataset over ticks.
+
+    Args:
+        scenario: the scenario flown.
+        times: t_k (n).
+        logged: the log's rows, signals in the order of closed_loop.LOGGED (n, 304).
+        lost: when and why the flight ended early, if it did.
+    """
+    edges = np.cumsum([0, *LOGGED.values()])
+    signal = {name: logged[:, edges[i] : edges[i + 1]] for i, name in enumerate(LOGGED)}
+    n = len(times)
+    y, delta = signal["measurement"][:, MEASUREMENT_Y], signal["measurement"][:, MEASUREMENT_DELTA] > 0
+    V2 = signal["measurement"][:, MEASUREMENT_V2].reshape(n, 3, 3, 3)
+    there = np.repeat(delta, 3, axis=1)
+    estimate = signal["estimate"]
+    predicted = estimate[:, [0, 1, 2, 0, 1, 2, 3, 4, 5]]
+    ticks = np.arange(n)
+    due = np.array([[k % scenario.link_of(s).every == 0 and s in scenario.sensors for s in SENSORS] for k in ticks])
+    reference = signal["reference"].reshape(n, 3, 3)
+    return xr.Dataset(
+        {
+            "truth": (("tick", "state"), signal["state"], {"units": _UNITS, "long_name": "true state x_k"}),
+            "estimate": (
+                ("tick", "xbar"),
+                estimate,
+                {"units": _UNITS + "; i in m ticks", "long_name": "prediction xhat_k|k-1"},
+            ),
+            "covariance": (
+                ("tick", "xbar", "xbar_column"),
+                signal["covariance"].reshape(n, 15, 15),
+                {"units": "products of the estimate's", "long_name": "covariance P_k of the prediction"},
+            ),
+            "control": (
+                ("tick", "control_name"),
+                signal["control"],
+                {"units": "f_T in N; tau in N m", "long_name": "commanded control u_k, f_T absolute"},
+            ),
+            "reference": (
+                ("tick", "axis"),
+                reference[:, 0],
+                {"units": "m", "long_name": "planned position r_k"},
+            ),
+            "reference_velocity": (("tick", "axis"), reference[:, 1], {"units": "m/s"}),
+            "reference_acceleration": (("tick", "axis"), reference[:, 2], {"units": "m/s^2"}),
+            "measurement": (
+                ("tick", "output"),
+                np.where(there, y, np.nan),
+                {"units": "positions in m; angles in rad", "long_name": "y_k, NaN where nothing arrived"},
+            ),
+            "innovation": (
+                ("tick", "output"),
+                np.where(there, y - predicted, np.nan),
+                {
+                    "units": "as measurement",
+                    "long_name": "Delta_k y_k - H_k xhat_k|k-1, NaN where nothing arrived",
+                },
+            ),
+            "measurement_covariance": (
+                ("tick", "sensor", "row", "column"),
+                V2,
+                {"units": "m^2, rad^2", "long_name": "V_2 of each sensor"},
+            ),
+            "arrival": (
+                ("tick", "sensor"),
+                delta,
+                {"units": "1", "long_name": "delta_k: used by the filter"},
+            ),
+            "due": (
+                ("tick", "sensor"),
+                due,
+                {"units": "1", "long_name": "the sensor's rate has it send in this tick"},
+            ),
+        },
+        coords={
+            "time": ("tick", times, {"units": "s"}),
+            "state": list(STATE_NAMES),
+            "xbar": list(XBAR_NAMES),
+            "control_name": list(CONTROL_NAMES),
+            "axis": list(AXES),
+            "output": list(OUTPUT_NAMES),
+            "sensor": list(SENSORS),
+        },
+        attrs={
+            "title": "A flight of ortilo-drake",
+            "software": f"ortilo-drake {__version__}",
+            "scenario": scenario.model_dump_json(),
+            "seed": scenario.seed,
+            "lost": json.dumps(None if lost is None else {"time": lost.time, "cause": lost.cause}),
+            "frames": "W: east, north, up; B: forward, left, up",
+        },
+    )
+
+
+def scenario_of(flight: xr.Dataset) -> Scenario:
+    """Return the scenario that a flight carries."""
+    return Scenario.model_validate_json(flight.attrs["scenario"])

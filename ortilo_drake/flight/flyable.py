@@ -1,0 +1,57 @@
+"""Whether a scenario can be flown: the one answer that `ortilo scenario check` and `ortilo fly` give."""
+
+from ortilo_drake.diagrams.closed_loop import LOGGED
+from ortilo_drake.model.input_files import MIB
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.radio.image_delay import check_kept
+from ortilo_drake.world.scenery.rendering import check_egl
+from ortilo_drake.world.sensors.camera_calibration import load_calibration
+
+TICK_BYTES = 8 * sum(LOGGED.values())
+LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
+
+
+def flight_ticks(scenario: Scenario) -> int:
+    """Return how many ticks a flight takes: its path and the time to settle.
+
+    Raises:
+        InputError: if there is no path, or the flight is too long to be logged.
+    """
+    seconds = plan(scenario.planner, scenario.load_room(), scenario.vehicle).end_time() + scenario.settle
+    ticks = round(seconds * scenario.control_rate)
+    if ticks * TICK_BYTES > LARGEST_LOG:
+        raise InputError(
+            f"control_rate: {scenario.control_rate:g}: a flight of {seconds:g} s logs "
+            f"{ticks * TICK_BYTES / MIB:.0f} MiB, must not exceed {LARGEST_LOG / MIB:.0f} MiB: fly shorter or slower"
+        )
+    return ticks
+
+
+def check_flyable(scenario: Scenario) -> int:
+    """Return how many ticks a flight takes, once all that it needs has been found to be there.
+
+    Raises:
+        InputError: if there is no path or no servo gain, the flight needs too much memory, a file of detector or
+            calibration is wrong, or nothing can be rendered here.
+    """
+    room = scenario.load_room()
+    ticks = flight_ticks(scenario)
+    servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    if "camera" not in scenario.sensors:
+        return ticks
+    try:
+        camera = room.camera.scaled_to(scenario.image_width)
+    except InputError as error:
+        raise InputError(f"{scenario.camera}_camera.{error}") from None
+    if scenario.is_rendered:
+        link = scenario.camera_link
+        check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)
+        check_egl()
+        load_detector(scenario.detector, room, (camera.width, camera.height))
+    elif scenario.projected_camera.errors.kind == "measured":
+        load_calibration(scenario.projected_camera.errors)
+    return ticks

@@ -1,0 +1,208 @@
+"""The world and the onboard half, each on its own, met at the ticks.
+
+At t_k the world shows its messages (sample), the onboard half answers with the control (take, answer), and only then
+do both go on to t_{k+1} (advance): Drake's AdvanceTo stops at t_k before the updates of t_k, so each half updates from
+the very values it would have had over a wire, and the flight is that of diagrams/closed_loop.py bit for bit.
+
+A tick's *messages* are a dict from the name of an onboard input port to its value: message vectors (model/signals.py),
+those without any non-zero entry left out, and 'image' (height, width, 4), uint8, if its shutter message is there. A
+tick's *outputs* are a dict of the onboard half's logged signals, OUTPUTS.
+"""
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, PortDataType
+from pydrake.systems.sensors import ImageRgba8U
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.diagrams.closed_loop import set_world_hovering
+from ortilo_drake.diagrams.onboard import make_onboard
+from ortilo_drake.diagrams.world import make_world
+from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.flight.simulator import fix_steps
+from ortilo_drake.model.signals import ARRIVED, N_XBAR
+from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.vehicle.failsafe import MODES
+
+
+class WorldHalf:
+    """The world of a scenario, hovering at the start of the planned path.
+
+    Args:
+        scenario: the scenario.
+        command_period: how often it looks for a command [s], see diagrams/world.py; by default every tick.
+        draws: whether a rendered camera draws its pictures here.
+    """
+
+    def __init__(self, scenario: Scenario, command_period: float | None = None, draws: bool = True):
+        self._diagram = make_world(scenario, command_period)
+        ports = [self._diagram.get_output_port(i) for i in range(self._diagram.num_output_ports())]
+        views = ("state", "failsafe_mode", "image", "depth_image", "label_image")
+        self._messages = {port.get_name(): port for port in ports if port.get_name() not in views}
+        self._image = self._diagram.GetOutputPort("image") if scenario.is_rendered and draws else None
+        self._state, self._h = self._diagram.GetOutputPort("state"), scenario.h
+        self._control = self._diagram.GetInputPort("control" if command_period is None else "command")
+        self._hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0])[: self._control.size()]
+        # A throwaway start, as in flight/flight.py: numba compiles, and VTK, whose very first picture of a scene
+        # differs from the later ones in the last bits of a few pixels, has drawn one.
+        self._start(scenario)
+        self.sample()
+        self.advance_to(self._h, self._hover)
+        self._start(scenario)
+
+    def _start(self, scenario: Scenario) -> None:
+        self._simulator, self._k = Simulator(self._diagram), 0
+        fix_steps(self._simulator, scenario)
+        trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+        r_0 = trajectory.value(trajectory.start_time())[:, 0]
+        set_world_hovering(self._diagram, self._simulator.get_mutable_context(), scenario, r_0)
+        self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
+        self._simulator.Initialize()
+
+    @property
+    def state(self) -> np.ndarray:
+        """The true x now (12)."""
+        return np.array(self._state.Eval(self._simulator.get_context()))
+
+    @property
+    def failsafe_mode(self) -> str | None:
+        """What flies now, of world.failsafe.MODES; None where there is no failsafe, without a command_period."""
+        if not self._diagram.HasOutputPort("failsafe_mode"):
+            return None
+        mode = self._diagram.GetOutputPort("failsafe_mode").Eval(self._simulator.get_context())
+        return MODES[int(mode[0])]
+
+    def sample(self) -> Signals:
+        """Return the messages of this tick."""
+        context = self._simulator.get_context()
+        values = {name: np.array(port.Eval(context)) for name, port in self._messages.items()}
+        messages = {name: value for name, value in values.items() if value.any()}
+        if self._image is not None and "shutter" in messages and messages["shutter"][ARRIVED] == 1.0:
+            messages["image"] = np.array(self._image.Eval(context).data)
+        return messages
+
+    def advance(self, control: np.ndarray) -> None:
+        """Go on to the next tick under a control (4); with a command_period a command (5)."""
+        self._k += 1
+        self.advance_to(self._k * self._h, control)
+
+    def advance_to(self, time: float, control: np.ndarray) -> None:
+        """Go on to a time [s]; else as advance."""
+        self._control.FixValue(self._simulator.get_mutable_context(), control)
+        self._simulator.AdvanceTo(time, interruptible=False)
+
+
+class OnboardHalf:
+    """The onboard half of a scenario.
+
+    Args:
+        scenario: the scenario.
+        trajectory: the path to fly; by default what the scenario's planner plans.
+        detects: whether it looks at a rendered camera's pictures; if not, it takes detections.
+    """
+
+    def __init__(self, scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True):
+        self._path = trajectory or plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+        self._diagram = make_onboard(scenario, self._path, detects)
+        self._simulator = Simulator(self._diagram)
+        ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
+        self._ports = {port.get_name(): port for port in ports}
+        self._absent = {
+            name: np.zeros(port.size())
+            for name, port in self._ports.items()
+            if port.get_data_type() == PortDataType.kVectorValued
+        }
+        self._outputs = {name: self._diagram.GetOutputPort(name) for name in OUTPUTS}
+        self._h, self._k, self._yaw = scenario.h, 0, scenario.servo.yaw
+        self.take({})
+        if "image" in self._ports:
+            self._ports["image"].FixValue(self._simulator.get_mutable_context(), AbstractValue.Make(ImageRgba8U()))
+        self._simulator.Initialize()
+
+    @property
+    def diagram(self) -> Diagram:
+        """The Diagram of diagrams/onboard.py."""
+        return self._diagram
+
+    @property
+    def context(self) -> Context:
+        """Its context now."""
+        return self._simulator.get_context()
+
+    @property
+    def path(self) -> Trajectory:
+        """What it flies, p_WB(t) (3 rows) [m]."""
+        return self._path
+
+    def fly_path(self, path: Trajectory) -> None:
+        """Fly another path, p_WB(t) (3 rows) [m], from this tick on, which has not been taken yet."""
+        self._path = path
+        self._diagram.GetSubsystemByName("planner").UpdateTrajectory(path)
+        context = self._simulator.get_mutable_context()
+        context.SetTime(context.get_time())  # what was computed of the old path at this time is out of date
+
+    def take(self, messages: Signals) -> None:
+        """Put this tick's messages on the input ports."""
+        context = self._simulator.get_mutable_context()
+        for name, nothing in self._absent.items():
+            self._ports[name].FixValue(context, messages.get(name, nothing))
+        if "image" in messages:
+            self._ports["image"].FixValue(context, image_value(messages["image"]))
+
+    def answer(self) -> np.ndarray:
+        """Return the control u_k (4)."""
+        return np.array(self._outputs["control"].Eval(self._simulator.get_context()))
+
+    def outputs(self) -> Signals:
+        """Return every logged signal of this tick, as the filter takes it."""
+        context = self._simulator.get_context()
+        return {name: np.array(port.Eval(context)) for name, port in self._outputs.items()}
+
+    def state(self) -> np.ndarray:
+        """Return the whole discrete state now, group after group."""
+        groups = self._simulator.get_context().get_discrete_state()
+        return np.concatenate([groups.value(i) for i in range(groups.num_groups())])
+
+    def resume(self, tick: int, state: np.ndarray | None, gap: float) -> None:
+        """Go on in a flight that is at a tick already, after an absence, see resume.py.
+
+        Args:
+            tick: the present one.
+            state: what state() was; None knows nothing.
+            gap: how long ago that was [s].
+        """
+        context = self._simulator.get_mutable_context()
+        context.SetTime(tick * self._h)
+        groups = context.get_mutable_discrete_state()
+        if state is not None:
+            edges = np.cumsum([groups.value(i).size for i in range(groups.num_groups())])
+            for i, part in enumerate(np.split(state, edges[:-1])):
+                groups.set_value(i, part)
+        kalman = self._diagram.GetSubsystemByName("kalman_filter")
+        its_context = kalman.GetMyMutableContextFromRoot(context)
+        its_state = its_context.get_mutable_discrete_state()
+        if state is None:
+            reference = self._outputs["reference"].Eval(self._simulator.get_context())
+            xbar, P = about_reference(reference, self._yaw)
+        else:
+            xbar, P = after_gap(its_state.value(0), its_state.value(1).reshape(N_XBAR, N_XBAR), gap)
+        its_state.set_value(0, xbar)
+        its_state.set_value(1, P.ravel())
+        self._k = tick
+        self._simulator.Initialize()
+
+    def advance(self) -> None:
+        """Go on to the next tick."""
+        self._k += 1
+        self._simulator.AdvanceTo(self._k * self._h, interruptible=False)
+
+
+def image_value(pixels: np.ndarray) -> AbstractValue:
+    """Return a picture (height, width, 4), uint8, as the value of an image port."""
+    height, width, _ = pixels.shape
+    image = ImageRgba8U(width, height)
+    image.mutable_data[:] = pixels
+    return Value(image)

@@ -1,0 +1,77 @@
+"""A flight of the two halves in lockstep: the world waits for each answer, so wall time decides nothing.
+
+The onboard half may be in this process or behind a link: the world only sees a function from a tick's messages to its
+outputs. The flight is that of flight/flight.py, bit for bit.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.flight.halves import OUTPUTS, OnboardHalf, Signals, WorldHalf
+from ortilo_drake.flight.lost import find_loss
+from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.simulator import CHECK_EVERY
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.scenario import Scenario
+
+Ask = Callable[[int, Signals], Signals]  # a tick and its messages -> the onboard half's outputs
+
+
+def in_this_process(scenario: Scenario) -> Ask:
+    """Return an onboard half of our own to ask; tick after tick, from 0."""
+    onboard = OnboardHalf(scenario)
+
+    def ask(tick: int, messages: Signals) -> Signals:
+        onboard.take(messages)
+        outputs = onboard.outputs()
+        onboard.advance()
+        return outputs
+
+    return ask
+
+
+def fly_lockstep(
+    scenario: Scenario,
+    ask: Ask,
+    progress: Callable[[int], None] | None = None,
+    record: Record | None = None,
+    world: WorldHalf | None = None,
+) -> xr.Dataset:
+    """Fly the world of a scenario on another half's answers.
+
+    Args:
+        scenario: the scenario.
+        ask: gives the onboard half's outputs of a tick.
+        progress: called with the number of ticks flown.
+        record: called with everything of a tick once it is known.
+        world: of the scenario, at its start, where building one here would keep the other half waiting.
+
+    Returns:
+        The Dataset of flight.fly, without its real_time_factor.
+
+    Raises:
+        InputError: as in fly.
+    """
+    ticks, room = flight_ticks(scenario), scenario.load_room()
+    world = world or WorldHalf(scenario)
+    rows: list[np.ndarray] = []
+    for k in range(ticks + 1):
+        x, messages = world.state, world.sample()
+        outputs = ask(k, messages)
+        rows.append(np.concatenate([x, *(outputs[name] for name in OUTPUTS)]))
+        if record:
+            record(k, x, messages, outputs)
+        if progress and (k % CHECK_EVERY == 0 or k == ticks):
+            progress(k)
+        if find_loss(x[np.newaxis], scenario.h, room, scenario.vehicle):  # a tumbling vehicle's signals pass no limits
+            break
+        if k < ticks:
+            world.advance(outputs["control"])
+    logged = np.array(rows)
+    lost = find_loss(logged[:, :N_X], scenario.h, room, scenario.vehicle)
+    end = lost.tick + 1 if lost else len(rows)
+    return flight_dataset(scenario, np.arange(end) * scenario.h, logged[:end], lost)

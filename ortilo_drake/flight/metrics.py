@@ -1,0 +1,123 @@
+"""What a flight is judged by."""
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.spatial import cKDTree
+
+from ortilo_drake.flight.efficiency import efficiency, floor_at_ticks, mean_floor, tick_efficiency
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.flight.lost import contacts
+
+
+def estimation_mse(flight: xr.Dataset) -> dict[str, float]:
+    """Return the mean squared error of xhat_{k|k-1} per axis [m^2] (paper, table I)."""
+    error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
+    return dict(zip(AXES, np.mean(error**2, axis=0).tolist(), strict=True))
+
+
+def path_mse(flight: xr.Dataset) -> float:
+    """Return the path-following error of the authors' code [m^2] (paper, table II).
+
+    It is the mean square of the deviation in y from the planned path at the actual x. NaN where the planned path
+    does not run forward in x, so that no one y belongs to an x.
+    """
+    planned = flight["reference"].values
+    forward = np.concatenate(([True], np.diff(planned[:, 0]) > 0.0))
+    if np.any(np.diff(planned[:, 0]) < -1e-9) or forward.sum() < 2:
+        return float("nan")
+    actual = flight["truth"].values
+    y_planned = np.interp(actual[:, 0], planned[forward, 0], planned[forward, 1])
+    return float(np.mean((actual[:, 1] - y_planned) ** 2))
+
+
+def path_distance(flight: xr.Dataset) -> np.ndarray:
+    """Return the distance [m] of the true position from the planned path at every tick, in three dimensions."""
+    distance, _ = cKDTree(flight["reference"].values).query(flight["truth"].values[:, :3])
+    return np.asarray(distance)
+
+
+def path_distance_mse(flight: xr.Dataset) -> float:
+    """Return the mean squared distance [m^2] of the true position from the planned path."""
+    return float(np.mean(path_distance(flight) ** 2))
+
+
+def reference_distance(flight: xr.Dataset) -> np.ndarray:
+    """Return the distance [m] of the true position from r_k at every tick."""
+    return np.linalg.norm(flight["truth"].values[:, :3] - flight["reference"].values, axis=1)
+
+
+def position_nees(flight: xr.Dataset) -> np.ndarray:
+    """Return e^T P_pp^-1 e at every tick; chi-square with 3 degrees of freedom if the filter is consistent."""
+    e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
+    P = flight["covariance"].values[:, :3, :3]
+    return np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
+
+
+def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:
+    """Return the normalised innovations squared of one sensor, where it arrived; chi-square with 3 degrees."""
+    s = list(flight["sensor"].values).index(sensor)
+    there = flight["arrival"].values[:, s]
+    first_state = 3 if sensor == "imu" else 0
+    e = flight["innovation"].values[there, 3 * s : 3 * s + 3]
+    states = slice(first_state, first_state + 3)
+    S = flight["covariance"].values[there, states, states] + flight["measurement_covariance"].values[there, s]
+    return np.einsum("ki,ki->k", e, np.linalg.solve(S, e[:, :, np.newaxis])[:, :, 0])
+
+
+def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
+    """Return fixes used over ticks due, for uwb and camera; None for a sensor that is never due."""
+    rates: dict[str, float | None] = {}
+    for sensor in ("uwb", "camera"):
+        due = int(flight["due"].sel(sensor=sensor).sum())
+        rates[sensor] = int(flight["arrival"].sel(sensor=sensor).sum()) / due if due else None
+    return rates
+
+
+def fix_errors(flight: xr.Dataset) -> dict[str, dict[str, float]]:
+    """Return median and 95th percentile of a position fix's distance from the truth when it is used [m].
+
+    A sensor without a fix is left out. What a fix is late by counts as its error.
+    """
+    errors = {}
+    for k, sensor in enumerate(("uwb", "camera")):
+        there = flight["arrival"].sel(sensor=sensor).values
+        if there.any():
+            fix, truth = flight["measurement"].values[there, 3 * k : 3 * k + 3], flight["truth"].values[there, :3]
+            error = np.linalg.norm(fix - truth, axis=1)
+            errors[sensor] = {"median": float(np.median(error)), "p95": float(np.quantile(error, 0.95))}
+    return errors
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def summary(flight: xr.Dataset) -> dict[str, Any]:
+    """Return what `ortilo fly --json` prints; a lost flight's errors are those up to its loss."""
+    scenario = scenario_of(flight)
+    whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
+    flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
+    used = [str(s) for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
+    mse, floor = estimation_mse(flight), floor_at_ticks(flight)
+    return {
+        "scenario": scenario.name,
+        "seed": int(flight.attrs["seed"]),
+        "lost": json.loads(flight.attrs["lost"]),
+        "contacts": contacts(flight["truth"].values, scenario.load_room(), scenario.vehicle),
+        "mse": mse,
+        "floor": mean_floor(floor),
+        "efficiency": efficiency(mse, mean_floor(floor)),
+        "tick_efficiency": tick_efficiency(flight, floor),
+        "path_mse": _finite(path_mse(flight)),
+        "path_distance_mse": path_distance_mse(flight),
+        "max_path_distance": float(np.max(path_distance(flight))),
+        "max_reference_distance": float(np.max(reference_distance(flight))),
+        "arrivals": arrival_rates(flight),
+        "fix_errors": fix_errors(flight),
+        "nees": float(np.mean(position_nees(flight))),
+        "nis": {sensor: float(np.mean(nis(flight, sensor))) for sensor in used},
+        "real_time_factor": float(flight.attrs["real_time_factor"]),
+    }

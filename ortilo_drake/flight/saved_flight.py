@@ -1,0 +1,149 @@
+"""Flights on disk: netCDF-4 with a digest behind it.
+
+HDF5's library may end the process on a damaged file or a full disk. So a file is made in memory, and its last line is
+the SHA-256 of all bytes before: it is checked before HDF5 sees any of them. HDF5 reads a file as far as its own header
+says and takes no notice of what follows, so h5py, netCDF-C and xarray open the file as it is. (A digest in front, in
+HDF5's user block, would keep xarray from knowing the file's kind; one in an attribute is read by HDF5; one in a file
+beside is lost when the flight is copied.) It tells damage, not malice: whoever writes a file can write its digest.
+"""
+
+import hashlib
+import io
+import json
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import dask
+import h5py
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.diagrams.closed_loop import LOGGED
+from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.model.input_files import read_bytes
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.scenario import Scenario
+
+LARGEST = 2**31  # bytes of a file, and of the arrays in it: seven hours at 30 Hz
+_MARK = b"\nortilo-drake flight, sha256 "
+_TAIL = len(_MARK) + 64 + 1
+
+
+def save_flight(flight: xr.Dataset, path: Path) -> None:
+    """Write a flight to a netCDF file with a digest.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    encoding = {name: {"zlib": True, "complevel": 1} for name in flight.data_vars}
+    # In a worker of Dask xarray would ask the scheduler for a lock on the memory that it writes to.
+    with dask.config.set(scheduler="synchronous"):
+        data = bytes(flight.to_netcdf(engine="h5netcdf", encoding=encoding))
+    write_bytes(path, data + _MARK + hashlib.sha256(data).hexdigest().encode() + b"\n")
+
+
+def load_flight(path: Path) -> xr.Dataset:
+    """Read a flight that save_flight wrote.
+
+    Raises:
+        InputError: if the file is missing or damaged, or is not such a flight.
+    """
+    data = _undamaged(path)
+    try:
+        _require_plain_arrays(data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what is odd in a foreign file; it is refused below
+            with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
+                flight = dataset.load()
+        _require_flight(flight)
+    except Exception as error:  # xarray, h5netcdf and h5py raise a dozen kinds for foreign files
+        raise InputError(f"{path}: not a flight: {' '.join(str(error).split())[:200]}") from None
+    return flight
+
+
+def load_summary(path: Path) -> dict[str, Any]:
+    """Return the summary that a flight of fly_many carries, without reading its arrays; errors as load_flight."""
+    data = _undamaged(path)
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            return dict(json.loads(file.attrs["summary"]))
+    except Exception as error:
+        raise InputError(f"{path}: has no summary: {' '.join(str(error).split())[:200]}") from None
+
+
+def _undamaged(path: Path) -> bytes:
+    """Return the netCDF bytes of a file whose digest is right; InputError if it is not, or there is no such file."""
+    data = read_bytes(path, LARGEST)
+    if data[-_TAIL:-65] != _MARK:
+        raise InputError(f"{path}: damaged, or not a flight: does not end in the digest that save_flight writes")
+    if hashlib.sha256(data[:-_TAIL]).hexdigest().encode() != data[-65:-1]:
+        raise InputError(f"{path}: damaged: its bytes are not those that were saved")
+    return data[:-_TAIL]
+
+
+def _require_plain_arrays(data: bytes) -> None:
+    """Refuse an HDF5 file that leads to other files, holds more than numbers and words, or is too large to load."""
+    size = 0
+    with h5py.File(io.BytesIO(data), "r") as file:
+        for name in file:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise InputError(f"{name}: is a link to elsewhere")
+            found = file[name]
+            if not isinstance(found, h5py.Dataset):
+                raise InputError(f"{name}: is a group")
+            if found.is_virtual or found.external:
+                raise InputError(f"{name}: is kept in another file")
+            words = h5py.check_string_dtype(found.dtype) is not None
+            if not words and found.dtype.kind not in "biuf":
+                raise InputError(f"{name}: holds {found.dtype}, neither numbers nor words")
+            at_once = int(np.prod(found.chunks, dtype=float)) if found.chunks else 0
+            size += max(found.size, at_once) * found.dtype.itemsize
+    if size > LARGEST:
+        raise InputError(f"its arrays take {size} bytes, at most {LARGEST}")
+
+
+@cache
+def _pattern() -> xr.Dataset:
+    """Return a flight of one tick: what variables, dimensions and attributes a flight has."""
+    return flight_dataset(Scenario(), np.zeros(1), np.zeros((1, sum(LOGGED.values()))), None)
+
+
+def _require_flight(flight: xr.Dataset) -> None:
+    """Refuse a Dataset that is not laid out as flight_dataset has it; it may hold more variables and attributes."""
+    for name, wanted in _pattern().variables.items():
+        if name not in flight.variables:
+            raise InputError(f"{name}: is missing")
+        found = flight[name]
+        shape = tuple(found.sizes[d] if d == "tick" and d in found.dims else n for d, n in wanted.sizes.items())
+        if found.dims != wanted.dims or found.shape != shape:
+            raise InputError(f"{name}: is {dict(found.sizes)}, must be {dict(wanted.sizes)}, with any number of ticks")
+        if wanted.dtype.kind == "U":
+            if found.values.tolist() != wanted.values.tolist():
+                raise InputError(f"{name}: must be {', '.join(wanted.values)}")
+        elif found.dtype != wanted.dtype:
+            raise InputError(f"{name}: holds {found.dtype}, must be {wanted.dtype}")
+    time = flight["time"].values
+    if len(time) == 0 or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
+        raise InputError("time: must be finite and ascending, at least one tick")
+    _require_attributes(flight.attrs)
+
+
+def _require_attributes(attributes: dict[Any, Any]) -> None:
+    for name, kind, called in (
+        ("scenario", str, "text"),
+        ("seed", int | np.integer, "an integer"),
+        ("lost", str, "text"),
+    ):
+        if not isinstance(attributes.get(name), kind):
+            raise InputError(f"{name}: is {str(attributes.get(name))[:40]!r}, must be {called}")
+    scenario = validate(Scenario, json.loads(attributes["scenario"]), "scenario")
+    if scenario.seed != attributes["seed"]:
+        raise InputError(f"seed: is {attributes['seed']}, that of its scenario is {scenario.seed}")
+    lost = json.loads(attributes["lost"])
+    if lost is not None and not (isinstance(lost["time"], float) and isinstance(lost["cause"], str)):
+        raise InputError("lost: must be null, or a time and a cause")
+    if not isinstance(attributes.get("real_time_factor", 1.0), float):
+        raise InputError("real_time_factor: must be a number")

@@ -1,0 +1,65 @@
+"""The simulator of a closed loop: its integrator, its seed and start, and one flight to its end."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Diagram
+
+from ortilo_drake.diagrams.closed_loop import set_hovering
+from ortilo_drake.flight.lost import Lost, find_loss
+from ortilo_drake.model.signals import STATE_NAMES
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.seeded_system import set_seed
+
+CHECK_EVERY = 30  # ticks between two looks at whether the flight is lost
+
+
+def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
+    """Return a simulator of a closed loop that hovers at the start, with a Context of its own and the scenario's seed.
+
+    A sampled plant leaves Drake nothing to integrate. A continuous one gets one third-order Runge-Kutta step a tick,
+    whose error is far below any noise here; rotors, whose lag is shorter than a tick, get four.
+
+    Args:
+        diagram: the closed loop of the scenario, whatever seed it was built with.
+        scenario: the scenario.
+    """
+    simulator = Simulator(diagram)
+    fix_steps(simulator, scenario)
+    context = simulator.get_mutable_context()
+    set_seed(diagram.GetSubsystemByName("world"), context, scenario.seed)
+    set_hovering(diagram, context, scenario)
+    return simulator
+
+
+def fix_steps(simulator: Simulator, scenario: Scenario) -> None:
+    """Give a simulator its integrator; see make_simulator."""
+    steps = 4 if scenario.world.rotors.kind == "first_order" else 1
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=scenario.h / steps, use_error_control=False
+    )
+    ApplySimulatorConfig(config, simulator)
+
+
+def advance(
+    simulator: Simulator, scenario: Scenario, ticks: int, progress: Callable[[int], None] | None
+) -> tuple[Lost | None, float]:
+    """Fly that many ticks, or until the flight is lost; return the loss and the seconds spent in AdvanceTo."""
+    room, diagram, context = scenario.load_room(), simulator.get_system(), simulator.get_context()
+    state = diagram.GetOutputPort("state")
+    simulator.Initialize()
+    wall = 0.0
+    for k in range(0, ticks, CHECK_EVERY):
+        end = min(k + CHECK_EVERY, ticks)
+        # Ctrl-C is seen between two of these; asking Drake to look for it costs more.
+        started = time.perf_counter()
+        simulator.AdvanceTo(end * scenario.h, interruptible=False)
+        wall += time.perf_counter() - started
+        if progress:
+            progress(end)
+        if find_loss(state.Eval(context)[np.newaxis], scenario.h, room, scenario.vehicle):
+            break
+    log = diagram.GetSubsystemByName("log").FindLog(context)
+    return find_loss(log.data()[: len(STATE_NAMES)].T, scenario.h, room, scenario.vehicle), wall

@@ -1,0 +1,72 @@
+"""The Cramer-Rao floor: no estimator of the position errs less than this, whatever it does with the measurements.
+
+The posterior bound for discrete-time filtering (Tichavsky, Muravchik and Nehorai, "Posterior Cramer-Rao bounds for
+discrete-time nonlinear filtering", IEEE Trans. Signal Processing 46, 1998; Van Trees, 1968), for linear dynamics
+
+    x_{k+1} = Phi x_k + Gamma u_k + w_k,   w_k normal of covariance W,
+
+of the one-step prediction of x_k from what was seen before tick k, in covariance form, since W has rank 6:
+
+    P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W,   P_0 = 0.
+
+J_k is the information in what was seen in tick k and reached the vehicle, W that of the world's disturbance, whatever
+the filter believes. Flights start exactly at the filter's first estimate, hence P_0 = 0. The part of a camera's errors
+that persists from picture to picture is estimated along (information_filter.py): it is no news in every picture.
+
+What bound it is: for each flight J_k is taken at the true trajectory and its own arrivals, and the bounds are averaged
+over ticks and flights. This is the covariance of an estimator that is told all Jacobians. Where the measurements are
+linear it is the posterior bound given the arrivals; else it differs from that by how much the information varies over
+the estimator's error, little where that is small against the distance of anchors and landmarks.
+
+Whatever is not exact errs towards more information, a lower floor:
+- what comes late counts from the tick in which it was true;
+- which box is which landmark and by how much walls lengthen a range is known, and so is the control that acted;
+- messages that gave no fix, or were refused, count.
+Left out is what the paper's filter does not use: body rates and specific force of the imu message, the sizes of
+boxes, boxes cut by the border, that a landmark is missed or a message does not come. So the floor is that of
+estimators from ranges, box centres and angles. Phi is that of hover, also where the vehicle flies nonlinearly.
+"""
+
+import numpy as np
+
+from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.information_camera import camera_rows, camera_tables
+from ortilo_drake.floor.information_filter import predicted_bound
+from ortilo_drake.floor.information_ranges import range_rows
+from ortilo_drake.floor.information_rows import ROW_SIZE, angle_rows, by_tick
+from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.scenario import Scenario
+
+
+def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
+    """Return the least mean squared error of x_{k|k-1}'s position per axis at every tick of a flight [m^2] (n, 3).
+
+    None where the camera's detector is one whose errors nobody has measured.
+
+    Args:
+        scenario: the scenario flown, its seed included.
+        truth: true states x_k (n, 12).
+    """
+    bounds = state_bound(scenario, truth)
+    return None if bounds is None else np.maximum(np.diagonal(bounds, axis1=1, axis2=2)[:, :3], 0.0)
+
+
+def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
+    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). As position_floor."""
+    room, camera, spacing = scenario.load_room(), np.empty((0, ROW_SIZE)), 1
+    if "camera" in scenario.sensors:
+        tables = camera_tables(scenario, room)
+        if tables is None:
+            return None
+        camera = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
+        spacing = int(tables.slow[0, 1])
+    rows = by_tick(
+        range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth)),
+        camera,
+        angle_rows(arrived(scenario, "imu", truth), scenario.imu.angle_sd),
+    )
+    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    disturbance = scenario.world.disturbance
+    W = disturbance_W(scenario.vehicle, scenario.h, disturbance.force_sd, disturbance.torque_sd)
+    return np.asarray(predicted_bound(rows, len(truth), Phi, W, np.zeros((N_X, N_X)), max(spacing, 1)))

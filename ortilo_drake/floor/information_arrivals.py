@@ -1,0 +1,56 @@
+"""Which of a flight's messages reached the vehicle.
+
+The link's noise is a pure function of (seed, stream, tick), so its decisions are made again here from the truth, by the
+link's own functions. That also tells of messages that gave no fix, or one that a gate refused.
+"""
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.radio.link import NOT_SENT, blackout_rows, chain_after, delay_of_message
+
+
+@njit(cache=True)
+def messages_sent(
+    truth: np.ndarray,
+    every: int,
+    loss: np.ndarray,
+    blackouts: np.ndarray,
+    delays: tuple[int, int],
+    seed: int,
+    stream: np.uint64,
+) -> np.ndarray:
+    """Return whether each tick's message was sent and not lost (n). Arguments as delay_of_message, truth (n, 12)."""
+    sent, bad = np.zeros(truth.shape[0], dtype=np.bool_), False
+    for k in range(truth.shape[0]):
+        if k % every == 0:
+            sent[k] = delay_of_message(k, truth[k], bad, loss, blackouts, delays, seed, stream) != NOT_SENT
+        bad = chain_after(k, bad, loss, seed, stream)
+    return sent
+
+
+def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
+    """Return for each tick whether what 'uwb', 'camera' or 'imu' saw in it reached the vehicle, then or later (n).
+
+    Args:
+        scenario: the scenario flown, its seed included.
+        sensor: which.
+        truth: true states x_k (n, 12).
+    """
+    if sensor not in scenario.sensors:
+        return np.zeros(len(truth), dtype=bool)
+    link = scenario.link_of(sensor)
+    return np.asarray(
+        messages_sent(
+            np.ascontiguousarray(truth),
+            link.every,
+            loss_parameters(link.loss),
+            blackout_rows(link, scenario.h),
+            (link.delay, link.random_delay),
+            scenario.seed,
+            stream_id(f"link/{sensor}"),
+        )
+    )

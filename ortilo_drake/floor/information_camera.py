@@ -1,0 +1,163 @@
+"""What the camera's boxes tell of the pose: the centres of the boxes that the image border does not cut.
+
+The centre errs by e = m q(z), z = sqrt(w) s + sqrt(1 - w) v (world/sensors/camera_calibration.py): m the size of the
+error, q its quantile, v new in every picture, s slow. With the score of e and of s, and Stein's lemma, one box's
+Fisher information about (centre, s), averaged over s, is that of a normal error of the same kind
+
+    e = (m / E) (sqrt(w) s + sqrt(1 - w) v),   E = E[1 / q'(z)],                             (row with a slow error)
+
+and, because q is not straight, more about the centre alone (0 for a normal error):
+
+    (F - E^2 + w / (1 - w) Var[1 / q'(z)]) / m^2,   F = E[((z + q'' / q') / q')^2],          (row without)
+
+F the information about the centre of an error that is all new. q goes through the measured quantiles as a monotone
+cubic and straight on beyond: the corners of the straight pieces that the projected camera draws from would hold
+information without bound, which nobody has measured.
+
+A landmark counts by its detection rate: the bound is convex in the information, so that its mean over what was found is
+not below the bound of the mean information.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.interpolate import PchipInterpolator
+
+from ortilo_drake.floor.information_rows import ROW_SIZE
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import Camera, box_center
+from ortilo_drake.model.room import Room
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
+from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
+from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.sensors.landmark_view import Surroundings, landmark_views, surroundings
+
+_MOST_SLOW = 1.0 - 1e-6  # an error that is all slow tells infinitely much by its changes
+
+
+class CenterErrors(NamedTuple):
+    """How the errors of a box's centre are distributed, u and v.
+
+    Attributes:
+        gain: E of each, in 1 / m (2).
+        extra: information beside the normal error's, in 1 / m^2 (2).
+        share: w.
+    """
+
+    gain: np.ndarray
+    extra: np.ndarray
+    share: float
+
+
+def quantile_information(normal: np.ndarray, quantiles: np.ndarray) -> tuple[float, float, float]:
+    """Return E[1/q'], E[1/q'^2] and F of the error q(z).
+
+    Args:
+        normal: standard normal numbers, rising (k).
+        quantiles: the error's quantiles there (k).
+    """
+    q = PchipInterpolator(normal, quantiles)
+    z, step = np.linspace(-8.0, 8.0, 4001, retstep=True)
+    inside = np.clip(z, normal[0], normal[-1])
+    slope = np.maximum(q(inside, 1), 1e-9)
+    bend = np.where(z == inside, q(inside, 2), 0.0)
+    chance = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) * step
+    score = (z + bend / slope) / slope
+    return float(chance @ (1.0 / slope)), float(chance @ slope**-2.0), float(chance @ score**2)
+
+
+def center_errors(tables: Tables) -> CenterErrors:
+    """Return the errors of a centre's u and v in a camera's tables."""
+    w = min(float(tables.slow[0, 0]), _MOST_SLOW)
+    found = np.array([quantile_information(tables.quantiles[0], tables.quantiles[row]) for row in (1, 2)])
+    gain, square, fisher = found.T
+    return CenterErrors(gain, np.maximum(fisher - gain**2 + w / (1.0 - w) * (square - gain**2), 0.0), w)
+
+
+@njit(cache=True)
+def box_rows(
+    ticks: np.ndarray,
+    truth: np.ndarray,
+    room: Surroundings,
+    labels: np.ndarray,
+    camera: Camera,
+    tables: Tables,
+    errors: CenterErrors,
+) -> np.ndarray:
+    """Return the rows of the landmarks' box centres in those ticks (m, 10).
+
+    The slow error of landmark i is number 2 i in u and 2 i + 1 in v.
+
+    Args:
+        ticks: the ticks of the pictures that reached the vehicle (k).
+        truth: true states (n, 12).
+        room: landmarks and what may hide them.
+        labels: the landmarks' classes (l).
+        camera: the camera.
+        tables: rates and errors.
+        errors: how the errors of a centre are distributed.
+    """
+    rows, m = np.zeros((4 * ticks.size * labels.size, ROW_SIZE)), 0
+    z, J = np.empty(2), np.empty((2, 6))
+    whole = look_up(tables.inside, 1, 1.0), look_up(tables.inside, 2, 1.0)
+    for tick in ticks:
+        p_WB, rpy = truth[tick, 0:3], truth[tick, 3:6]
+        R_WB = rotation_matrix(rpy)
+        views = landmark_views(truth[tick], room, camera, tables.limits)
+        for k in range(views.shape[0]):
+            i, distance, inside, visible = int(views[k, 0]), views[k, 1], views[k, 6], views[k, 7]
+            if inside < 1.0 or visible < tables.limits[2]:
+                continue
+            rate = look_up(tables.found, 1 + int(labels[i]), distance) * whole[0] * look_up(tables.visible, 1, visible)
+            if rate <= 0.0 or not box_center(room.positions[i], room.outlines[i], p_WB, rpy, R_WB, camera, z, J):
+                continue
+            growth = look_up(tables.visible, 2, visible) * whole[1]
+            for axis in range(2):
+                size = growth * look_up(tables.errors, 1, views[k, 4 + axis] - views[k, 2 + axis])
+                sd, extra, w = size / errors.gain[axis], errors.extra[axis], errors.share
+                rows[m, 0], rows[m, 1:7], rows[m, 7] = tick, J[axis], (1.0 - w) * sd**2 / rate
+                rows[m, 8], rows[m, 9] = (2 * i + axis if w > 0.0 else -1), np.sqrt(w) * sd
+                m += 1
+                if extra > 0.0:
+                    rows[m, 0], rows[m, 1:7], rows[m, 7], rows[m, 8] = tick, J[axis], size**2 / (extra * rate), -1.0
+                    m += 1
+    return rows[:m].copy()
+
+
+@cache
+def _own_calibration() -> CameraCalibration:
+    return load_calibration(MeasuredErrors())  # reading it takes as long as the bound of a flight
+
+
+def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
+    """Return the tables of the camera that a scenario flies; None for a detector whose errors nobody has measured."""
+    errors: MeasuredErrors | ParametricErrors = scenario.projected_camera.errors
+    if scenario.is_rendered:
+        if scenario.detector.cfg is not None:
+            return None
+        errors = MeasuredErrors()
+    if isinstance(errors, ParametricErrors):
+        image = room.camera.scaled_to(scenario.image_width).constants.image
+        return parametric_tables(errors, room.classes, image)
+    calibration = _own_calibration() if errors == MeasuredErrors() else load_calibration(errors)
+    return measured_tables(calibration, room.classes, scenario.image_width, scenario.h)
+
+
+def camera_rows(tables: Tables, room: Room, width: int, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of the box centres in the ticks where the camera is seen.
+
+    Args:
+        tables: rates and errors, see camera_tables.
+        room: landmarks, walls, stands and the camera.
+        width: of the image [px].
+        truth: true states (n, 12).
+        seen: whether the ticks' picture reached the vehicle (n).
+    """
+    camera = room.camera.scaled_to(width).constants
+    ticks, labels = np.flatnonzero(seen), room.landmark_labels
+    return np.asarray(
+        box_rows(ticks, np.ascontiguousarray(truth), surroundings(room), labels, camera, tables, center_errors(tables))
+    )

@@ -1,0 +1,142 @@
+"""The recursion of the Cramer-Rao bound (cramer_rao.py), over rows of information and with slowly changing errors.
+
+    P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W
+
+The inverses are never formed: J_k comes as rows (information_rows.py), and each is one scalar update
+
+    P <- P - P g g^T P / (g^T P g + r),
+
+which needs neither P nor J_k regular and allows r = 0. A slowly changing error joins the state while it is seen: the
+linear interpolation between its nodes n_j, n_{j+1}, new and standard normal every ``spacing`` ticks, as the projected
+camera draws it (world/sensors/projected_camera.py). With both nodes in the state that is a Markov process, and exact.
+"""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+
+@register_jitable
+def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: float, k: np.ndarray) -> None:
+    """Take a row into the leading n x n of P; its slow error is a n_j + b n_{j+1}, the nodes at before, before + 1."""
+    k[:n] = 0.0
+    for j in range(6):
+        g = row[1 + j]
+        if g != 0.0:
+            for i in range(n):
+                k[i] += g * P[j, i]
+    if before >= 0:
+        for i in range(n):
+            k[i] += a * P[before, i] + b * P[before + 1, i]
+    s = row[7]
+    for j in range(6):
+        s += row[1 + j] * k[j]
+    if before >= 0:
+        s += a * k[before] + b * k[before + 1]
+    if s <= 0.0:
+        return  # known exactly, and seen exactly
+    scale = 1.0 / np.sqrt(s)
+    for i in range(n):
+        k[i] *= scale
+    for i in range(n):
+        for j in range(n):
+            P[i, j] -= k[i] * k[j]
+
+
+@register_jitable
+def _predict(P: np.ndarray, n: int, Phi: np.ndarray, W: np.ndarray, work: np.ndarray) -> None:
+    """Overwrite P by Phi P Phi^T + W, the nodes of slow errors staying as they are."""
+    m = Phi.shape[0]
+    work[:m, :n] = 0.0
+    for i in range(m):
+        for l in range(m):  # noqa: E741 - i, j, l are indices
+            if Phi[i, l] != 0.0:
+                for j in range(n):
+                    work[i, j] += Phi[i, l] * P[l, j]
+    for i in range(m):
+        for j in range(m, n):
+            P[i, j] = P[j, i] = work[i, j]
+        for j in range(i + 1):
+            total = W[i, j]
+            for l in range(m):  # noqa: E741
+                total += work[i, l] * Phi[j, l]
+            P[i, j] = P[j, i] = total
+
+
+@register_jitable
+def _new_nodes(P: np.ndarray, m: int, number: np.ndarray, used: np.ndarray, count: int) -> int:
+    """Begin a new interval: each used slow error's later node becomes its earlier one, a new one is drawn.
+
+    Errors not used in the last interval are dropped: nothing is known of them any more. Return how many are kept.
+    """
+    kept, old = 0, np.empty(m + count, dtype=np.int64)
+    for i in range(m):
+        old[i] = i
+    for c in range(count):
+        if used[c]:
+            old[m + kept] = m + 2 * c + 1
+            number[kept], used[kept] = number[c], False
+            kept += 1
+    small = np.empty((m + kept, m + kept))
+    for i in range(m + kept):
+        for j in range(m + kept):
+            small[i, j] = P[old[i], old[j]]
+    P[m:, :] = 0.0
+    P[:, m:] = 0.0
+    for i in range(m + kept):
+        for j in range(m + kept):
+            P[i if i < m else 2 * i - m, j if j < m else 2 * j - m] = small[i, j]
+    for c in range(kept):
+        P[m + 2 * c + 1, m + 2 * c + 1] = 1.0
+    return kept
+
+
+@njit(cache=True)
+def predicted_bound(
+    rows: np.ndarray, ticks: int, Phi: np.ndarray, W: np.ndarray, P_0: np.ndarray, spacing: int
+) -> np.ndarray:
+    """Return P_k of each tick, the bound on the error covariance of x_{k|k-1} (ticks, m, m).
+
+    Args:
+        rows: what is seen (l, 10), in the order of ticks, see information_rows.py.
+        ticks: how many.
+        Phi: dynamics (m, m), position and angles the first six states.
+        W: covariance of what is new in each tick (m, m).
+        P_0: covariance of x_0 (m, m).
+        spacing: ticks between the nodes of slow errors.
+    """
+    m, most = Phi.shape[0], 0
+    for row in rows:
+        most = max(most, int(row[8]) + 1)
+    size = m + 2 * most
+    P, work, k = np.zeros((size, size)), np.empty((m, size)), np.empty(size)
+    P[:m, :m] = P_0
+    bounds = np.empty((ticks, m, m))
+    number, used, count = np.empty(most, dtype=np.int64), np.zeros(most, dtype=np.bool_), 0
+    place = np.full(most, -1)  # where each slow error is among those in the state
+    at = 0
+    for tick in range(ticks):
+        bounds[tick] = P[:m, :m]
+        if count > 0 and tick % spacing == 0:
+            place[:] = -1
+            count = _new_nodes(P, m, number, used, count)
+            for c in range(count):
+                place[number[c]] = c
+        after = (tick % spacing) / spacing
+        scale = 1.0 / np.sqrt((1.0 - after) ** 2 + after**2)
+        while at < rows.shape[0] and rows[at, 0] <= tick:
+            slow, before = int(rows[at, 8]), -1
+            if slow >= 0:
+                c = place[slow]
+                if c < 0:
+                    c = place[slow] = count
+                    number[c] = slow
+                    P[m + 2 * c, m + 2 * c] = P[m + 2 * c + 1, m + 2 * c + 1] = 1.0
+                    count += 1
+                used[c] = True
+                before = m + 2 * c
+            amplitude = rows[at, 9] * scale
+            _update(P, m + 2 * count, rows[at], before, amplitude * (1.0 - after), amplitude * after, k)
+            at += 1
+        _predict(P, m + 2 * count, Phi, W, work)
+    return bounds

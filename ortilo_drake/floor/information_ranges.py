@@ -1,0 +1,40 @@
+"""What UWB ranges tell of the position.
+
+A range r = d + s(d) v, v standard normal, has the log-likelihood -ln s - (r - d)^2 / (2 s^2), and its Fisher
+information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory",
+1993, eq. 3.31): noise that grows with the distance tells of it. With s = s_0 + s_1 d that is (1 + 2 s_1^2) / s^2.
+"""
+
+import numpy as np
+
+from ortilo_drake.floor.information_rows import rows_of
+from ortilo_drake.model.room import Room
+from ortilo_drake.scenario import Uwb
+from ortilo_drake.world.sensors.line_of_sight import walls_crossed
+from ortilo_drake.world.sensors.uwb import ranging_settings
+
+
+def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of the ranges to every anchor that there are in the ticks where uwb is seen.
+
+    What a wall adds to a range is taken as known.
+
+    Args:
+        settings: the world's noise, walls and greatest distance.
+        room: anchors and walls.
+        truth: true states (n, 12).
+        seen: whether the ticks' uwb message reached the vehicle (n).
+    """
+    s_0, s_1, _, most_walls, max_distance = ranging_settings(settings)
+    ticks = np.flatnonzero(seen)
+    p_AB = truth[ticks, np.newaxis, :3] - room.anchor_positions  # (ticks, anchors, 3)
+    d = np.linalg.norm(p_AB, axis=2)
+    there = (d <= max_distance) & (d > 0.0)
+    if np.isfinite(most_walls):
+        for k, i in np.argwhere(there):
+            p_WB = np.ascontiguousarray(truth[ticks[k], :3])
+            there[k, i] = walls_crossed(p_WB, room.anchor_positions[i], room.wall_boxes) <= most_walls
+    k, i = np.nonzero(there)
+    gradients = np.zeros((len(k), 6))
+    gradients[:, :3] = p_AB[k, i] / d[k, i, np.newaxis]
+    return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2))

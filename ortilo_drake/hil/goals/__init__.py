@@ -1,0 +1,1 @@
+"""Goals in flight: asked for over the wire, planned beside it, flown to."""

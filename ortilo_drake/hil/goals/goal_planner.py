@@ -1,0 +1,120 @@
+"""The planner in a process of its own, so that finding a way, up to a second, holds up no tick of the onboard half.
+
+It ends with the process that started it, however that ends: then nothing is left that could write to its pipe.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from multiprocessing.connection import Connection
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.goal_path import knots
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.planner.retime import retime
+from ortilo_drake.scenario import GcsPlanner, HoverPlanner, Scenario
+
+NICENESS: Final = 10  # it yields to the flight where both want the same core
+GONE: Final = "the process that plans has ended"
+
+
+class Plan(NamedTuple):
+    """What became of a goal: the knots (7, n) of a way to it that begins at t = 0, or why there is none."""
+
+    number: int
+    knots: np.ndarray | None
+    reason: str
+
+
+def goal_settings(scenario: Scenario) -> GcsPlanner:
+    """Return how ways to goals are planned: as the scenario's own path, as far as its settings say."""
+    if isinstance(scenario.planner, GcsPlanner):
+        return scenario.planner
+    if isinstance(scenario.planner, HoverPlanner):
+        return GcsPlanner()
+    return GcsPlanner(speed=scenario.planner.speed, acceleration=scenario.planner.acceleration)
+
+
+class GoalPlanner:
+    """Plans ways to goals, one at a time; a context manager. None of its methods but wait_until_ready waits.
+
+    Args:
+        scenario: whose room, vehicle and settings it plans with.
+    """
+
+    def __init__(self, scenario: Scenario):
+        spawn = multiprocessing.get_context("spawn")
+        self._pipe, self._theirs = spawn.Pipe()
+        self._process = spawn.Process(target=_plan, args=(scenario.model_dump_json(), self._theirs), daemon=True)
+        self._busy = False
+        self._newest: int | None = None
+        self._next: tuple[int, np.ndarray, np.ndarray] | None = None
+
+    def __enter__(self) -> "GoalPlanner":
+        self._process.start()
+        self._theirs.close()  # else this process would never hear that the other one has gone
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._pipe.close()
+        self._process.terminate()
+        self._process.join(5.0)
+
+    def wait_until_ready(self) -> None:
+        """Return once it could plan at once."""
+        with contextlib.suppress(EOFError):
+            self._pipe.recv()
+
+    def ask(self, number: int, p: np.ndarray, goal: np.ndarray) -> None:
+        """Have a way planned from rest at p_W (3) to a goal x, y (2) [m]; what waits to be planned is forgotten."""
+        self._newest, self._next = number, (number, p, goal)
+
+    def poll(self) -> Plan | None:
+        """Return what was planned since the last call, if anything was and is still wanted."""
+        if self._newest is None:
+            return None
+        done: Plan | None = None
+        try:
+            while self._pipe.poll():
+                done = self._pipe.recv()
+                self._busy = self._busy and done is None  # None says that it is ready
+            if self._next and not self._busy:
+                self._pipe.send(self._next)
+                self._busy, self._next = True, None
+        except (EOFError, OSError):
+            done = Plan(self._newest, None, GONE)
+        if done is None or done.number != self._newest:
+            return None
+        self._newest = self._next = None
+        return done
+
+
+def reason_of(error: Exception) -> str:
+    """Return in one line why a goal is refused, less what its asker knows: that it is the goal, and where that is."""
+    text = " ".join(str(error).split()).removeprefix("planner.")
+    return text.partition("): ")[2] if text.startswith("goal: (") else text
+
+
+def _plan(scenario_json: str, jobs: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the flight's affair, which ends this process
+    os.nice(NICENESS)
+    scenario = Scenario.model_validate_json(scenario_json)
+    settings, room = goal_settings(scenario), scenario.load_room()
+    straight = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]))
+    retime(straight, settings.speed, settings.acceleration)  # numba compiles
+    with contextlib.suppress(EOFError, OSError):
+        jobs.send(None)
+        while True:
+            number, p, goal = jobs.recv()
+            x, y, height = p.tolist()
+            wanted = settings.model_copy(update={"start": (x, y), "goal": tuple(goal.tolist()), "height": height})
+            try:
+                done = Plan(number, knots(plan(wanted, room, scenario.vehicle)), "")
+            except (InputError, RuntimeError) as error:  # a solver of Drake's that gives up raises the latter
+                done = Plan(number, None, reason_of(error))
+            jobs.send(done)

@@ -1,0 +1,1 @@
+"""The halves by the clock."""

@@ -1,0 +1,102 @@
+"""The camera in a process of its own, so that drawing, 15 ms a picture, holds up no tick of the world."""
+
+import multiprocessing
+from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import Synchronized
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
+from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.packets import encode_picture
+from ortilo_drake.hil.wire.wire import Outbox
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+
+class CameraProcess:
+    """Draws and sends pictures on request; a context manager.
+
+    Of several requests that wait it draws the newest: an older picture is worth nothing once there is a newer one.
+
+    Args:
+        scenario: the scenario, whose camera renders.
+        url: the bus.
+    """
+
+    def __init__(self, scenario: Scenario, url: str):
+        spawn = multiprocessing.get_context("spawn")
+        self._jobs, theirs = spawn.Pipe()
+        self._skipped: Synchronized[int] = spawn.Value("q", 0)
+        text = scenario.model_dump_json()
+        self._process = spawn.Process(target=_draw, args=(text, url, theirs, self._skipped), daemon=True)
+        self._theirs = theirs
+
+    def __enter__(self) -> "CameraProcess":
+        self._process.start()
+        self._theirs.close()  # so that its end is known here
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        try:
+            self._jobs.send(None)
+        except OSError:
+            return  # it has gone already
+        self._process.join(5.0)
+
+    @property
+    def skipped(self) -> int:
+        """How many pictures were asked for and not drawn."""
+        return self._skipped.value
+
+    def wait_until_ready(self) -> None:
+        """Return once it has drawn a first picture; InputError with its reason if it cannot."""
+        try:
+            error = self._jobs.recv()
+        except EOFError:
+            self._process.join(5.0)
+            error = f"its process ended with code {self._process.exitcode}"
+        if error:
+            raise InputError(f"camera: {error}")
+
+    def shoot(self, outbox: Outbox, tick: int, stamp: float, x: np.ndarray) -> None:
+        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick, as by an outbox.
+
+        The flight goes on without pictures if the process has ended.
+        """
+        try:
+            self._jobs.send((outbox.session, outbox.key, tick, stamp, x))
+        except OSError:
+            with self._skipped.get_lock():
+                self._skipped.value += 1
+
+
+def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized[int]") -> None:
+    try:
+        scenario = Scenario.model_validate_json(scenario_json)
+        diagram = make_rendered_camera(scenario.load_room(), scenario.rendered_camera.width)
+        context, bus = diagram.CreateDefaultContext(), open_bus(url)
+    except InputError as error:
+        jobs.send(str(error))
+        return
+    state, image = diagram.GetInputPort("state"), diagram.GetOutputPort("color_image")
+    state.FixValue(context, np.zeros(12))
+    image.Eval(context)
+    try:
+        with bus:
+            jobs.send("")
+            while (job := jobs.recv()) is not None:
+                while jobs.poll():
+                    newer = jobs.recv()
+                    if newer is None:
+                        return
+                    job = newer
+                    with skipped.get_lock():
+                        skipped.value += 1
+                session, key, tick, stamp, x = job
+                state.FixValue(context, x)
+                pixels = np.array(image.Eval(context).data)
+                Outbox(bus, session, key).send("image", encode_picture(session, tick, stamp, pixels))
+    except (EOFError, KeyboardInterrupt, BrokenPipeError):
+        return

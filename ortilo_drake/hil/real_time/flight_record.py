@@ -1,0 +1,57 @@
+"""What a flight in real time leaves: the world's side of a tick at once, the onboard half's when it has come."""
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.lost import Lost
+from ortilo_drake.flight.signals import OUTPUTS, Record, Signals
+from ortilo_drake.hil.wire.unpack import Packet
+from ortilo_drake.scenario import Scenario
+
+
+class FlightRecord:
+    """The ticks of a flight; each is told of once its telemetry has had time to come.
+
+    Args:
+        record: called with everything of a tick, in order; outputs that were lost are NaN.
+    """
+
+    def __init__(self, record: Record | None):
+        self._record = record
+        self._states: list[np.ndarray] = []
+        self._sent: list[Signals] = []
+        self._heard: dict[int, Signals] = {}
+        self._recorded = 0
+
+    def send(self, x: np.ndarray, messages: Signals) -> None:
+        """Take the true state (12) and the messages of the next tick."""
+        self._states.append(x)
+        self._sent.append(messages)
+
+    def hear(self, packet: Packet) -> None:
+        """Take a command or telemetry."""
+        outputs = {"control": packet.value} if packet.name == "command" else packet.value
+        self._heard.setdefault(packet.tick, {}).update(outputs)
+
+    def state(self, tick: int) -> np.ndarray:
+        """Return the true state (12) of a tick."""
+        return self._states[tick]
+
+    def outputs(self, tick: int) -> Signals:
+        """Return the onboard half's outputs of a tick; NaN where nothing came."""
+        heard = self._heard.get(tick, {})
+        return {name: heard.get(name, np.full(size, np.nan)) for name, size in OUTPUTS.items()}
+
+    def record_until(self, end: int) -> None:
+        """Tell of the ticks before one that were not told of yet."""
+        for k in range(self._recorded, min(end, len(self._states))):
+            if self._record:
+                self._record(k, self._states[k], self._sent[k], self.outputs(k))
+            self._sent[k] = {}
+            self._recorded = k + 1
+
+    def dataset(self, scenario: Scenario, lost: Lost | None) -> xr.Dataset:
+        """Return the flight, as flight.fly does but without its real_time_factor."""
+        rows = [np.concatenate([x, *self.outputs(k).values()]) for k, x in enumerate(self._states)]
+        return flight_dataset(scenario, np.arange(len(rows)) * scenario.h, np.array(rows), lost)

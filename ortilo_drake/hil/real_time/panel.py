@@ -1,0 +1,92 @@
+"""The figures of a flight in real time, live in a terminal; and the table of a profile.
+
+The panel is drawn in Rich's own thread, four times a second. For that moment Python hands the interpreter from thread
+to thread a hundred times as often as it does by default (5 ms), so that a tick never waits for the drawing.
+"""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+from rich import box
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.panel import Panel
+from rich.table import Table
+
+from ortilo_drake.hil.real_time.profile import Row
+from ortilo_drake.hil.real_time.real_time_world import Figures
+
+DRAWINGS_PER_SECOND: Final = 4
+SWITCH_INTERVAL: Final = 5e-5  # how long a thread may keep the interpreter from another [s]
+_COLOURS = {"command": "green", "hold": "yellow", "descend": "red"}
+
+
+def _milliseconds(quantiles: dict[str, float | None]) -> str:
+    return "  ".join(f"{name} {value:.2f}" if value is not None else f"{name} -" for name, value in quantiles.items())
+
+
+def _alarm(count: int) -> str:
+    return f"[{'red' if count else 'green'}]{count}[/]"
+
+
+def panel(figures: dict[str, Any]) -> Panel:
+    """Return the panel of a flight so far.
+
+    Args:
+        figures: of real_time_world.Figures: ticks, simulated_s [s], latency_ms and jitter_ms (median, p99, max [ms]),
+            missed_deadlines, real_time_factor, packets (late, lost, rejected), failsafe (of failsafe.MODES).
+    """
+    factor, mode, packets = figures["real_time_factor"], figures["failsafe"], figures["packets"]
+    table = Table.grid(padding=(0, 2))
+    table.add_row("ticks", f"{figures['ticks']}, {figures['simulated_s']:.1f} s")
+    table.add_row("real-time factor", "-" if factor is None else f"{factor:.4f}")
+    table.add_row("sense to command [dim](ms)[/]", _milliseconds(figures["latency_ms"]))
+    table.add_row("jitter [dim](ms)[/]", _milliseconds(figures["jitter_ms"]))
+    table.add_row("missed deadlines", _alarm(figures["missed_deadlines"]))
+    counts = (f"{_alarm(packets[key])} {key}" for key in ("late", "lost"))
+    table.add_row("commands", "  ".join([*counts, f"{_alarm(packets['rejected'])} packets refused"]))
+    table.add_row("flown by", "-" if mode is None else f"[{_COLOURS[mode]}]{mode}[/]")
+    return Panel(table, title="in real time", title_align="left", expand=False)
+
+
+def profile_table(rows: list[Row], name: str) -> Table:
+    """Return the table of hil/real_time/profile.py's rows, of a scenario's name."""
+    table = Table(title=f"{name}: the onboard half's tick", title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("block")
+    for title in ("median [us]", "p99 [us]", "share [%]"):
+        table.add_column(escape(title), justify="right")
+    for row in rows:
+        figures = row["median_us"], row["p99_us"], 100.0 * row["share"]
+        table.add_row(row["block"].replace("_", " "), *(f"{figure:.1f}" for figure in figures))
+    return table
+
+
+@contextlib.contextmanager
+def live_panel(console: Console) -> Iterator[Callable[[Figures], None]]:
+    """Show the panel while in the context, if the console is a terminal; gone when done.
+
+    Yields:
+        What run_world takes as watching. Until it is called the panel says that the onboard half is waited for.
+    """
+    figures: Figures | None = None
+
+    def draw() -> RenderableType:
+        return panel(figures()) if figures else Panel("waiting for the onboard half", expand=False)
+
+    def watching(function: Figures) -> None:
+        nonlocal figures
+        figures = function
+
+    if not console.is_terminal:
+        yield watching
+        return
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        with Live(get_renderable=draw, console=console, refresh_per_second=DRAWINGS_PER_SECOND, transient=True):
+            yield watching
+    finally:
+        sys.setswitchinterval(before)

@@ -1,0 +1,133 @@
+"""The onboard half in real time: it ticks with the world while it hears it, and by its own clock where it does not.
+
+When it ticks and what it takes is onboard_ticks.py's affair.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.flight.halves import OnboardHalf
+from ortilo_drake.flight.signals import Record
+from ortilo_drake.hil.goals.goals import Goals
+from ortilo_drake.hil.real_time.detector_thread import DetectorThread
+from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
+from ortilo_drake.hil.restart.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
+from ortilo_drake.hil.restart.spare import Spare
+from ortilo_drake.hil.wire.handshake import PATIENCE
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packets import FINISHED
+from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_telemetry
+from ortilo_drake.scenario import Scenario
+
+
+class Answered(NamedTuple):
+    """What an onboard half did in a flight.
+
+    Attributes:
+        ticks: how many it answered.
+        ages: how many of the messages that it took were how many ticks old.
+        overtaken: how many messages it did not take, since a newer one had come.
+        silent: where the world fell silent for PATIENCE, without a word that it has finished: the tick; else None.
+    """
+
+    ticks: int
+    ages: dict[int, int]
+    overtaken: int
+    silent: int | None
+
+
+def answer_in_real_time(
+    scenario: Scenario,
+    onboard: OnboardHalf,
+    outbox: Outbox,
+    inbox: Inbox,
+    detector: DetectorThread | None = None,
+    progress: Callable[[int], None] | None = None,
+    record: Record | None = None,
+    checkpoint: Path | None = None,
+    goals: Goals | None = None,
+    say: Callable[[str], None] = print,
+) -> Answered:
+    """Be the onboard half until the world says that it has finished, or is silent for PATIENCE.
+
+    Args:
+        scenario: the scenario.
+        onboard: its onboard half, at the start.
+        outbox: to the world.
+        inbox: hears hello, goal, tick and the sensors' messages of this flight.
+        detector: looks at the pictures, if there is a rendered camera; onboard then takes detections.
+        progress: called at every tick with the number of it.
+        record: called with what was taken and made of it in every tick; of the true state it knows nothing.
+        checkpoint: a file to write at every tick, and to go on from where the flight has begun already.
+        goals: takes the goals of a user; by default they are not heard.
+        say: takes a line about a checkpoint that cannot be written; the flight goes on without it.
+    """
+    ticks, session = OnboardTicks(scenario), outbox.session
+    heard = time.perf_counter()
+    goal: np.ndarray | None = None
+    keep, keep_path = Spare(save_checkpoint, say), Spare(save_path, say)
+    while True:
+        idle = ticks.due() > time.perf_counter() + 1e-3
+        for received, packet in inbox.poll(1 if idle else 0):
+            if packet.name == "goal":
+                if goals:
+                    goals.hear(packet.value)
+                continue
+            heard = received
+            if packet.name == "hello":
+                if packet.value.role == "world" and packet.value.state == FINISHED:
+                    return _answered(ticks, None)
+            elif packet.name != "image":
+                joins = ticks.first is None
+                ticks.hear(packet, received)
+                if joins and ticks.first:
+                    join_flight(onboard, checkpoint, session, ticks.first, scenario.h)
+            elif detector:
+                detector.look(packet.stamp, packet.value)
+        if ticks.begins(time.perf_counter()):
+            k = ticks.next
+            messages = ticks.take()
+            if detector and (detections := detector.newest()) is not None:
+                messages["detections"] = detections
+                ticks.count_age(k, detections)
+            if goal is not None:
+                messages["goal"] = goal
+            onboard.take(messages)
+            publish_command(outbox, k, {"control": onboard.answer()})
+            outputs = onboard.outputs()
+            publish_telemetry(outbox, k, outputs)
+            onboard.advance()
+            if record:
+                record(k, None, messages, outputs)
+            if goals:  # after the tick's command, which nothing here holds up
+                step = goals.step(ticks.next * scenario.h, onboard.path)
+                goal = step.taken
+                for answer in step.answers:
+                    publish_goal(outbox, answer)
+                if step.path:
+                    onboard.fly_path(step.path)
+                    if checkpoint:
+                        keep_path(checkpoint, session, step.path)
+            if checkpoint:
+                keep(checkpoint, Checkpoint(session, ticks.next, onboard.state()))
+            if progress:
+                progress(ticks.next)
+        elif time.perf_counter() > heard + PATIENCE:
+            return _answered(ticks, ticks.next)
+
+
+def _answered(ticks: OnboardTicks, silent: int | None) -> Answered:
+    return Answered(ticks.next - (ticks.first or 0), dict(ticks.ages), ticks.overtaken, silent)
+
+
+def join_flight(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:
+    """Go on in a flight that is at a tick already, from the checkpoint and its path if they are there and fit."""
+    path = load_path(checkpoint, session) if checkpoint else None
+    if path:
+        onboard.fly_path(path)
+    found = load_checkpoint(checkpoint, session, tick, h, onboard.state().size) if checkpoint else None
+    onboard.resume(tick, found.state if found else None, (tick - found.tick) * h if found else np.inf)

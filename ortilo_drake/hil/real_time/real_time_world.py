@@ -1,0 +1,151 @@
+"""The world paced by the wall clock.
+
+It sends its messages at every tick t_k and looks for a command every millisecond; a command acts from the millisecond
+after it came. What flies while none comes is the failsafe's affair (world/vehicle/failsafe.py).
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.flight.halves import WorldHalf
+from ortilo_drake.flight.lost import Lost, find_loss
+from ortilo_drake.flight.signals import Record
+from ortilo_drake.hil.real_time.camera_process import CameraProcess
+from ortilo_drake.hil.real_time.flight_record import FlightRecord
+from ortilo_drake.hil.real_time.watch import Watch
+from ortilo_drake.hil.wire.handshake import Greeter
+from ortilo_drake.hil.wire.inbox import Arrival, Inbox
+from ortilo_drake.hil.wire.unpack import Packet
+from ortilo_drake.hil.wire.wire import Outbox, publish_messages
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.signals import STAMP
+from ortilo_drake.scenario import Scenario
+
+Figures = Callable[[], dict[str, Any]]  # the figures of a flight so far
+
+COMMAND_PERIOD: Final = 1e-3  # [s]
+SPIN: Final = 1.5e-3  # where less than this is left, waiting for a packet might return too late [s]
+HEARTBEAT: Final = 0.1  # how often the world says hello in flight, for an onboard half that joins it then [s]
+LATE_TELEMETRY: Final = 0.5  # how long the telemetry of a tick is waited for [s]
+
+
+def fly_in_real_time(
+    scenario: Scenario,
+    world: WorldHalf,
+    outbox: Outbox,
+    inbox: Inbox,
+    greeter: Greeter,
+    camera: CameraProcess | None = None,
+    seconds: float | None = None,
+    progress: Callable[[int], None] | None = None,
+    record: Record | None = None,
+    watching: Callable[[Figures], None] | None = None,
+) -> tuple[xr.Dataset, Watch]:
+    """Fly a world in real time on the commands that come over a link.
+
+    Args:
+        scenario: the scenario.
+        world: its world, with COMMAND_PERIOD, at the start.
+        outbox: to the onboard half.
+        inbox: hears command and telemetry of this flight.
+        greeter: says hello.
+        camera: draws the pictures, if there is a rendered camera.
+        seconds: end after that much of the flight; by default at its end.
+        progress: called at every tick with the number of it.
+        record: called with everything of a tick LATE_TELEMETRY after it; outputs that were lost are NaN.
+        watching: called before the first tick with a function that gives the figures so far, in any thread:
+            Watch.summary, simulated_s, packets and failsafe.
+
+    Returns:
+        The flight, as flight.fly gives it but NaN where the telemetry of a tick was lost, and the watch.
+    """
+    ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
+    room, h, watch = scenario.load_room(), scenario.h, Watch(scenario.h)
+    flown, command = FlightRecord(record), Command(scenario.vehicle.hover_thrust)
+    heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
+    k, mode = 0, world.failsafe_mode
+    if watching:
+        watching(
+            lambda: watch.summary(k) | {"simulated_s": k * h, "packets": inbox.counts("command"), "failsafe": mode}
+        )
+    start = time.perf_counter()
+
+    def listen(until: float) -> None:
+        """Take what comes until a time of the flight, and return then."""
+        for received, packet in _polled(inbox, start + until):
+            if packet.name == "hello":
+                greeter.hear(packet.value)
+            if packet.name == "hello" or packet.tick > k + lag:
+                continue  # no onboard half is that far ahead, not even of a world that was held up
+            flown.hear(packet)
+            if packet.name == "command":
+                watch.answered(packet.tick, received)
+                command.hear(packet, min(received - start, until))
+
+    lost: Lost | None = None
+    for k in range(ticks + 1):
+        mode = world.failsafe_mode
+        x, messages = world.state, world.sample()
+        flown.send(x, messages)
+        shutter = messages.pop("shutter", None)
+        if camera and shutter is not None:
+            camera.shoot(outbox, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
+        publish_messages(outbox, k, messages)
+        watch.sent(start + k * h, time.perf_counter())
+        if k % heartbeat == 0:
+            greeter.say(k)
+        if progress:
+            progress(k)
+        found = find_loss(x[np.newaxis], h, room, scenario.vehicle)
+        if found:
+            lost = Lost(k, k * h, found.cause)
+        if lost or k == ticks:
+            break
+        moments = looks(k * h, (k + 1) * h)
+        for i, moment in enumerate(moments):
+            listen(moment)
+            world.advance_to(moment, command.value)
+            if i == len(moments) // 2:  # midway, where neither this tick's command nor the next tick waits for it
+                flown.record_until(k - lag)
+    listen(time.perf_counter() - start + LATE_TELEMETRY)
+    flown.record_until(k + 1)
+    flight = flown.dataset(scenario, lost)
+    flight.attrs["real_time_factor"] = watch.summary()["real_time_factor"]
+    return flight, watch
+
+
+def looks(begin: float, end: float) -> list[float]:
+    """Return when the world looks for a command in a tick: the multiples of COMMAND_PERIOD within it, and its end."""
+    first, last = math.floor(begin / COMMAND_PERIOD + 1e-6) + 1, math.ceil(end / COMMAND_PERIOD - 1e-6)
+    return [*(n * COMMAND_PERIOD for n in range(first, last)), end]
+
+
+class Command:
+    """The newest command: u (4) and when it was received [s of the flight]; hovering before the first."""
+
+    def __init__(self, hover_thrust: float):
+        self.value = np.array([hover_thrust, 0.0, 0.0, 0.0, 0.0])
+        self._tick = -1
+
+    def hear(self, packet: Packet, received: float) -> None:
+        """Take a command, unless a newer one has overtaken it."""
+        if packet.tick > self._tick:
+            self._tick = packet.tick
+            self.value[:4], self.value[4] = packet.value, received
+
+
+def _polled(inbox: Inbox, until: float) -> Iterator[Arrival]:
+    """Yield what comes until a time of time.perf_counter(), and return then."""
+    while True:
+        left = until - time.perf_counter()
+        yield from inbox.poll(1 if left > SPIN else 0)
+        if left <= 0.0:
+            return
+        if left < SPIN:
+            time.sleep(min(left, 2e-4))

@@ -1,0 +1,126 @@
+"""A flight in real time behind a relay, with no clock but the flight's own.
+
+The world's millisecond, the relay's faults and the onboard half's ticks are those of real_time_world.py, relay.py and
+real_time_onboard.py; only the time is counted instead of waited for. So what is compared are the faults and the
+filters, on any machine and bit for bit, and not what else the machine had to do. Computing takes no time here.
+"""
+
+import heapq
+import itertools
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.lost import Lost, find_loss
+from ortilo_drake.flight.metrics import summary
+from ortilo_drake.hil.real_time.flight_record import FlightRecord
+from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
+from ortilo_drake.hil.real_time.real_time_onboard import join_flight
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Command, looks
+from ortilo_drake.hil.relay.faults import Faults, Line
+from ortilo_drake.hil.wire.unpack import Packet
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, with_seed
+
+NONE: Final = Faults()
+
+
+class _Way:
+    """Packets on their way through a direction of the relay."""
+
+    def __init__(self, line: Line):
+        self._line, self._order = line, itertools.count()
+        self._due: list[tuple[float, int, Packet]] = []
+        self._seen: set[tuple[str, int]] = set()
+
+    def send(self, packet: Packet, now: float) -> None:
+        for due in self._line.take(packet.name, now):
+            heapq.heappush(self._due, (due, next(self._order), packet))
+
+    def arrived(self, now: float) -> list[tuple[float, Packet]]:
+        """Return what has come by now, each with when it came, and as inbox.Inbox does without duplicates."""
+        came = []
+        while self._due and self._due[0][0] <= now:
+            due, _, packet = heapq.heappop(self._due)
+            if (packet.name, packet.tick) not in self._seen:
+                self._seen.add((packet.name, packet.tick))
+                came.append((due, packet))
+        return came
+
+
+def fly_in_virtual_time(
+    scenario: Scenario, to_onboard: Faults = NONE, to_world: Faults = NONE, seed: int = 1
+) -> xr.Dataset:
+    """Fly both halves of a scenario behind a relay and return the flight; telemetry is not lost.
+
+    Args:
+        scenario: the scenario; a rendered camera is refused, its pictures take time.
+        to_onboard: faults on the way to the onboard half.
+        to_world: faults on the way to the world.
+        seed: of the relay's chances.
+
+    Raises:
+        InputError: if the scenario cannot be flown so.
+    """
+    if scenario.is_rendered:
+        raise InputError(f"{scenario.name}: camera: must be 'projected' in virtual time")
+    world, onboard = WorldHalf(scenario, COMMAND_PERIOD), OnboardHalf(scenario)
+    there, back = _Way(Line(to_onboard, seed, "to_onboard")), _Way(Line(to_world, seed, "to_world"))
+    ticks, flown, command = OnboardTicks(scenario), FlightRecord(None), Command(scenario.vehicle.hover_thrust)
+    room, h, end, lost = scenario.load_room(), scenario.h, flight_ticks(scenario), None
+
+    def answer(now: float) -> None:
+        for received, packet in there.arrived(now):
+            joins = ticks.first is None
+            ticks.hear(packet, received)
+            if joins and ticks.first:
+                join_flight(onboard, None, 0, ticks.first, h)
+        while ticks.begins(now):
+            k = ticks.next
+            onboard.take(ticks.take())
+            outputs = onboard.outputs()
+            back.send(Packet("command", k, outputs["control"]), now)
+            flown.hear(Packet("telemetry", k, outputs))
+            onboard.advance()
+
+    for k in range(end + 1):
+        x, messages = world.state, world.sample()
+        flown.send(x, messages)
+        for name, value in messages.items():
+            there.send(Packet(name, k, value), k * h)
+        there.send(Packet("tick", k, tuple(messages)), k * h)
+        answer(k * h)
+        found = find_loss(x[np.newaxis], h, room, scenario.vehicle)
+        if found:
+            lost = Lost(k, k * h, found.cause)
+        if lost or k == end:
+            break
+        for moment in looks(k * h, (k + 1) * h):
+            answer(moment)
+            for received, packet in back.arrived(moment):
+                command.hear(packet, received)
+            world.advance_to(moment, command.value)
+    flight = flown.dataset(scenario, lost)
+    flight.attrs["real_time_factor"] = np.nan
+    return flight
+
+
+def summary_in_virtual_time(scenario_json: str, to_onboard: str, to_world: str, seed: int, file: str) -> dict[str, Any]:
+    """Fly a scenario and seed behind a relay of the next seed; write and return the flight's summary.
+
+    For worker processes: scenario and faults come as JSON. A file that is there already is read instead.
+    """
+    path = Path(file)
+    if path.exists():
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
+    ways = Faults.model_validate_json(to_onboard), Faults.model_validate_json(to_world)
+    found = summary(fly_in_virtual_time(scenario, *ways, seed + 1)) | {"real_time_factor": None}
+    write_text(path, json.dumps(found))
+    return found

@@ -1,0 +1,1 @@
+"""An onboard half that is killed, starts again and takes over."""

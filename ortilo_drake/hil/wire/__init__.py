@@ -1,0 +1,1 @@
+"""Packets on the LCM bus: sealed, checked, put together again."""

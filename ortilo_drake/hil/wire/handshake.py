@@ -1,0 +1,264 @@
+"""Who meets whom: the two halves agree on protocol, scenario, session and key before a flight.
+
+The world says hello ten times a second. Whoever hears it answers with a nonce that it drew, until a hello of the world
+has that among those it heard: then it is the world that speaks, now, and no recording. The first onboard half so heard
+is the one the world flies with. From then on its hellos hold that half's nonce, of which with the session the flight's
+key is made (seal.py). In flight the world goes on saying hello, with its tick: for an onboard half that has to join
+again, and for those who listen or ask for a goal. Of what was sent before that tick they take nothing.
+
+Hellos are sealed too. A half that speaks another version of the protocol, or flies another scenario, is refused by
+name; so is a second onboard half.
+"""
+
+import hashlib
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from ortilo_drake.hil.wire.bus import Bus, open_bus
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.limits import limits_of
+from ortilo_drake.hil.wire.packet_checks import Flight
+from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, FLYING, LOOKING, MAX_HEARD, PROTOCOL, Hello, encode_hello
+from ortilo_drake.hil.wire.seal import flight_key, hello_key, seal
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
+REFUSALS: Final = 6  # how often the world says hello to who flies another scenario before it ends: each may be lost
+OTHERS: Final = 1.0  # how long to listen whether another onboard half flies [s]
+EVERY: Final = 0.1  # between two hellos [s]
+
+
+def scenario_digest(scenario: Scenario) -> str:
+    """Return what both halves must have in common: a digest of the scenario with its seed, and of its room."""
+    text = scenario.model_dump_json() + scenario.load_room().model_dump_json()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def draw() -> int:
+    """Return a positive number that was never drawn before, of 62 bits: a session or a nonce."""
+    return secrets.randbelow(2**62) + 1
+
+
+def flight_of(scenario: Scenario, session: int, key: bytes) -> Flight:
+    """Return what packets of a flight are checked against.
+
+    Args:
+        scenario: the scenario.
+        session: the flight's number.
+        key: of the flight, see seal.flight_key.
+    """
+    room = scenario.load_room()
+    shape = None
+    if scenario.is_rendered:
+        camera = room.camera.scaled_to(scenario.rendered_camera.width)
+        shape = camera.height, camera.width
+    return Flight(session, key, scenario.h, len(room.anchors), shape, limits_of(scenario))
+
+
+def say_hello(bus: Bus, key: bytes, hello: Hello) -> None:
+    """Publish a hello.
+
+    Args:
+        bus: the bus.
+        key: that the halves share.
+        hello: what to say.
+    """
+    bus.publish(CHANNELS["hello"], seal(hello_key(key), "hello", encode_hello(hello)))
+
+
+def refusal(hello: Hello, digest: str) -> str:
+    """Return why a hello is not from our other half; empty if it is."""
+    if hello.protocol != PROTOCOL:
+        return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
+    if hello.scenario_digest != digest:
+        return (
+            f"flies another scenario ({hello.scenario_digest}, this half {digest}): give both the same, seed included"
+        )
+    return ""
+
+
+def _unheard(inbox: Inbox, wait: float, command: str) -> str:
+    """Return that nobody was heard, how to start it, and whether somebody without our key was."""
+    strangers = inbox.counts()["refused"].get("mac", 0)
+    other = f"; {strangers} packets came under another key: give both halves the same --key" if strangers else ""
+    return f"not heard in {wait:g} s; start it with: {command}{other}"
+
+
+class Greeter:
+    """The world's hellos.
+
+    Args:
+        bus: the bus.
+        key: that the halves share.
+        scenario: of the world.
+        lockstep: whether it waits for every answer.
+    """
+
+    def __init__(self, bus: Bus, key: bytes, scenario: Scenario, lockstep: bool):
+        self._bus, self._key, self._scenario = bus, key, scenario
+        self._hello = Hello("world", scenario_digest(scenario), draw(), lockstep)
+        self._heard: deque[int] = deque(maxlen=MAX_HEARD)
+
+    @property
+    def session(self) -> int:
+        """The flight's number."""
+        return self._hello.session
+
+    def hear(self, hello: Hello) -> bool:
+        """Note the nonce of who answers this world; return whether it does."""
+        answers = hello.role != "world" and hello.session == self.session
+        if answers and hello.nonce not in self._heard:
+            self._heard.append(hello.nonce)
+        return answers
+
+    def meet(self, nonce: int) -> Flight:
+        """Fly with the onboard half of a nonce; return the flight, which every hello tells of from now on."""
+        self._hello = self._hello._replace(state=FLYING, nonce=nonce)
+        key = flight_key(self._key, self.session, nonce, self._hello.scenario_digest)
+        return flight_of(self._scenario, self.session, key)
+
+    def say(self, tick: int = -1, state: str = "") -> None:
+        """Say hello at a tick, in another state than before if one is given."""
+        self._hello = self._hello._replace(
+            sequence=self._hello.sequence + 1, tick=tick, state=state or self._hello.state, heard=tuple(self._heard)
+        )
+        say_hello(self._bus, self._key, self._hello)
+
+
+def meet_onboard(
+    greeter: Greeter,
+    inbox: Inbox,
+    scenario: Scenario,
+    wait: float,
+    still_there: Callable[[], None] = lambda: None,
+) -> Flight:
+    """Find the onboard half; return the flight, which it has been told of.
+
+    Args:
+        greeter: says hello for the world.
+        inbox: hears hello; from now on it takes this flight's packets.
+        scenario: the scenario of this half.
+        wait: how long to look for it [s].
+        still_there: called again and again meanwhile; raises if it will not come.
+
+    Raises:
+        InputError: if the onboard half is not there, or is another's.
+    """
+    digest = scenario_digest(scenario)
+    until, said = time.monotonic() + wait, -1.0
+    while (now := time.monotonic()) < until:
+        if now > said + EVERY:  # not whenever something is heard: it hears itself
+            still_there()
+            greeter.say()
+            said = now
+        for arrival in inbox.poll(round(1e3 * EVERY)):
+            hello = arrival.packet.value
+            if not greeter.hear(hello) or hello.role != "onboard":
+                continue
+            if why := refusal(hello, digest):
+                for _ in range(REFUSALS):
+                    greeter.say()
+                    time.sleep(EVERY / 2.0)
+                raise InputError(f"onboard half: {why}")
+            flight = greeter.meet(hello.nonce)
+            inbox.begin(flight)
+            greeter.say()
+            return flight
+    raise InputError(f"onboard half: {_unheard(inbox, wait, 'ortilo hil onboard')}")
+
+
+class Met(NamedTuple):
+    """A flight that a world flies now.
+
+    Attributes:
+        flight: the flight.
+        lockstep: whether the world waits for every answer.
+        tick: of the world when it was met.
+        is_chosen: whether the world flies with who met it.
+    """
+
+    flight: Flight
+    lockstep: bool
+    tick: int
+    is_chosen: bool
+
+
+def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, role: str = "user") -> Met:
+    """Find a world and the flight it flies; from now on the inbox takes that flight's packets.
+
+    A world that is still looking for its onboard half is waited for.
+
+    Args:
+        bus: the bus.
+        inbox: hears hello.
+        scenario: the scenario of who looks.
+        key: that the halves share.
+        wait: how long to look for it [s].
+        role: "user", or "onboard" for who would fly it.
+
+    Raises:
+        InputError: if the world is not heard, has no onboard half, or flies another scenario.
+    """
+    digest, nonce, sequence = scenario_digest(scenario), draw(), 0
+    inbox.poll()  # what came while nobody listened may be of a world that has gone
+    until, said, theirs, is_there = time.monotonic() + wait, -1.0, None, False
+    while (now := time.monotonic()) < until:
+        for arrival in inbox.poll(round(1e3 * EVERY)):
+            hello = arrival.packet.value
+            if hello.role != "world" or hello.state == FINISHED:
+                continue
+            theirs = hello
+            if nonce not in hello.heard:
+                continue
+            if why := refusal(hello, digest):
+                raise InputError(f"world: {why}")
+            is_there = True
+            if hello.state != LOOKING:
+                flight = flight_of(scenario, hello.session, flight_key(key, hello.session, hello.nonce, digest))
+                tick = max(hello.tick, 0)
+                inbox.begin(flight, tick)
+                return Met(flight, hello.lockstep, tick, hello.nonce == nonce)
+        if theirs and now > said + EVERY / 2.0:
+            sequence += 1
+            say_hello(bus, key, Hello(role, digest, theirs.session, nonce=nonce, sequence=sequence))
+            said = now
+    if is_there:
+        raise InputError(f"world: found no onboard half in {wait:g} s; start it with: ortilo hil onboard")
+    raise InputError(f"world: {_unheard(inbox, wait, 'ortilo hil world')}")
+
+
+def _is_commanded(bus: Bus, key: bytes, met: Met) -> bool:
+    """Return whether somebody commands a flight at the moment."""
+    with open_bus(bus.url) as another:
+        inbox = Inbox(another, ("command",), key)
+        inbox.begin(met.flight, met.tick)
+        until = time.monotonic() + OTHERS
+        while time.monotonic() < until:
+            if inbox.poll(10):
+                return True
+    return False
+
+
+def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, flew: int = 0) -> Met:
+    """Find a world to fly, as find_world, and fly it.
+
+    Args:
+        bus: the bus.
+        inbox: hears hello; from now on it takes this flight's packets.
+        scenario: the scenario of this half.
+        key: that the halves share.
+        wait: how long to look for it [s].
+        flew: a session that this half was flying when it was killed: it joins that again at once; for any other that is
+            under way it listens first whether somebody flies it.
+
+    Raises:
+        InputError: as find_world, and if somebody does.
+    """
+    met = find_world(bus, inbox, scenario, key, wait, "onboard")
+    if not met.is_chosen and met.flight.session != flew and _is_commanded(bus, key, met):
+        raise InputError("world: flies with another onboard half already")
+    return met

@@ -1,0 +1,136 @@
+"""Takes whatever comes on a bus."""
+
+import time
+from collections import Counter, deque
+from collections.abc import Iterable
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+from ortilo_drake.hil.wire.bus import Bus
+from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
+from ortilo_drake.hil.wire.packets import CHANNELS, Goal, Hello
+from ortilo_drake.hil.wire.seal import hello_key
+from ortilo_drake.hil.wire.unpack import Packet, decode
+from ortilo_drake.hil.wire.window import Window
+
+GOAL_AGE: Final = 10.0  # an older wish is not heard [s]
+_SENDERS: Final = 64  # of hellos, whose last number is known
+
+
+class Arrival(NamedTuple):
+    """A packet, and when it came: time.perf_counter() [s]."""
+
+    received: float
+    packet: Packet
+
+
+class Inbox:
+    """Takes what comes on our channels, refuses and counts what is not of this flight, and never raises on any of it.
+
+    A packet is taken once: a tick of a channel, and of each sender only newer hellos. Of what was sent before this half
+    joined the flight nothing is taken. Refused is what is "old", what packet_checks.py refuses, and what is no datagram
+    of LCM's (udpm.Reassembly).
+
+    Args:
+        bus: the bus; only poll handles its subscriptions.
+        names: the channels to listen on, keys of CHANNELS.
+        key: that the halves share, see key_file.py.
+        flight: what packets are checked against; None lets only a hello pass, until begin.
+
+    Attributes:
+        flight: the flight.
+        tick: the newest that was heard of; -1 before any.
+    """
+
+    def __init__(self, bus: Bus, names: Iterable[str], key: bytes, flight: Flight | None = None):
+        self.flight, self.tick = flight, -1
+        self._bus, self._hello_key = bus, hello_key(key)
+        self._raw: deque[tuple[str, float, bytes]] = deque()
+        self._newest = dict.fromkeys(names, -1)
+        self._windows = {name: Window() for name in self._newest}
+        self._hellos: dict[tuple[str, int, int], int] = {}
+        self._joined = 0
+        self._distinct: Counter[str] = Counter()
+        self._first: dict[str, int] = {}
+        self._count: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
+        for name in self._newest:
+            bus.subscribe(CHANNELS[name], partial(self._keep, name))
+
+    def _keep(self, name: str, data: bytes) -> None:
+        self._raw.append((name, time.perf_counter(), data))
+
+    def begin(self, flight: Flight, tick: int = 0) -> None:
+        """Take the packets of a flight, of a tick and later ones, from now on, and count anew."""
+        self.flight, self._joined, self.tick = flight, tick, tick - 1
+        self._windows = {name: Window(tick) for name in self._newest}
+        self._count.clear()
+        self._refused.clear()
+        self._bus.refused.clear()
+
+    def poll(self, timeout_ms: int = 0) -> list[Arrival]:
+        """Return what has come and passed, in order of arrival; wait for the first as long as given.
+
+        A late packet, of an older tick than the newest of its channel, is returned.
+        """
+        self._bus.handle(timeout_ms)
+        arrivals = []
+        while self._raw:
+            name, received, data = self._raw.popleft()
+            try:
+                packet = decode(name, data, self._hello_key, self.flight)
+                is_new = self._is_new(name, packet)
+            except BadPacket as problem:
+                self._refused[problem.reason] += 1
+                continue
+            self._count["accepted" if is_new else "duplicates"] += 1
+            if is_new:
+                arrivals.append(Arrival(received, packet))
+        return arrivals
+
+    def _is_new(self, name: str, packet: Packet) -> bool:
+        """Note a packet; return whether it was not there before. BadPacket if it is too old to tell."""
+        if isinstance(packet.value, Hello):
+            return self._is_new_hello(packet.value)
+        if isinstance(packet.value, Goal):
+            goal, age = packet.value, GOAL_AGE / self.flight.h if self.flight else 0.0
+            if goal.tick < max(self._joined, self.tick - age):
+                raise BadPacket("old")
+            return True  # the same wish again asks for the same answer
+        window, newest, tick = self._windows[name], self._newest[name], packet.tick
+        if window.is_old(tick):
+            raise BadPacket("old")
+        if window.is_known(tick):
+            return False
+        window.take(tick)
+        self._distinct[name] += 1
+        self._count["late"] += tick < newest
+        self._newest[name] = max(newest, tick)
+        self._first[name] = min(self._first.get(name, tick), tick)
+        self.tick = max(self.tick, tick)
+        return True
+
+    def _is_new_hello(self, hello: Hello) -> bool:
+        if self.flight and hello.session != self.flight.session:
+            raise BadPacket("foreign")
+        sender = hello.role, hello.session, hello.nonce if hello.role != "world" else 0
+        last = self._hellos.pop(sender, -1)
+        self._hellos[sender] = max(last, hello.sequence)  # now the newest of the senders
+        if len(self._hellos) > _SENDERS:
+            del self._hellos[next(iter(self._hellos))]
+        if hello.sequence <= last:
+            return False
+        if self.flight and hello.role == "world":
+            self.tick = max(self.tick, hello.tick)
+        return True
+
+    def counts(self, name: str = "") -> dict[str, Any]:
+        """Return how many packets were accepted, of these late, duplicates, refused by reason, and lost, for JSON.
+
+        Lost are the gaps in a channel's ticks since the first heard, of the channel named or of none: a sensor does
+        not speak in every tick.
+        """
+        lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
+        refused = self._refused + self._bus.refused
+        plain = {key: self._count[key] for key in ("accepted", "late", "duplicates")}
+        return plain | {"lost": lost, "rejected": refused.total(), "refused": dict(sorted(refused.items()))}

@@ -1,0 +1,120 @@
+"""The secret that both halves have: a file that only its owner can read, 64 hexadecimal digits.
+
+The halves of one user on one machine share one, made when it is first needed. Two machines are given the same file.
+"""
+
+import hashlib
+import os
+import re
+import secrets
+import stat
+import sys
+from pathlib import Path
+from typing import Final
+
+from ortilo_drake.hil.wire.multicast import leaves_machine
+from ortilo_drake.hil.wire.seal import KEY_SIZE
+from ortilo_drake.model.typed_yaml import InputError
+
+STDIN: Final = "-"
+NO_SECRET: Final = hashlib.sha256(b"ortilo: no secret").digest()  # whoever knows the program knows it
+_TEXT: Final = 2 * KEY_SIZE
+
+
+def new_key() -> bytes:
+    """Return a key (KEY_SIZE) that nobody else has."""
+    return secrets.token_bytes(KEY_SIZE)
+
+
+def default_file() -> Path:
+    """Return where the key is that the halves of one user share."""
+    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return Path(base) / "ortilo" / "key"
+
+
+def write_key(path: Path) -> None:
+    """Write a new key to a new file of mode 600.
+
+    Raises:
+        InputError: if there is a file already, or none can be written.
+    """
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with open(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+            file.write(f"{new_key().hex()}\n")
+        try:
+            os.link(partial, path)  # unlike a renaming it replaces nothing, and nobody reads half of it
+        finally:
+            partial.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
+
+
+def read_key(path: Path) -> bytes:
+    """Return the key in a file.
+
+    Raises:
+        InputError: if it is none, or anybody but this user could read or have written it.
+    """
+    try:
+        opened = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError as error:
+        raise InputError(f"{path}: no key file: {(error.strerror or str(error)).lower()}") from None
+    try:
+        status = os.fstat(opened)
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{path}: no key file: must be a regular file")
+        if status.st_uid != os.geteuid():
+            raise InputError(f"{path}: belongs to user {status.st_uid}: a key must be your own")
+        if status.st_mode & 0o077:
+            raise InputError(f"{path}: others may read or write it: chmod 600 {path}, or make a new one")
+        text = os.read(opened, _TEXT + 2)
+    finally:
+        os.close(opened)
+    return _key(text.decode("ascii", "replace"), str(path))
+
+
+def _key(text: str, source: str) -> bytes:
+    if re.fullmatch(r"[0-9a-f]{64}\n?", text):
+        return bytes.fromhex(text)
+    raise InputError(f"{source}: no key: must be {_TEXT} hexadecimal digits, as `ortilo hil key FILE` makes them")
+
+
+def own_key() -> bytes:
+    """Return the key that the halves of this user on this machine share; make it if there is none."""
+    path = default_file()
+    if not os.path.lexists(path):
+        try:
+            write_key(path)
+        except InputError:
+            if not os.path.lexists(path):  # else another process was first
+                raise
+    return read_key(path)
+
+
+def choose_key(url: str, file: str | None = None, insecure: bool = False) -> bytes:
+    """Return the key for a bus.
+
+    Args:
+        url: the bus.
+        file: a key file, STDIN for the key itself on stdin, or None for this user's own.
+        insecure: take NO_SECRET instead, which keeps nobody out.
+
+    Raises:
+        InputError: if the key cannot be had, or packets leave the machine and none was given.
+    """
+    if insecure:
+        if file is not None:
+            raise InputError("--insecure: has no secret, leave --key out")
+        return NO_SECRET
+    if file == STDIN:
+        return _key(sys.stdin.readline(_TEXT + 2), "stdin")
+    if file is not None:
+        return read_key(Path(file))
+    if leaves_machine(url):
+        raise InputError(
+            f"url: {url!r}: leaves this machine: give both halves the same --key FILE, which `ortilo hil key FILE` "
+            "makes, or --insecure"
+        )
+    return own_key()

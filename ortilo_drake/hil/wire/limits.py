@@ -1,0 +1,142 @@
+"""What each signal of a scenario may be: what its vehicle, its room, its sensors' noise and its links can give.
+
+From the largest command follow the largest accelerations, from these and the room the largest velocities and, until the
+flight counts as lost (flight/lost.py), positions and attitudes; from these what sensors show:
+
+    a = f / m + g,  v = sqrt(2 a L),  alpha_i = tau_i / I_i,  w = sqrt(2 alpha 2 pi) + alpha h
+
+with L the room's diagonal: the speeds after going through the room, and after a turn, under the largest command from
+rest. Noise counts with SIGMAS standard deviations. These are no limits of flying well; no honest half exceeds them.
+"""
+
+import math
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.flight.lost import MAX_TILT
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import (
+    ARRIVED,
+    DETECTION_SIZE,
+    MAX_DETECTIONS,
+    MEASUREMENT_DELTA,
+    MEASUREMENT_SIZE,
+    MEASUREMENT_V2,
+    MEASUREMENT_Y,
+    N_I,
+    PAYLOAD,
+)
+from ortilo_drake.model.vehicle import GRAVITY, Vehicle
+from ortilo_drake.scenario import Scenario
+
+ASKED: Final = 8.0  # times what the rotors give: so much a servo may ask for; ideal rotors give it
+SIGMAS: Final = 10.0
+LOOSE: Final = 1000.0  # times what the vehicle does: so wrong an estimate may be, of a filter that has lost it
+FARTHEST: Final = 1e4  # of a goal that somebody may ask for [m]; onboard it is refused if it is not in the room
+
+
+class Limits(NamedTuple):
+    """Limits of a vector; message vectors begin with arrived and stamp.
+
+    Attributes:
+        low: least values.
+        high: greatest values.
+        whole: indices of those that are whole numbers.
+        oldest: how many ticks a stamp may be old.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    whole: np.ndarray = np.empty(0, dtype=int)
+    oldest: int = 0
+
+
+def _symmetric(high: np.ndarray) -> Limits:
+    return Limits(-high, high)
+
+
+def _message(low: np.ndarray, high: np.ndarray, oldest: int, whole: list[int] | None = None) -> Limits:
+    """Return the limits of a message from those of its payload; its stamp is another check's."""
+    head = np.array([0.0, -np.inf]), np.array([1.0, np.inf])
+    indices = np.array([ARRIVED, *(PAYLOAD + i for i in whole or ())])
+    return Limits(np.concatenate((head[0], low)), np.concatenate((head[1], high)), indices, oldest)
+
+
+def largest_command(vehicle: Vehicle) -> np.ndarray:
+    """Return the largest size of u (4) that a servo may ask for [N, N m]."""
+    rotor = vehicle.rotor_max_speed**2
+    lift = vehicle.rotor_lift * rotor
+    tilting = 2.0 * lift * vehicle.arm_length / math.sqrt(2.0)
+    return ASKED * np.array([4.0 * lift, tilting, tilting, 2.0 * vehicle.rotor_drag * rotor])
+
+
+def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
+    """Return the largest range to each anchor (n) [m], of a vehicle in the room or that far outside."""
+    low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
+    noise, walls = scenario.uwb.noise, scenario.uwb.walls
+    sd = noise.sd + 0.0 * distances if noise.kind == "constant" else noise.fraction * distances
+    bias = walls.per_wall * len(room.wall_boxes) if walls.kind == "bias" else 0.0
+    return distances + bias + SIGMAS * sd
+
+
+def limits_of(scenario: Scenario) -> dict[str, Limits]:
+    """Return the limits of every signal by its name: of packets.PORTS and TELEMETRY, command and goal."""
+    room, vehicle, h, disturbance = scenario.load_room(), scenario.vehicle, scenario.h, scenario.world.disturbance
+    low, high = np.array(room.interior.min), np.array(room.interior.max)
+    size = float(np.linalg.norm(high - low))
+    u = largest_command(vehicle)
+    force = (u[0] + SIGMAS * disturbance.force_sd) / vehicle.mass
+    speed = math.sqrt(2.0 * (force + GRAVITY) * size)
+    alpha = float(np.max((u[1:] + SIGMAS * disturbance.torque_sd) / vehicle.inertia))
+    rate = math.sqrt(2.0 * alpha * 2.0 * math.pi) + alpha * h
+    tilt = MAX_TILT + rate * h
+    angles = np.array([tilt, tilt, abs(scenario.servo.yaw) + 2.0 * math.pi + rate * h])
+    euler_rates = 4.0 * rate * np.ones(3)  # as many times the body's at MAX_TILT, at most
+
+    def oldest(sensor: str) -> int:
+        link = scenario.link_of(sensor)
+        return link.delay + link.random_delay
+
+    imu = scenario.imu
+    inertial = np.concatenate(
+        (
+            angles + SIGMAS * imu.angle_sd,
+            (2.0 * rate + SIGMAS * imu.rate_sd) * np.ones(3),
+            (force + SIGMAS * imu.specific_force_sd) * np.ones(3),
+        )
+    )
+    ranges = largest_ranges(scenario, room, speed * h)
+    n = ranges.size
+    camera = room.camera.scaled_to(scenario.image_width)
+    width, height = camera.width - 0.5, camera.height - 0.5  # of a pixel's centre at whole numbers
+    box_low = np.tile([-1.0, 0.0, -0.5, -0.5, -0.5, -0.5], MAX_DETECTIONS)
+    box_high = np.tile([len(room.classes) - 1.0, 1.0, width, height, width, height], MAX_DETECTIONS)
+    labels = list(range(0, MAX_DETECTIONS * DETECTION_SIZE, DETECTION_SIZE))
+    motion = np.concatenate((speed * np.ones(3), euler_rates))
+    position = size * np.ones(3)
+    state = LOOSE * np.concatenate((position, angles, motion, size * np.ones(N_I)))
+    measurement = np.empty(MEASUREMENT_SIZE)
+    measurement[MEASUREMENT_Y] = LOOSE * np.concatenate((position, position, angles))
+    measurement[MEASUREMENT_DELTA] = 1.0
+    measurement[MEASUREMENT_V2] = (LOOSE * size) ** 2
+    path = np.concatenate((speed * np.ones(3), force * np.ones(3)))
+    latency = scenario.projected_camera.latency
+    nothing = np.empty(0)
+    return {
+        "imu": _message(-inertial, inertial, oldest("imu")),
+        "uwb": _message(np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), oldest("uwb"), list(range(n, 2 * n))),
+        "detections": _message(box_low, box_high, oldest("camera") + latency, labels),
+        "shutter": _message(nothing, nothing, oldest("camera")),
+        "image": Limits(nothing, nothing, oldest=oldest("camera")),
+        "velocity": _message(-motion, motion, 0),
+        "command": _symmetric(u),
+        "measurement": _symmetric(measurement),
+        "estimate": _symmetric(state),
+        "covariance": _symmetric(np.outer(state, state).ravel()),
+        "reference": Limits(np.concatenate((low - 1e-6, -path)), np.concatenate((high + 1e-6, path))),
+        "goal": _symmetric(FARTHEST * np.ones(2)),
+    }

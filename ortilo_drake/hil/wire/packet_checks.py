@@ -1,0 +1,118 @@
+"""What every packet must pass, whatever its kind: BadPacket with a reason to count, or nothing.
+
+channel      no channel of ours
+length       too short, too long, or not as long as its own sizes say
+fingerprint  another LCM type, or another version of it
+foreign      another session's
+mac          damaged, or from who has not the key
+tick         negative, or beyond the longest flight
+value        out of what this flight's sensors, rotors and room can give, or a label that is none
+stamp        before the flight, after its tick, or older than its link holds back
+text         not UTF-8, too long, or not a word that may stand there
+picture      not a PNG of this flight's size and kind
+"""
+
+import struct
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.hil.wire.limits import Limits
+from ortilo_drake.hil.wire.packets import MAX_TEXT
+from ortilo_drake.hil.wire.seal import MAC_SIZE, is_sealed
+
+TOLERANCE: Final = 1e-6  # [s] by which a stamp may pass its tick: rounding
+LONGEST: Final = 1e6  # flight [s]
+COUNT_SIZE: Final = 4  # of a size, or of the length of a text
+
+
+class BadPacket(Exception):
+    """Bytes that are no packet of this flight; `reason` is one of the words above."""
+
+    def __init__(self, reason: str):
+        super().__init__(reason)
+        self.reason = reason
+
+
+class Flight(NamedTuple):
+    """What a receiver knows of a flight before any packet of it.
+
+    Attributes:
+        session: the number of the flight, positive.
+        key: of its packets, see seal.flight_key.
+        h: the ticks' period [s].
+        anchors: number of UWB anchors.
+        shape: height and width of a picture [px]; None where none is sent.
+        limits: of every signal, see limits.py.
+    """
+
+    session: int
+    key: bytes
+    h: float
+    anchors: int
+    shape: tuple[int, int] | None
+    limits: dict[str, Limits]
+
+
+def open_message(kind: Any, name: str, data: bytes, sizes: tuple[int, int], key: bytes, session: int | None) -> Any:
+    """Return the decoded LCM message after the checks of length, fingerprint, session and seal.
+
+    Args:
+        kind: LCM's class.
+        name: of the channel.
+        data: any bytes.
+        sizes: least and greatest number of bytes without the tag.
+        key: of the seal.
+        session: of the flight; None for a type in which it is not the first field.
+    """
+    if not sizes[0] <= len(data) - MAC_SIZE <= sizes[1]:
+        raise BadPacket("length")
+    if data[:8] != kind._get_packed_fingerprint():
+        raise BadPacket("fingerprint")
+    if session is not None and data[8:16] != session.to_bytes(8, "big"):
+        raise BadPacket("foreign")
+    if not is_sealed(key, name, data):
+        raise BadPacket("mac")
+    try:
+        return kind.decode(data)
+    except (struct.error, ValueError, IndexError):
+        raise BadPacket("length") from None
+
+
+def check_size(data: bytes, at: int, unit: int) -> None:
+    """Refuse data whose rest is not what the size at an offset says, in units of so many bytes."""
+    stated = int.from_bytes(data[at : at + COUNT_SIZE], "big", signed=True)
+    if stated < 0 or at + COUNT_SIZE + unit * stated + MAC_SIZE != len(data):
+        raise BadPacket("length")
+
+
+def check_tick(tick: int, flight: Flight) -> None:
+    """Refuse a tick that is negative, or of no flight that ends."""
+    if not 0 <= tick <= LONGEST / flight.h:
+        raise BadPacket("tick")
+
+
+def check_stamp(stamp: float, tick: int, limits: Limits, flight: Flight) -> None:
+    """Refuse a stamp [s] from before the flight, after its tick, or older than the signal's link holds back."""
+    if not max(0.0, (tick - limits.oldest) * flight.h - TOLERANCE) <= stamp <= tick * flight.h + TOLERANCE:
+        raise BadPacket("stamp")
+
+
+def check_values(values: np.ndarray, limits: Limits) -> None:
+    """Refuse values out of their limits, and fractions where there must be whole numbers."""
+    whole = values[limits.whole]
+    within = ((limits.low <= values) & (values <= limits.high)).all()  # False for NaN
+    if not within or (whole != np.floor(whole)).any():
+        raise BadPacket("value")
+
+
+def check_canonical(message: Any, data: bytes) -> None:
+    """Refuse texts that are not UTF-8 or lack their end, booleans beyond 1, and bytes left over."""
+    if message.encode() != data:
+        raise BadPacket("text")
+
+
+def check_texts(role: str, roles: tuple[str, ...], *others: str) -> None:
+    """Refuse a role that is none, and texts that are too long."""
+    if role not in roles or any(len(text.encode()) > MAX_TEXT for text in others):
+        raise BadPacket("text")

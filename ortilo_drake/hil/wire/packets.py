@@ -1,0 +1,151 @@
+"""What crosses between the halves, as bytes: LCM types (lcmtypes/*.lcm), still without the tag of seal.py at their end.
+
+unpack.py turns packets back, strictly. A packet of one tick belongs to a session, a number that the world draws for
+each flight, so that packets of another flight on the same wire are known as foreign.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.hil.wire.lcmtypes.ortilo import (
+    lcmt_command,
+    lcmt_goal,
+    lcmt_hello,
+    lcmt_picture,
+    lcmt_telemetry,
+    lcmt_tick,
+    lcmt_vector,
+)
+from ortilo_drake.interop.ros.picture_codec import encode_png
+from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_XBAR, REFERENCE_SIZE
+
+PROTOCOL: Final = 2
+PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick
+CHANNELS: Final = {name: f"ORTILO_{name.upper()}" for name in (*PORTS, "tick", "command", "telemetry", "hello", "goal")}
+TELEMETRY: Final = {
+    "measurement": MEASUREMENT_SIZE,
+    "estimate": N_XBAR,
+    "covariance": N_XBAR * N_XBAR,
+    "reference": REFERENCE_SIZE,
+}
+NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
+LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
+ROLES: Final = ("world", "onboard", "user")
+MAX_HEARD: Final = 8
+MAX_TEXT: Final = 500  # bytes of a text
+
+
+class Hello(NamedTuple):
+    """Handshake and heartbeat.
+
+    Attributes:
+        role: of ROLES; a user is who listens or asks for a goal.
+        scenario_digest: hash of the scenario that the sender flies, 16 hexadecimal digits.
+        session: the flight's number, which the world draws.
+        lockstep: whether the world waits for every answer.
+        state: of STATES: looking for the other half, flying with one, or finished.
+        nonce: which the sender drew; of the world that of the onboard half it met, 0 before.
+        sequence: grows with each hello of a sender.
+        tick: of the world now; -1 before the first.
+        heard: nonces that the world has heard lately, which tells their senders that it is no recording.
+        protocol: version of the types and of the order in which they are sent.
+    """
+
+    role: str
+    scenario_digest: str
+    session: int
+    lockstep: bool = False
+    state: str = LOOKING
+    nonce: int = 0
+    sequence: int = 0
+    tick: int = -1
+    heard: tuple[int, ...] = ()
+    protocol: int = PROTOCOL
+
+
+class Goal(NamedTuple):
+    """A wish of where to fly, or the answer to it.
+
+    Attributes:
+        session: the flight's number.
+        tick: of the world when it was asked: an old wish is no wish.
+        number: of the wish, positive, chosen at random by who asks; an answer has the wish's.
+        role: "user" asks, "onboard" answers.
+        x: east [m], in W.
+        y: north [m], in W.
+        reason: in an answer why the goal is refused; empty otherwise.
+    """
+
+    session: int
+    tick: int
+    number: int
+    role: str
+    x: float
+    y: float
+    reason: str = ""
+
+
+def _body(message: Any) -> bytes:
+    return bytes(message.encode())  # its mac is empty
+
+
+def _cut(text: str) -> str:
+    return text.encode()[:MAX_TEXT].decode(errors="ignore")
+
+
+def encode_vector(session: int, tick: int, values: np.ndarray) -> bytes:
+    """Return the bytes of a message vector."""
+    message = lcmt_vector()
+    message.session, message.tick = session, tick
+    message.size, message.values = len(values), values.tolist()
+    return _body(message)
+
+
+def encode_picture(session: int, tick: int, stamp: float, image: np.ndarray) -> bytes:
+    """Return the bytes of a picture (height, width, 4), uint8, true at a stamp [s]."""
+    message = lcmt_picture()
+    message.session, message.tick, message.stamp = session, tick, stamp
+    message.data = encode_png(image)
+    message.size = len(message.data)
+    return _body(message)
+
+
+def encode_tick(session: int, tick: int, sent: tuple[str, ...]) -> bytes:
+    """Return the bytes that tell which ports, names of PORTS, have a message in a tick."""
+    message = lcmt_tick()
+    message.session, message.tick, message.n, message.sent = session, tick, len(sent), list(sent)
+    return _body(message)
+
+
+def encode_command(session: int, tick: int, u: np.ndarray) -> bytes:
+    """Return the bytes of a command u (4): thrust [N] and torques [N m]."""
+    message = lcmt_command()
+    message.session, message.tick, message.u = session, tick, u.tolist()
+    return _body(message)
+
+
+def encode_telemetry(session: int, tick: int, outputs: dict[str, np.ndarray]) -> bytes:
+    """Return the bytes of an onboard half's outputs, of which those that TELEMETRY names are sent."""
+    message = lcmt_telemetry()
+    message.session, message.tick = session, tick
+    for name in TELEMETRY:
+        setattr(message, name, outputs[name].tolist())
+    return _body(message)
+
+
+def encode_hello(hello: Hello) -> bytes:
+    """Return the bytes of a handshake or heartbeat."""
+    message = lcmt_hello()
+    for name, value in hello._asdict().items():
+        setattr(message, name, value)
+    message.n = len(hello.heard)
+    return _body(message)
+
+
+def encode_goal(goal: Goal) -> bytes:
+    """Return the bytes of a wish or an answer; a reason is cut to MAX_TEXT bytes."""
+    message = lcmt_goal()
+    message.session, message.tick, message.number, message.role = goal[:4]
+    message.p_W, message.reason = [goal.x, goal.y], _cut(goal.reason)
+    return _body(message)

@@ -1,0 +1,186 @@
+"""Packets from any bytes, strictly: a packet of this flight, or BadPacket with one of packet_checks.py's reasons.
+
+No decoder here raises anything else, and none allocates more than a few times the length of what it was given: lengths
+are compared with the bytes that are there, and a picture's size with this flight's, before anything is unpacked.
+"""
+
+import re
+import struct
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.hil.wire.lcmtypes.ortilo import (
+    lcmt_command,
+    lcmt_goal,
+    lcmt_hello,
+    lcmt_picture,
+    lcmt_telemetry,
+    lcmt_tick,
+    lcmt_vector,
+)
+from ortilo_drake.hil.wire.packet_checks import (
+    COUNT_SIZE,
+    BadPacket,
+    Flight,
+    check_canonical,
+    check_size,
+    check_stamp,
+    check_texts,
+    check_tick,
+    check_values,
+    open_message,
+)
+from ortilo_drake.hil.wire.packets import MAX_HEARD, MAX_TEXT, PORTS, ROLES, STATES, TELEMETRY, Goal, Hello
+from ortilo_drake.hil.wire.plain_text import plain
+from ortilo_drake.hil.wire.seal import MAC_SIZE
+from ortilo_drake.interop.ros.picture_codec import decode_foreign_png
+from ortilo_drake.model.signals import N_U, STAMP
+
+_TURN: Final = 8 + 8 + 8  # fingerprint, session, tick
+_GOAL_SIZES: Final = (_TURN + 8 + 2 * (COUNT_SIZE + 1) + 8 * 2, _TURN + 8 + 2 * (COUNT_SIZE + 1) + 8 * 2 + 2 * MAX_TEXT)
+_HELLO_LEAST: Final = 8 + 4 + 3 * (COUNT_SIZE + 1) + 8 + 1 + 3 * 8 + COUNT_SIZE
+_HELLO_SIZES: Final = (_HELLO_LEAST, _HELLO_LEAST + 3 * MAX_TEXT + 8 * MAX_HEARD)
+_DIGEST: Final = re.compile(r"[0-9a-f]{16}")
+_PNG_MARGIN: Final = 65_536  # bytes by which a PNG may be longer than its pixels: noise does not compress
+
+
+class Packet(NamedTuple):
+    """A packet that has passed every check.
+
+    Attributes:
+        name: of its channel, a key of CHANNELS.
+        tick: the tick it belongs to; -1 for one of NO_TICK.
+        value: a message vector; a picture (height, width, 4), uint8; for a tick the names of its ports; a command (4);
+            telemetry as a dict from the names of TELEMETRY to vectors; a Hello; a Goal.
+        stamp: a picture's time [s]; 0 for the others (a message vector carries its own).
+    """
+
+    name: str
+    tick: int
+    value: Any
+    stamp: float = 0.0
+
+
+def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
+    limits = flight.limits[name]
+    check_size(data, _TURN, 8)
+    length = _TURN + COUNT_SIZE + 8 * limits.low.size
+    message = open_message(lcmt_vector, name, data, (length, length), flight.key, flight.session)
+    check_tick(message.tick, flight)
+    values = np.array(message.values)
+    check_values(values, limits)
+    check_stamp(float(values[STAMP]), message.tick, limits, flight)
+    return Packet(name, message.tick, values)
+
+
+def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
+    pixels = 0 if flight.shape is None else flight.shape[0] * flight.shape[1]
+    start = _TURN + 8 + COUNT_SIZE
+    check_size(data, _TURN + 8, 1)
+    sizes = start, start + 8 * pixels + _PNG_MARGIN
+    message = open_message(lcmt_picture, name, data, sizes, flight.key, flight.session)
+    check_tick(message.tick, flight)
+    check_stamp(message.stamp, message.tick, flight.limits[name], flight)
+    image = None if flight.shape is None else decode_foreign_png(message.data, flight.shape)
+    if image is None:
+        raise BadPacket("picture")
+    return Packet(name, message.tick, image, message.stamp)
+
+
+def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
+    longest = _TURN + COUNT_SIZE + sum(COUNT_SIZE + len(port) + 1 for port in PORTS)
+    message = open_message(lcmt_tick, name, data, (_TURN + COUNT_SIZE, longest), flight.key, flight.session)
+    check_canonical(message, data)
+    check_tick(message.tick, flight)
+    if len(set(message.sent)) != len(message.sent) or not set(message.sent) <= set(PORTS):
+        raise BadPacket("text")
+    return Packet(name, message.tick, tuple(message.sent))
+
+
+def _decode_command(name: str, data: bytes, flight: Flight) -> Packet:
+    length = _TURN + 8 * N_U
+    message = open_message(lcmt_command, name, data, (length, length), flight.key, flight.session)
+    check_tick(message.tick, flight)
+    u = np.array(message.u)
+    check_values(u, flight.limits[name])
+    return Packet(name, message.tick, u)
+
+
+def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
+    length = _TURN + 8 * sum(TELEMETRY.values())
+    message = open_message(lcmt_telemetry, name, data, (length, length), flight.key, flight.session)
+    check_tick(message.tick, flight)
+    outputs = {key: np.array(getattr(message, key)) for key in TELEMETRY}
+    for key, values in outputs.items():
+        check_values(values, flight.limits[key])
+    return Packet(name, message.tick, outputs)
+
+
+def _decode_goal(name: str, data: bytes, flight: Flight) -> Packet:
+    message = open_message(lcmt_goal, name, data, _GOAL_SIZES, flight.key, flight.session)
+    check_tick(message.tick, flight)
+    x, y = message.p_W
+    check_values(np.array([x, y]), flight.limits[name])
+    if message.number <= 0:
+        raise BadPacket("value")
+    check_canonical(message, data)
+    check_texts(message.role, ("user", "onboard"), message.reason)
+    goal = Goal(flight.session, message.tick, message.number, message.role, x, y, plain(message.reason))
+    return Packet(name, -1, goal)
+
+
+def _decode_hello(data: bytes, key: bytes) -> Packet:
+    message = open_message(lcmt_hello, "hello", data, _HELLO_SIZES, key, None)
+    check_canonical(message, data)
+    check_texts(message.role, ROLES)
+    if message.state not in STATES or not _DIGEST.fullmatch(message.scenario_digest):
+        raise BadPacket("text")
+    if message.session <= 0:
+        raise BadPacket("foreign")
+    if message.n > MAX_HEARD or message.sequence < 0 or message.tick < -1:
+        raise BadPacket("value")
+    fields = {field: getattr(message, field) for field in Hello._fields}
+    return Packet("hello", -1, Hello(**fields | {"heard": tuple(message.heard)}))
+
+
+_OTHERS: Final = {
+    "image": _decode_picture,
+    "tick": _decode_tick,
+    "command": _decode_command,
+    "telemetry": _decode_telemetry,
+    "goal": _decode_goal,
+}
+
+
+def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
+    """Return the packet that bytes on a channel are.
+
+    Args:
+        name: of the channel, a key of CHANNELS.
+        data: any bytes.
+        key: of hellos, see seal.hello_key.
+        flight: what is known of the flight; without it only a hello can pass.
+
+    Raises:
+        BadPacket: if they are no packet of this flight.
+    """
+    if name == "hello":
+        return _decode_hello(data, key)
+    if name not in PORTS and name not in _OTHERS:
+        raise BadPacket("channel")
+    if flight is None:
+        raise BadPacket("foreign")
+    return _OTHERS.get(name, _decode_vector)(name, data, flight)
+
+
+def role_of(name: str, data: bytes) -> str:
+    """Return the role that a hello or a goal states, of whatever flight and key; none if it is no such packet."""
+    kinds: dict[str, Any] = {"hello": lcmt_hello, "goal": lcmt_goal}
+    kind, sizes = kinds[name], {"hello": _HELLO_SIZES, "goal": _GOAL_SIZES}[name]
+    if not sizes[0] <= len(data) - MAC_SIZE <= sizes[1]:
+        return ""
+    try:
+        return str(kind.decode(data).role)
+    except (struct.error, ValueError, IndexError):
+        return ""

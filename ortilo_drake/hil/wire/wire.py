@@ -1,0 +1,60 @@
+"""A half's packets of a flight, sealed and put on the wire; tick_inbox.py puts a tick's together again."""
+
+from ortilo_drake.flight.halves import Signals
+from ortilo_drake.hil.wire.bus import Bus
+from ortilo_drake.hil.wire.packets import (
+    CHANNELS,
+    Goal,
+    encode_command,
+    encode_goal,
+    encode_picture,
+    encode_telemetry,
+    encode_tick,
+    encode_vector,
+)
+from ortilo_drake.hil.wire.seal import seal
+from ortilo_drake.model.signals import STAMP
+
+
+class Outbox:
+    """Sends the packets of one flight.
+
+    Args:
+        bus: the bus.
+        session: of the flight.
+        key: of the flight, see seal.flight_key.
+    """
+
+    def __init__(self, bus: Bus, session: int, key: bytes):
+        self.session, self.key = session, key
+        self._bus = bus
+
+    def send(self, name: str, body: bytes) -> None:
+        """Send a body on a channel, a key of packets.CHANNELS."""
+        self._bus.publish(CHANNELS[name], seal(self.key, name, body))
+
+
+def publish_messages(outbox: Outbox, tick: int, messages: Signals) -> None:
+    """Send a tick's messages, and last the list of what was sent."""
+    session = outbox.session
+    for name, value in messages.items():
+        if name == "image":
+            outbox.send(name, encode_picture(session, tick, messages["shutter"][STAMP], value))
+        else:
+            outbox.send(name, encode_vector(session, tick, value))
+    outbox.send("tick", encode_tick(session, tick, tuple(messages)))
+
+
+def publish_command(outbox: Outbox, tick: int, outputs: Signals) -> None:
+    """Send the command of a tick."""
+    outbox.send("command", encode_command(outbox.session, tick, outputs["control"]))
+
+
+def publish_telemetry(outbox: Outbox, tick: int, outputs: Signals) -> None:
+    """Send what the onboard half knew in a tick."""
+    outbox.send("telemetry", encode_telemetry(outbox.session, tick, outputs))
+
+
+def publish_goal(outbox: Outbox, goal: Goal) -> None:
+    """Send a wish or an answer."""
+    outbox.send("goal", encode_goal(goal))

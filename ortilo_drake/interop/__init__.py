@@ -1,0 +1,1 @@
+"""Other people's formats: logs, ROS 2, MAVLink."""

@@ -1,0 +1,154 @@
+"""Reading a log back: as the Dataset of the flight, and tick by tick for a replay."""
+
+import json
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.diagrams.closed_loop import LOGGED
+from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.lost import find_loss
+from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.interop.log.mcap_records import LoggedMessage, read_logged
+from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SENT, SIGNAL_PREFIX, STRING_TYPE
+from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
+from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
+from ortilo_drake.interop.ros.ros_types import from_cdr
+from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.scenario import Scenario
+
+
+class LoggedTick(NamedTuple):
+    """One tick of a log: k, the true state (12) if it was known, the messages and those outputs that were."""
+
+    k: int
+    state: np.ndarray | None
+    messages: Signals
+    outputs: Signals
+
+
+def log_file(path: Path) -> Path:
+    """Return the MCAP file of a log's folder, or the path itself if it is a file; InputError if there is none."""
+    if not exists(path):
+        raise InputError(f"{path}: no such log")
+    if not path.is_dir():
+        return path
+    files = sorted(path.glob("*.mcap"))
+    if len(files) != 1:
+        raise InputError(f"{path}: not a log: holds {len(files)} .mcap files, not one")
+    return files[0]
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """Return what /ortilo/scenario says: format, software, scenario; InputError if it does not say it first."""
+    first = next(read_logged(path, lambda topic: True), None)
+    if first is None:
+        raise InputError(f"{path}: empty or cut off before its scenario")
+    try:
+        if (first.topic, first.type_name) != (SCENARIO_TOPIC, STRING_TYPE):
+            raise ValueError
+        about = json.loads(from_cdr(STRING_TYPE, first.data).data)
+        found = about["format"]
+        _ = json.loads(about["scenario"]), str(about["software"])
+    except Exception:  # whatever is wrong with a foreign message
+        raise InputError(f"{path}: not a log of ortilo-drake: does not begin with {SCENARIO_TOPIC}") from None
+    if found != FORMAT:
+        raise InputError(f"{path}: a log of format {found}, this version reads {FORMAT}")
+    return about
+
+
+def log_scenario(path: Path) -> Scenario:
+    """Return the scenario that a log was flown with; InputError if it is no such log."""
+    file = log_file(path)
+    return validate(Scenario, json.loads(_about(file)["scenario"]), str(file))
+
+
+def holds_what_was_sent(path: Path) -> bool:
+    """Return whether a log's messages are what a world sent in real time; InputError if it is no log.
+
+    When and whether the onboard half took them is then not known.
+    """
+    return _about(log_file(path)).get("messages") == SENT
+
+
+def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
+    try:
+        if message.topic == IMAGE_TOPIC and message.type_name == IMAGE_TYPE:
+            return "image", image_of(from_cdr(IMAGE_TYPE, message.data).data)
+        if (message.topic, message.type_name) == (GOAL_TOPIC, GOAL_TYPE):
+            p_W = from_cdr(GOAL_TYPE, message.data).pose.position
+            return "goal", np.array([p_W.x, p_W.y])
+        if message.type_name == ARRAY_TYPE:
+            return message.topic.removeprefix(SIGNAL_PREFIX), np.array(from_cdr(ARRAY_TYPE, message.data).data)
+    except Exception as error:  # the decoders raise whatever happens to them
+        raise InputError(f"{file}: {message.topic}: cannot be decoded: {error}") from None
+    raise InputError(f"{file}: {message.topic}: is of type {message.type_name or 'unknown'}")
+
+
+def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
+    """Yield the ticks of a log in order; of one that a kill cut short, those before the cut.
+
+    Args:
+        path: the log's folder or its MCAP file.
+        images: whether to decode pictures.
+
+    Raises:
+        InputError: if there is no such log, or it is not one, or it is damaged.
+    """
+    file, scenario = log_file(path), log_scenario(path)
+
+    def wanted(topic: str) -> bool:
+        if topic in (IMAGE_TOPIC, SCENARIO_TOPIC):
+            return images and topic == IMAGE_TOPIC
+        return topic == GOAL_TOPIC or topic.startswith(SIGNAL_PREFIX)
+
+    for log_time, group in groupby(read_logged(file, wanted), key=lambda message: message.log_time):
+        signals = dict(_decode(file, message) for message in group)
+        state = signals.pop("state", None)
+        outputs = {name: signals.pop(name) for name in OUTPUTS if name in signals}
+        outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: it never came
+        yield LoggedTick(round(log_time * 1e-9 * scenario.control_rate), state, signals, outputs)
+
+
+def read_messages(path: Path) -> Iterator[tuple[int, Signals, Signals]]:
+    """Yield (k, messages, outputs) of every tick, what the onboard half took and what it made of it; see read_ticks."""
+    for tick in read_ticks(path):
+        yield tick.k, tick.messages, tick.outputs
+
+
+def read_log(path: Path) -> xr.Dataset:
+    """Return a log as the Dataset that flight.fly returns of the same flight, but for real_time_factor.
+
+    Of a log that a kill cut short, the ticks before the cut. Ticks that are not in the log are NaN, and so is the
+    truth in the log of an onboard half, which knows none; whether the flight was lost is then told from what is known.
+
+    Raises:
+        InputError: as read_ticks; also if there is no tick.
+    """
+    file = log_file(path)
+    about, scenario = _about(file), log_scenario(file)
+    ticks = list(read_ticks(file, images=False))
+    if not ticks:
+        raise InputError(f"{file}: cut off before its first tick")
+    logged = np.full((ticks[-1].k + 1, sum(LOGGED.values())), np.nan)
+    starts = dict(zip(LOGGED, np.cumsum([0, *LOGGED.values()]).tolist(), strict=False))
+    for tick in ticks:
+        signals = tick.outputs if tick.state is None else tick.outputs | {"state": tick.state}
+        for name, value in signals.items():
+            if value.shape != (LOGGED[name],):
+                raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {LOGGED[name]}")
+            logged[tick.k, starts[name] : starts[name] + LOGGED[name]] = value
+    known = [tick.k for tick in ticks if tick.state is not None]
+    lost = find_loss(logged[known, : LOGGED["state"]], scenario.h, scenario.load_room(), scenario.vehicle)
+    if lost is not None:
+        k = known[lost.tick]
+        lost = type(lost)(k, k * scenario.h, lost.cause)
+        logged = logged[: k + 1]
+    flight = flight_dataset(scenario, np.arange(len(logged)) * scenario.h, logged, lost)
+    flight.attrs["software"] = about["software"]
+    return flight

@@ -1,0 +1,105 @@
+"""A recorded world, flown again by the onboard half.
+
+That needs a log of what the half took, tick by tick: its own, of any flight, or one of a flight in which the world
+waited for it. Of a half that joined in flight the state at its first tick is taken from the log if it came from a
+checkpoint; it is the filter's estimate and covariance alone, unless the filter replays late measurements.
+"""
+
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.polynomial import Polynomial
+from pydrake.trajectories import PiecewisePolynomial
+
+from ortilo_drake.flight.halves import OnboardHalf
+from ortilo_drake.interop.log.reader import LoggedTick, holds_what_was_sent, log_scenario, read_messages, read_ticks
+from ortilo_drake.model.typed_yaml import InputError
+
+
+def path_about(t: float, reference: np.ndarray) -> PiecewisePolynomial:
+    """Return the path that is at t [s] where a reference [r, r_dot, r_ddot] (9) says, to the last bit."""
+    coefficients = np.column_stack((reference[0:3], reference[3:6], reference[6:9] / 2.0))
+    return PiecewisePolynomial([np.array([[Polynomial(c)] for c in coefficients])], [t, t + 1.0])
+
+
+def replay_log(log: Path) -> dict[str, Any]:
+    """Drive an onboard half from a log's messages; compare what it makes of them with what the log says.
+
+    A way to a goal that came in flight was there when its planning had ended, so it is a matter of wall time: from the
+    first goal on, or from the first tick of a half that joined in flight and flew another way than the scenario's, the
+    reference is the log's own. An output that was not recorded is not compared.
+
+    Returns:
+        ticks, identical (every output of every tick bit for bit), the first tick that differs or None, the largest
+        difference of the estimate, in how many ticks the reference was taken from the log, and whether the state at
+        the first was.
+
+    Raises:
+        InputError: if the log cannot be read, is empty, or its scenario does not fly; if it is a world's of a flight in
+            real time, or of a half whose state at its first tick is not in it.
+    """
+    if holds_what_was_sent(log):
+        raise InputError(
+            f"{log}: holds what a world sent in real time, not what the onboard half took and when; replay that half's "
+            "own log, of: ortilo hil onboard --log"
+        )
+    known = read_ticks(log, images=False)
+    start = next(known, None)
+    if start is None:
+        raise InputError(f"{log}: cut off before its first tick")
+    # In real time the detector runs beside the half that is logged: its boxes are what came, not the pictures.
+    scenario = log_scenario(log)
+    beside = scenario.is_rendered and (
+        start.k > 0 or any("detections" in tick.messages for tick in chain([start], known))
+    )
+    onboard = OnboardHalf(scenario, detects=not beside)
+    state_from_log = start.k > 0 and _join(onboard, start, log)
+    ticks, first, largest, given, own_way = 0, None, 0.0, 0, start.k > 0 and _is_elsewhere(onboard, start)
+    for k, messages, recorded in read_messages(log):
+        own_way |= "goal" in messages
+        if own_way and "reference" in recorded:
+            onboard.fly_path(path_about(onboard.context.get_time(), recorded["reference"]))
+            given += 1
+        onboard.take(messages)
+        outputs = onboard.outputs()
+        if not all(np.array_equal(outputs[name], value) for name, value in recorded.items()):
+            first = k if first is None else first
+        if "estimate" in recorded:
+            largest = max(largest, float(np.max(np.abs(outputs["estimate"] - recorded["estimate"]))))
+        onboard.advance()
+        ticks += 1
+    return {
+        "ticks": ticks,
+        "identical": first is None,
+        "first_difference": first,
+        "largest_difference": largest,
+        "references_from_log": given,
+        "state_from_log": state_from_log,
+    }
+
+
+def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:
+    """Have a half join a flight at a tick; return whether its state there had to be taken from what is recorded."""
+    onboard.resume(start.k, None, np.inf)
+    found = onboard.outputs()
+    state = [name for name in ("estimate", "covariance") if name in start.outputs]
+    if all(np.array_equal(found[name], start.outputs[name]) for name in state):
+        return False
+    if onboard.context.get_discrete_state().num_groups() > len(state):
+        raise InputError(
+            f"{log}: joined its flight at tick {start.k} from a checkpoint, and the past that a filter with "
+            "'delay: replay' has in it is in no log; replay the log of a half that flew from the start"
+        )
+    kalman = onboard.diagram.GetSubsystemByName("kalman_filter")
+    its_state = kalman.GetMyMutableContextFromRoot(onboard.context).get_mutable_discrete_state()
+    for i, name in enumerate(state):
+        its_state.set_value(i, start.outputs[name])
+    return True
+
+
+def _is_elsewhere(onboard: OnboardHalf, start: LoggedTick) -> bool:
+    """Return whether a reference is recorded that is not on the scenario's path."""
+    planned = onboard.outputs()["reference"]
+    return not np.array_equal(start.outputs.get("reference", planned), planned)

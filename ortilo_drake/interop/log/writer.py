@@ -1,0 +1,164 @@
+"""Writing a flight, tick by tick, as a rosbag2 folder of one MCAP file."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO
+
+import numpy as np
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from ortilo_drake import __version__
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.interop.log.bag_metadata import bag_metadata, quality_of_service
+from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
+from ortilo_drake.interop.ros.ros_messages import TAKEN, start_messages, tick_messages
+from ortilo_drake.interop.ros.ros_types import definition, to_cdr
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
+_ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
+
+
+def _warm_up(scenario: Scenario, room: Room) -> None:
+    """Have all that is compiled for a tick compiled before the first."""
+    outputs = {name: np.zeros(size) for name, size in OUTPUTS.items()}
+    for state in (np.zeros(N_X), None):
+        for _, type_name, fields in tick_messages(0.0, state, {}, outputs, scenario, room):
+            to_cdr(type_name, fields)
+
+
+class LogWriter:
+    """A log being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
+
+    Path NAME becomes the folder NAME with NAME.mcap and, once the log is closed, metadata.yaml: what rosbags, ros2 bag
+    and Foxglove open. Every half second of flight goes to the file as one whole chunk, so that a killed process loses
+    at most that much and read_log reads the rest; a machine without power may lose more, nothing is synced to disk.
+    Log times are t_k in ns from the flight's start, not the date.
+
+    Args:
+        path: the folder, which must not exist: a log is never overwritten.
+        scenario: what is flown.
+        messages: what write_tick is given: ros_messages.TAKEN, or SENT by a world in real time.
+
+    Raises:
+        InputError: on entering or writing, if the folder exists or cannot be written, or the scenario has no path.
+    """
+
+    def __init__(self, path: Path, scenario: Scenario, messages: str = TAKEN):
+        self.path, self._messages = path, messages
+        self._scenario, self._room = scenario, scenario.load_room()
+        self._keep_every = max(1, round(KEEP_EVERY * scenario.control_rate))
+        self._last, self._kept = -1, -1
+        self._topics: dict[str, str] = {}
+        self._counts: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._file: BinaryIO
+        self._writer: Writer
+
+    @property
+    def file(self) -> Path:
+        """The MCAP file."""
+        return self.path / f"{self.path.name}.mcap"
+
+    def __enter__(self) -> "LogWriter":
+        if self.path.suffix == ".mcap":
+            raise InputError(f"{self.path}: a log is a folder: give its name without .mcap")
+        first = start_messages(self._scenario, self._room, self._messages)
+        _warm_up(self._scenario, self._room)
+        try:
+            self.path.mkdir(parents=True)
+            self._file = self.file.open("xb")
+        except FileExistsError:
+            raise InputError(f"{self.path}: exists, a log is never overwritten") from None
+        except OSError as error:
+            raise self._cannot(error) from None
+        self._writer = Writer(self._file, chunk_size=_ONE_CHUNK, compression=CompressionType.ZSTD)
+        try:
+            self._writer.start(profile="ros2", library=f"ortilo-drake {__version__}")
+            for message in first:
+                self._write(message, 0)
+            self._writer.flush()
+        except OSError as error:
+            self._file.close()
+            raise self._cannot(error) from None
+        return self
+
+    def write_tick(
+        self,
+        k: int,
+        state: np.ndarray | None,
+        messages: Signals,
+        outputs: Signals,
+    ) -> None:
+        """Write one tick; ticks come in ascending order.
+
+        Args:
+            k: the tick.
+            state: the true x (12), if it is known.
+            messages: what crossed to the onboard half: message vectors by port, 'image' (height, width, 4),
+                and 'goal' (2), where it flies to from now on [m].
+            outputs: the onboard half's signals: control, measurement, estimate, covariance, reference.
+
+        Raises:
+            InputError: if the file cannot be written.
+            ValueError: if k does not follow.
+        """
+        if k <= self._last:
+            raise ValueError(f"tick {k} after tick {self._last}")
+        self._last, t = k, k * self._scenario.h
+        log_time = to_ns(t)
+        for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
+            self._write(message, log_time)
+        if k - self._kept >= self._keep_every:
+            self._kept = k
+            try:
+                self._writer.flush()
+            except OSError as error:
+                raise self._cannot(error) from None
+
+    def _write(self, message: RosMessage, log_time: int) -> None:
+        topic, type_name, fields = message
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._open_channel(topic, type_name)
+        self._writer.add_message(channel, log_time, to_cdr(type_name, fields), log_time)
+        self._counts[topic] += 1
+
+    def _open_channel(self, topic: str, type_name: str) -> int:
+        if type_name not in self._schemas:
+            text = definition(type_name).encode()
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
+        self._topics[topic], self._counts[topic] = type_name, 0
+        offered = yaml.safe_dump(quality_of_service(topic))
+        return self._writer.register_channel(topic, "cdr", self._schemas[type_name], {"offered_qos_profiles": offered})
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the log, also when the flight went wrong: what was written stays. Of no tick at all nothing does."""
+        if error is not None and self._last < 0:
+            self._file.close()
+            self.file.unlink()
+            self.path.rmdir()
+            return
+        try:
+            with self._file:
+                text = bag_metadata(
+                    self.file.name, self._topics, self._counts, to_ns(max(0, self._last) * self._scenario.h)
+                )
+                self._writer.flush()
+                self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
+                self._writer.finish()
+            write_text(self.path / "metadata.yaml", text)
+        except (OSError, InputError) as failure:
+            if error is None:
+                raise (failure if isinstance(failure, InputError) else self._cannot(failure)) from None
+
+    def _cannot(self, error: OSError) -> InputError:
+        return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

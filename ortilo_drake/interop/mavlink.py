@@ -1,0 +1,183 @@
+"""The onboard estimate out as MAVLink 2, so that a PX4 could fly on it.
+
+MAVLink's frames are N (north, east, down) for the earth and F (forward, right, down) for the body, ours W (east, north,
+up) and B (forward, left, up):
+
+    p_N = T p_W,  R_NF = T R_WB F,  T = [0 1 0; 1 0 0; 0 0 -1],  F = diag(1, -1, -1),
+    roll, pitch, yaw of R_NF = phi, -theta, pi/2 - psi.
+
+ODOMETRY (#331) carries the pose in MAV_FRAME_LOCAL_NED and the twist in MAV_FRAME_BODY_FRD. PX4 (mavlink_receiver.cpp,
+VehicleOdometry.msg) takes that for external vision if the estimator's type is VISION or VIO; it uses the variances and
+not the correlations, the orientation's as those of a rotation vector in the body. VISION_POSITION_ESTIMATE (#102)
+carries the pose with Euler angles and their covariance. Covariances are propagated to first order.
+
+The functions return the messages' fields by MAVLink's names and need no package.
+"""
+
+import math
+import socket
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.interop.ros.body_motion import quaternion
+from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
+from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.typed_yaml import InputError
+
+DEFAULT_URL = "udpout:127.0.0.1:14580"  # a simulated PX4 listens there for a companion computer
+MAV_FRAME_LOCAL_NED = 1
+MAV_FRAME_BODY_FRD = 12
+MAV_ESTIMATOR_TYPE_VIO = 3
+COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
+
+T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+F = np.diag([1.0, -1.0, -1.0])
+_UPPER = np.triu_indices(6)
+
+
+def euler_ned(rpy: np.ndarray) -> np.ndarray:
+    """Return roll, pitch, yaw of F in N, yaw in (-pi, pi], from those of B in W (3)."""
+    yaw = math.pi / 2.0 - rpy[2]
+    return np.array([rpy[0], -rpy[1], math.pi - (math.pi - yaw) % (2.0 * math.pi)])
+
+
+def quaternion_ned(rpy: np.ndarray) -> np.ndarray:
+    """Return q_NF = (w, x, y, z), w >= 0, from roll, pitch, yaw of F in N."""
+    q = np.roll(quaternion(rpy), 1)
+    return q if q[0] >= 0.0 else -q
+
+
+def odometry_jacobian(x: np.ndarray) -> np.ndarray:
+    """Return d[p_N, r, v_F, w_F] / dx (12 x 12), r the rotation vector in F of a small turn of the body.
+
+    With v_B = R_WB^T v_W and r_B = E drpy:  dv_B = R_WB^T dv_W + [v_B]x r_B,  dw_B = E drpy_dot + dE rpy_dot.
+
+    Args:
+        x: state (12).
+    """
+    rpy, rpy_dot = x[3:6], x[9:12]
+    R_WB, E = rotation_matrix(rpy), euler_rate_matrix(rpy)
+    v_B, w_B = R_WB.T @ x[6:9], E @ rpy_dot
+    s_phi, c_phi, s_theta, c_theta = np.sin(rpy[0]), np.cos(rpy[0]), np.sin(rpy[1]), np.cos(rpy[1])
+    dw_dphi = np.array([0.0, w_B[2], -w_B[1]])
+    dw_dtheta = -rpy_dot[2] * np.array([c_theta, s_phi * s_theta, c_phi * s_theta])
+    J = np.zeros((12, N_X))
+    J[0:3, 0:3] = T
+    J[3:6, 3:6] = F @ E
+    J[6:9, 3:6] = F @ np.cross(v_B, E.T).T
+    J[6:9, 6:9] = F @ R_WB.T
+    J[9:12, 3:6] = F @ np.column_stack([dw_dphi, dw_dtheta, np.zeros(3)])
+    J[9:12, 9:12] = F @ E
+    return J
+
+
+def upper_triangle(C: np.ndarray) -> list[float]:
+    """Return a symmetric C (6 x 6) as MAVLink has it: the 21 of its upper right triangle, row by row."""
+    return [float(value) for value in C[_UPPER]]
+
+
+def odometry_fields(
+    t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0, quality: int = 0
+) -> dict[str, Any]:
+    """Return the fields of ODOMETRY.
+
+    Args:
+        t: time of the estimate [s].
+        estimate: xhat (15), of which the integrals are not sent.
+        covariance: P (15 x 15, or its 225).
+        reset_counter: how often the estimate was started anew; sent modulo 256.
+        quality: in percent, 0 if not known, -1 if the estimate failed.
+    """
+    x, P = estimate[:N_X], covariance.reshape(N_XBAR, N_XBAR)[:N_X, :N_X]
+    p_N, q = T @ x[0:3], quaternion_ned(euler_ned(x[3:6]))
+    v_F = F @ rotation_matrix(x[3:6]).T @ x[6:9]
+    w_F = F @ body_rates(x[3:6], x[9:12])
+    J = odometry_jacobian(x)
+    C = J @ P @ J.T
+    fields = {"x": p_N[0], "y": p_N[1], "z": p_N[2], "vx": v_F[0], "vy": v_F[1], "vz": v_F[2]}
+    fields |= {"rollspeed": w_F[0], "pitchspeed": w_F[1], "yawspeed": w_F[2]}
+    return {name: float(value) for name, value in fields.items()} | {
+        "time_usec": round(t * 1e6),
+        "frame_id": MAV_FRAME_LOCAL_NED,
+        "child_frame_id": MAV_FRAME_BODY_FRD,
+        "q": [float(value) for value in q],
+        "pose_covariance": upper_triangle(C[0:6, 0:6]),
+        "velocity_covariance": upper_triangle(C[6:12, 6:12]),
+        "reset_counter": reset_counter % 256,
+        "estimator_type": MAV_ESTIMATOR_TYPE_VIO,
+        "quality": quality,
+    }
+
+
+def vision_fields(t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> dict[str, Any]:
+    """Return the fields of VISION_POSITION_ESTIMATE. Arguments as odometry_fields."""
+    P = covariance.reshape(N_XBAR, N_XBAR)[0:6, 0:6]
+    J = np.zeros((6, 6))
+    J[0:3, 0:3], J[3:6, 3:6] = T, F
+    J[5, 5] = -1.0
+    p_N, rpy = T @ estimate[0:3], euler_ned(estimate[3:6])
+    fields = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), [*p_N, *rpy], strict=True))
+    return {name: float(value) for name, value in fields.items()} | {
+        "usec": round(t * 1e6),
+        "covariance": upper_triangle(J @ P @ J.T),
+        "reset_counter": reset_counter % 256,
+    }
+
+
+def udp_address(url: str) -> tuple[str, int]:
+    """Return host and port of 'udpout:HOST:PORT'; InputError if it is anything else."""
+    kind, _, rest = url.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind != "udpout" or not host or not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
+        raise InputError(f"mavlink url: {url!r}: must read udpout:HOST:PORT with a port of 1 to 65535")
+    try:
+        return str(socket.gethostbyname(host)), int(port)
+    except (OSError, UnicodeError):
+        raise InputError(f"mavlink url: {url!r}: no such host: {host!r}") from None
+
+
+class MavlinkBridge:
+    """Sends estimates to a flight controller over UDP.
+
+    Args:
+        url: where to, 'udpout:HOST:PORT'; this machine by default.
+        system: the vehicle's MAVLink system id.
+
+    Raises:
+        InputError: if the url is wrong or pymavlink is not installed.
+    """
+
+    def __init__(self, url: str = DEFAULT_URL, system: int = 1):
+        self._address = udp_address(url)
+        check_installed("pymavlink", "mavlink")
+        common = import_module("pymavlink.dialects.v20.common")
+        self._mavlink = common.MAVLink(None, srcSystem=system, srcComponent=COMPONENT)
+        self._heartbeat = self._mavlink.heartbeat_encode(
+            common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE
+        )
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def send(self, t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> None:
+        """Send ODOMETRY. Arguments as odometry_fields."""
+        self._send(self._mavlink.odometry_encode(**odometry_fields(t, estimate, covariance, reset_counter)))
+
+    def send_vision(self, t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> None:
+        """Send VISION_POSITION_ESTIMATE, for a controller that takes no ODOMETRY. Arguments as odometry_fields."""
+        fields = vision_fields(t, estimate, covariance, reset_counter)
+        self._send(self._mavlink.vision_position_estimate_encode(**fields))
+
+    def send_heartbeat(self) -> None:
+        """Send HEARTBEAT, as every MAVLink component does once a second."""
+        self._send(self._heartbeat)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _send(self, message: Any) -> None:
+        packet = message.pack(self._mavlink)
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        self._socket.sendto(packet, self._address)

@@ -1,0 +1,170 @@
+"""A flight to a living ROS 2, the topics and types of a log (interop/ros/ros_messages.py), and goals back from it.
+
+rclpy is imported only when a bridge is opened. ROS speaks to this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE
+says otherwise (SUBNET is ROS's own default).
+"""
+
+import os
+from array import array
+from functools import cache
+from importlib import import_module
+from types import TracebackType
+from typing import Any, Final
+
+import numpy as np
+
+from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
+from ortilo_drake.interop.ros.ros_messages import LATCHED, start_messages, tick_messages
+from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
+from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC
+from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.signals import N_U, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+NODE: Final = "ortilo"
+FRAME: Final = "map"
+_DEPTH: Final = 10
+_SPINS: Final = 4  # the newest goal is there after one; the rest are for ROS's own events
+
+
+@cache
+def message_class(type_name: str) -> Any:
+    """Return rclpy's class of a type, package/msg/Name or package/Name; ImportError if it is not there."""
+    package, *_, name = type_name.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def fill(message: Any, fields: Fields) -> Any:
+    """Write plain nested fields into an rclpy message and return it; what is absent stays as it is.
+
+    The kinds are those of the values that are there: a message in it is filled, an array keeps its element type.
+
+    Args:
+        message: an rclpy message, or anything with get_fields_and_field_types().
+        fields: nested dicts, lists, arrays, numbers and texts by the message's field names.
+
+    Raises:
+        AttributeError: if there is no such field.
+    """
+    for name, value in fields.items():
+        setattr(message, name, _value(message, name, value))
+    return message
+
+
+def _value(message: Any, name: str, value: Any) -> Any:
+    there = getattr(message, name)
+    if isinstance(value, dict):
+        return fill(there, value)
+    if isinstance(there, array):
+        return array(there.typecode, np.ascontiguousarray(value, there.typecode).tobytes())
+    if isinstance(there, np.ndarray):
+        return np.asarray(value, there.dtype)
+    if isinstance(there, list):
+        kind = message.get_fields_and_field_types()[name]  # sequence<package/Name>
+        item = message_class(kind.removeprefix("sequence<").removesuffix(">"))
+        return [fill(item(), fields) for fields in value]
+    return type(there)(value)  # ROS takes no numpy number for a whole one
+
+
+class Ros2Bridge:
+    """A ROS 2 node: `with Ros2Bridge(scenario) as bridge: bridge.send_tick(...)`.
+
+    What is sent once waits for latecomers (transient local); pictures go as sensor data (best effort), the rest
+    reliably. A topic whose type's package is missing is left out, with one line in ROS's log.
+
+    Args:
+        scenario: what is flown.
+
+    Raises:
+        InputError: if rclpy is not installed, or, on entering, does not work or the scenario has no path.
+    """
+
+    def __init__(self, scenario: Scenario):
+        check_installed("rclpy", "ros2")
+        self._scenario, self._room = scenario, scenario.load_room()
+        self._publishers: dict[str, Any] = {}
+        self._goal: np.ndarray | None = None
+
+    def __enter__(self) -> "Ros2Bridge":
+        first = start_messages(self._scenario, self._room)
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        try:
+            rclpy = import_module("rclpy")
+            self._qos = import_module("rclpy.qos")
+            executors = import_module("rclpy.executors")
+            self._context = rclpy.Context()
+            self._context.init(args=[])  # unlike rclpy.init it leaves Ctrl-C to us
+            self._node = rclpy.create_node(NODE, context=self._context, start_parameter_services=False)
+            self._executor = executors.SingleThreadedExecutor(context=self._context)
+            self._executor.add_node(self._node)
+            self._node.create_subscription(message_class(GOAL_TYPE), GOAL_TOPIC, self._take_goal, 1)
+        except (ImportError, RuntimeError) as error:
+            raise InputError(f"rclpy: does not work here: {' '.join(str(error).split())}") from None
+        for message in first:
+            self._send(message)
+        self._open_topics()
+        return self
+
+    def _open_topics(self) -> None:
+        """Offer the topics of every tick before the first, and have compiled what makes their messages."""
+        sizes = {"control": N_U, "estimate": N_XBAR, "covariance": N_XBAR**2, "reference": REFERENCE_SIZE}
+        outputs = {name: np.zeros(size) for name, size in sizes.items()}
+        for topic, type_name, _ in tick_messages(0.0, None, {}, outputs, self._scenario, self._room):
+            self._publisher(topic, type_name)
+
+    def send_tick(
+        self, t: float, state: np.ndarray | None, messages: dict[str, np.ndarray], outputs: dict[str, np.ndarray]
+    ) -> None:
+        """Publish one tick. Arguments as logs.ros_messages.tick_messages."""
+        for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
+            self._send(message)
+
+    def goal(self) -> np.ndarray | None:
+        """Return p_W (3) [m] of the newest goal since the last call, None if there is none."""
+        for _ in range(_SPINS):
+            self._executor.spin_once(timeout_sec=0.0)
+        goal, self._goal = self._goal, None
+        return goal
+
+    def _take_goal(self, message: Any) -> None:
+        p, frame = message.pose.position, message.header.frame_id
+        p_W = np.array([p.x, p.y, p.z])
+        if frame != FRAME:
+            self._node.get_logger().warning(f"{GOAL_TOPIC}: refused: in frame {frame!r}, must be in {FRAME!r}")
+        elif not np.isfinite(p_W).all():
+            self._node.get_logger().warning(f"{GOAL_TOPIC}: refused: not finite")
+        else:
+            self._goal = p_W
+
+    def _send(self, message: RosMessage) -> None:
+        topic, type_name, fields = message
+        publisher = self._publisher(topic, type_name)
+        if publisher is not None:
+            publisher.publish(fill(message_class(type_name)(), fields))
+
+    def _publisher(self, topic: str, type_name: str) -> Any:
+        if topic not in self._publishers:
+            try:
+                kind = message_class(type_name)
+                self._publishers[topic] = self._node.create_publisher(kind, topic, self._quality(topic))
+            except ImportError:
+                package = type_name.partition("/")[0]
+                self._node.get_logger().warning(f"{topic}: left out: {package} is not installed")
+                self._publishers[topic] = None
+        return self._publishers[topic]
+
+    def _quality(self, topic: str) -> Any:
+        if topic == IMAGE_TOPIC:
+            return self._qos.qos_profile_sensor_data
+        if topic in LATCHED:
+            return self._qos.QoSProfile(depth=1, durability=self._qos.DurabilityPolicy.TRANSIENT_LOCAL)
+        return self._qos.QoSProfile(depth=_DEPTH)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave ROS."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()

@@ -1,0 +1,126 @@
+"""One tick of a flight as ROS 2 messages: plain functions from signals to (topic, type, fields).
+
+Fields are plain nested dicts, lists, numbers and arrays, so that a log's writer and a bridge to a living ROS 2 take
+the same ones; what is absent is zero. Frames after REP 103 and 105: map is W (east, north, up), base_link is B
+(forward, left, up), camera_optical is C (right, down, forward), anchor_<i> stands at an anchor.
+
+    /truth/pose, /truth/odometry        the true state, where it is known
+    /estimate/pose, /estimate/odometry  the filter's prediction and its covariance
+    /reference/pose, /reference/path    where it should be now; the planned path, once
+    /goal_pose                          a goal from which on the vehicle flies there
+    /imu/data, /uwb/anchor_<i>, /camera/image/compressed, /camera/detections   what arrived in this tick
+    /tf, /tf_static                     map -> base_link, of the truth where known, else of the estimate; fixed frames
+    /ortilo/scenario                    the scenario and the software's version as JSON, once
+    /ortilo/<signal>                    every signal and message vector to the last bit (model/signals.py)
+"""
+
+import json
+from functools import cache
+
+import numpy as np
+
+from ortilo_drake import __version__
+from ortilo_drake.flight.flight import XBAR_NAMES
+from ortilo_drake.flight.signals import Signals
+from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
+from ortilo_drake.interop.ros.ros_motion import (
+    estimate_messages,
+    goal_message,
+    path_message,
+    reference_message,
+    tf_message,
+    truth_messages,
+)
+from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, OUTPUT_NAMES, STATE_NAMES
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import Scenario
+
+SCENARIO_TOPIC = "/ortilo/scenario"
+SIGNAL_PREFIX = "/ortilo/"
+ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
+STRING_TYPE = "std_msgs/msg/String"
+LATCHED = (SCENARIO_TOPIC, "/tf_static", "/reference/path")  # sent once, meant for whoever comes later
+TAKEN, SENT = "taken", "sent"  # messages as the onboard half took them, or as a world sent them that did not wait
+FORMAT = 1  # of /ortilo/scenario and the /ortilo/ signals; a reader refuses another
+
+_LABELS = {
+    "state": ",".join(STATE_NAMES),
+    "control": ",".join(CONTROL_NAMES),
+    "measurement": f"{','.join(OUTPUT_NAMES)},delta_uwb,delta_camera,delta_imu,V2 of each row by row",
+    "estimate": ",".join(XBAR_NAMES),
+    "reference": "r (3), its velocity (3), its acceleration (3)",
+}
+
+
+@cache
+def _layout(name: str, size: int) -> Fields:
+    if name == "covariance":
+        labels = [("row", N_XBAR, size), ("column", N_XBAR, N_XBAR)]
+    else:
+        labels = [(_LABELS.get(name, f"message {name}: arrived, stamp, payload"), size, size)]
+    return {"dim": [{"label": label, "size": n, "stride": stride} for label, n, stride in labels], "data_offset": 0}
+
+
+def signal_message(name: str, signal: np.ndarray) -> RosMessage:
+    """Return a signal or message vector as it is."""
+    return f"{SIGNAL_PREFIX}{name}", ARRAY_TYPE, {"layout": _layout(name, signal.size), "data": signal}
+
+
+def tick_messages(
+    t: float,
+    state: np.ndarray | None,
+    messages: Signals,
+    outputs: Signals,
+    scenario: Scenario,
+    room: Room,
+) -> list[RosMessage]:
+    """Return all ROS messages of one tick.
+
+    Args:
+        t: t_k = k h [s].
+        state: the true x (12), if it is known.
+        messages: what crossed to the onboard half in this tick: message vectors by port, 'image', and 'goal' (2) [m].
+        outputs: what the onboard half has at t_k: control, measurement, estimate, covariance, reference.
+        scenario: the scenario.
+        room: its room.
+    """
+    sent = [signal_message(name, value) for name, value in messages.items() if name not in ("image", "goal")]
+    sent += [signal_message(name, value) for name, value in outputs.items()]
+    if state is not None:
+        sent += [signal_message("state", state), *truth_messages(t, state), tf_message(t, state)]
+    if "estimate" in outputs and "covariance" in outputs:
+        sent += estimate_messages(t, outputs["estimate"], outputs["covariance"])
+        if state is None:
+            sent.append(tf_message(t, outputs["estimate"]))
+    if "reference" in outputs:
+        sent.append(reference_message(t, outputs["reference"], scenario.servo.yaw))
+    if "goal" in messages:
+        sent.append(goal_message(t, messages["goal"]))
+    return sent + sensor_messages(t, messages, scenario, room)
+
+
+def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
+    """Return what is sent once, before the first tick: scenario, fixed frames, planned path.
+
+    Args:
+        scenario: the scenario.
+        room: its room.
+        messages: what the ticks' messages are; SENT to a listener on the bus, who cannot know more.
+
+    Raises:
+        InputError: if there is no path.
+    """
+    about = {
+        "format": FORMAT,
+        "software": f"ortilo-drake {__version__}",
+        "scenario": scenario.model_dump_json(),
+        "messages": messages,
+    }
+    trajectory = plan(scenario.planner, room, scenario.vehicle)
+    return [
+        (SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(about)}),
+        fixed_frames_message(room),
+        path_message(trajectory, scenario.servo.yaw),
+    ]

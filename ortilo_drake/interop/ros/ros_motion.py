@@ -1,0 +1,87 @@
+"""Where the vehicle is, thinks it is and should be, as ROS 2 messages."""
+
+import numpy as np
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.interop.ros.body_motion import pose_and_twist, quaternion, twist_covariance
+from ortilo_drake.interop.ros.ros_fields import RosMessage, header_fields, pose_fields, transform_fields, twist_fields
+from ortilo_drake.model.signals import N_XBAR
+
+GOAL_TYPE = "geometry_msgs/msg/PoseStamped"
+GOAL_TOPIC = "/goal_pose"  # where RViz's and Foxglove's tools for a 2D goal send it
+PATH_STEP = 0.1  # between two poses of the planned path [s]
+
+
+def _motion(x: np.ndarray) -> list[float]:
+    # A copy, since numba would compile anew, in flight, for an array that may not be written to.
+    return pose_and_twist(np.array(x[0:12])).tolist()
+
+
+def truth_messages(t: float, state: np.ndarray) -> list[RosMessage]:
+    """Return the messages of the true state x (12)."""
+    motion = _motion(state)
+    header, pose = header_fields(t, "map"), pose_fields(motion)
+    return [
+        ("/truth/pose", "geometry_msgs/msg/PoseStamped", {"header": header, "pose": pose}),
+        (
+            "/truth/odometry",
+            "nav_msgs/msg/Odometry",
+            {
+                "header": header,
+                "child_frame_id": "base_link",
+                "pose": {"pose": pose},
+                "twist": {"twist": twist_fields(motion)},
+            },
+        ),
+    ]
+
+
+def estimate_messages(t: float, estimate: np.ndarray, covariance: np.ndarray) -> list[RosMessage]:
+    """Return the messages of the estimate xhat (15) and its covariance P (225).
+
+    A pose's covariance in ROS is about fixed axes, roll, pitch and yaw: P's own block.
+    """
+    motion, P = _motion(estimate), np.array(covariance.reshape(N_XBAR, N_XBAR))
+    header, pose = header_fields(t, "map"), {"pose": pose_fields(motion), "covariance": P[0:6, 0:6].ravel()}
+    twist = {"twist": twist_fields(motion), "covariance": twist_covariance(np.array(estimate), P).ravel()}
+    return [
+        ("/estimate/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", {"header": header, "pose": pose}),
+        (
+            "/estimate/odometry",
+            "nav_msgs/msg/Odometry",
+            {"header": header, "child_frame_id": "base_link", "pose": pose, "twist": twist},
+        ),
+    ]
+
+
+def tf_message(t: float, x: np.ndarray) -> RosMessage:
+    """Return map -> base_link of a state, true or estimated."""
+    return (
+        "/tf",
+        "tf2_msgs/msg/TFMessage",
+        {"transforms": [transform_fields(t, "base_link", _motion(x))]},
+    )
+
+
+def reference_message(t: float, reference: np.ndarray, yaw: float) -> RosMessage:
+    """Return the reference's pose: its position with the yaw that the servo holds."""
+    motion = [*reference[0:3].tolist(), *quaternion(np.array([0.0, 0.0, yaw])).tolist()]
+    return (
+        "/reference/pose",
+        "geometry_msgs/msg/PoseStamped",
+        {"header": header_fields(t, "map"), "pose": pose_fields(motion)},
+    )
+
+
+def path_message(trajectory: Trajectory, yaw: float) -> RosMessage:
+    """Return the planned path p_WB(t), a pose every PATH_STEP."""
+    start, end = trajectory.start_time(), trajectory.end_time()
+    times = np.linspace(start, end, max(2, 1 + round((end - start) / PATH_STEP))).tolist()
+    poses = [reference_message(t, trajectory.value(t)[:, 0], yaw)[2] for t in times]
+    return "/reference/path", "nav_msgs/msg/Path", {"header": header_fields(0.0, "map"), "poses": poses}
+
+
+def goal_message(t: float, goal: np.ndarray) -> RosMessage:
+    """Return a goal p_W (2) taken at t [s]; as from a tool for a 2D goal, at z = 0, and here without a heading."""
+    motion = [*goal.tolist(), 0.0, 0.0, 0.0, 0.0, 1.0]
+    return GOAL_TOPIC, GOAL_TYPE, {"header": header_fields(t, "map"), "pose": pose_fields(motion)}

@@ -1,0 +1,92 @@
+"""ROS 2's message types without ROS: definitions, hashes and CDR bytes, all from rosbags' store of ROS 2 Jazzy.
+
+vision_msgs is no part of the store; its definitions, those of vision_msgs 4, stand here.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ortilo_drake.interop.ros.ros_fields import Fields
+
+_VISION = {
+    "Point2D": "float64 x\nfloat64 y\n",
+    "Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
+    "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
+    "ObjectHypothesis": "string class_id\nfloat64 score\n",
+    "ObjectHypothesisWithPose": "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n",
+    "Detection2D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox2D bbox\nstring id\n"
+    ),
+    "Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections\n",
+}
+
+_BASE, _NAME = 1, 2  # rosbags' kinds of a field: a number or text, another message; the rest are arrays of these
+
+
+@cache
+def typestore() -> Typestore:
+    """Return the store of every type that a log holds."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in _VISION.items():
+        store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
+    return store
+
+
+@cache
+def definition(type_name: str) -> str:
+    """Return a type's definition with those it uses, as an MCAP schema of encoding ros2msg holds it."""
+    return typestore().generate_msgdef(type_name, ros_version=2)[0]
+
+
+def _field_maker(node: tuple[Any, Any]) -> tuple[Callable[[Any], Any] | None, Callable[[], Any]]:
+    """Return what makes a field's value of a plain one (None where it is that itself), and what makes its default."""
+    kind, about = node
+    if kind == _BASE:
+        nothing = {"string": "", "bool": False}.get(about[0], 0)
+        return None, lambda: nothing
+    if kind == _NAME:
+        make = message_maker(about)
+        return make, lambda: make({})
+    (inner_kind, inner), size = about
+    if inner_kind == _NAME:
+        make_item = message_maker(inner)
+        return lambda values: [make_item(value) for value in values], list
+    if inner[0] == "string":
+        return list, list
+    dtype = np.dtype(inner[0])
+    return lambda values: np.ascontiguousarray(values, dtype), lambda: np.zeros(size, dtype)
+
+
+@cache
+def message_maker(type_name: str) -> Callable[[Fields], object]:
+    """Return a function from plain nested fields to a rosbags message; absent fields are zero or empty."""
+    store = typestore()
+    makers = [(name, *_field_maker(node)) for name, node in store.fielddefs[type_name][1]]
+    message_type = store.types[type_name]
+
+    def make(fields: Fields) -> object:
+        values = []
+        for name, value_of, default in makers:
+            if name not in fields:
+                values.append(default())
+            else:
+                values.append(fields[name] if value_of is None else value_of(fields[name]))
+        return message_type(*values)
+
+    return make
+
+
+def to_cdr(type_name: str, fields: Fields) -> bytes:
+    """Return the little-endian CDR bytes of a message."""
+    return bytes(typestore().serialize_cdr(message_maker(type_name)(fields), type_name))
+
+
+def from_cdr(type_name: str, data: bytes) -> Any:
+    """Return the rosbags message that CDR bytes hold."""
+    return typestore().deserialize_cdr(data, type_name)

@@ -1,8 +1,0 @@
-"""What the onboard half makes of a tick, and how a tick's signals are held."""
-
-import numpy as np
-
-from ortilo_drake.diagrams.closed_loop import LOGGED
-
-Signals = dict[str, np.ndarray]
-OUTPUTS = {name: size for name, size in LOGGED.items() if name != "state"}

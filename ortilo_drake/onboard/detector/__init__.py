@@ -1,0 +1,1 @@
+"""Landmark detection in pictures: networks and their boxes."""

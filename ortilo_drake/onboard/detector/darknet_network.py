@@ -1,0 +1,135 @@
+"""A Darknet network of the YOLOv3 kind in torch, built from its .cfg."""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.darknet_layers import (
+    Convolutional,
+    DarknetCfg,
+    Maxpool,
+    Route,
+    Shortcut,
+    Upsample,
+    Yolo,
+)
+
+LEAK = 0.1  # slope of Darknet's leaky activation below 0
+# Added to a variance before its root, as OpenCV's importer does (darknet_io.cpp, setBatchNorm). Darknet itself adds
+# 1e-6 to the root (blas.c, normalize_cpu); its later code for graphics cards 1e-5 to the variance (blas_kernels.cu).
+EPSILON = 1e-6
+
+
+class Activation(nn.Module):
+    """Darknet's activation of that name."""
+
+    def __init__(self, name: str):
+        super().__init__()
+        self._name = name
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return x, leaky(x) = max(x, x / 10), or its logistic function."""
+        if self._name == "leaky":
+            return functional.leaky_relu(x, LEAK)
+        return x.sigmoid() if self._name == "logistic" else x
+
+
+class Convolution(nn.Module):
+    """A convolution, batch normalisation where the .cfg has it, and the activation."""
+
+    def __init__(self, layer: Convolutional, epsilon: float = EPSILON):
+        super().__init__()
+        self.convolution = nn.Conv2d(
+            layer.inputs, layer.filters, layer.size, layer.stride, layer.size // 2, bias=not layer.batch_normalize
+        )
+        self.norm = nn.BatchNorm2d(layer.filters, eps=epsilon) if layer.batch_normalize else None
+        self.activation = Activation(layer.activation)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the layer's output."""
+        x = self.convolution(x)
+        return self.activation(x if self.norm is None else self.norm(x))
+
+
+class Pool(nn.Module):
+    """The largest of size x size cells; the output has the input's size over the stride, as Darknet pads."""
+
+    def __init__(self, layer: Maxpool):
+        super().__init__()
+        self._size, self._stride = layer.size, layer.stride
+        self._before = (layer.size - 1) // 2
+        self._behind = max(0, layer.size - layer.stride - self._before)  # what the last window reaches over the edge
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the layer's output."""
+        if self._before == self._behind:
+            return functional.max_pool2d(x, self._size, self._stride, self._before)
+        sides = (self._before, self._behind, self._before, self._behind)
+        return functional.max_pool2d(functional.pad(x, sides, value=-float("inf")), self._size, self._stride)
+
+
+class DarknetNetwork(nn.Module):
+    """A network of the YOLOv3 kind; its weights are random until read (darknet_weights.py) or trained.
+
+    Args:
+        cfg: the network, from darknet_cfg.py.
+        epsilon: of the batch normalisation.
+    """
+
+    def __init__(self, cfg: DarknetCfg, epsilon: float = EPSILON):
+        super().__init__()
+        self.cfg, self.epsilon = cfg, epsilon
+        named = [layer.sources for layer in cfg.layers if isinstance(layer, Route)]
+        named += [(layer.source,) for layer in cfg.layers if isinstance(layer, Shortcut)]
+        self._kept = {n for sources in named for n in sources}
+        self.layers = nn.ModuleList()
+        for layer in cfg.layers:
+            match layer:
+                case Convolutional():
+                    self.layers.append(Convolution(layer, epsilon))
+                case Maxpool():
+                    self.layers.append(Pool(layer))
+                case Shortcut():
+                    self.layers.append(Activation(layer.activation))
+                case Upsample():
+                    self.layers.append(nn.Upsample(scale_factor=layer.stride, mode="nearest"))
+                case _:
+                    self.layers.append(nn.Identity())
+
+    def convolutions(self) -> list[Convolution]:
+        """Return the convolutions, in their order."""
+        return [layer for layer in self.layers if isinstance(layer, Convolution)]
+
+    def forward(self, images: Tensor) -> tuple[Tensor, ...]:
+        """Return the raw heads, each (n, anchors (5 + classes), height / stride, width / stride), before any sigmoid.
+
+        Args:
+            images: RGB in [0, 1] (n, 3, height, width), height and width multiples of the network's stride.
+
+        Raises:
+            InputError: if the images have another shape.
+        """
+        if not torch.jit.is_tracing():  # an export must not record the check
+            self._check(tuple(images.shape))
+        x, heads = images, []
+        kept: dict[int, Tensor] = {}
+        for number, (layer, module) in enumerate(zip(self.cfg.layers, self.layers, strict=True)):
+            match layer:
+                case Yolo():
+                    heads.append(x)
+                case Route():
+                    parts = [kept[n] for n in layer.sources]
+                    x = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
+                case Shortcut():
+                    x = module(x + kept[layer.source])
+                case _:
+                    x = module(x)
+            if number in self._kept:
+                kept[number] = x
+        return tuple(heads)
+
+    def _check(self, shape: tuple[int, ...]) -> None:
+        stride = self.cfg.stride
+        if len(shape) != 4 or shape[1] != 3 or shape[2] % stride or shape[3] % stride or 0 in shape:
+            raise InputError(f"images: {shape}: must be (n, 3, height, width), multiples of the stride {stride}")

@@ -1,0 +1,121 @@
+"""The network behind the detector: a picture in, boxes of the room's classes out."""
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.coco import COCO_CLASSES, COCO_NAME
+from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
+from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
+from ortilo_drake.onboard.detector.detector import Boxes
+from ortilo_drake.onboard.detector.network_backends import Compute, onnxruntime_network, opencv_network, torch_network
+from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
+from ortilo_drake.scenario import Detector
+
+WEIGHTS = Path(__file__).with_name("weights")
+OWN_CFG, OWN_NETWORK, OWN_ONNX = (WEIGHTS / f"ortilo.{kind}" for kind in ("cfg", "safetensors", "onnx"))
+OWN_CLASSES = tuple(OWN_CFG.with_suffix(".names").read_text(encoding="utf-8").splitlines())
+
+
+def own_backend(backend: str) -> str:
+    """Return the backend that 'auto' stands for: the fastest that is installed."""
+    if backend == "auto":
+        return "onnxruntime" if importlib.util.find_spec("onnxruntime") else "opencv"
+    return backend
+
+
+def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
+    """Return the class names of a network of the user's, in the network's order, and which file they are from.
+
+    Raises:
+        InputError: if there are none or not as many as the network has classes.
+    """
+    count = cfg.heads[0].classes
+    assert settings.cfg is not None
+    file = Path(settings.names) if settings.names else Path(settings.cfg).with_suffix(".names")
+    if settings.names is None and not exists(file):
+        if count == len(COCO_CLASSES):
+            return list(COCO_CLASSES), f"{settings.cfg}, of COCO's {count} classes"
+        raise InputError(f"{file}: missing: {settings.cfg} has {count} classes, give their names, one a line")
+    names = [line.strip() for line in read_text(file).splitlines() if line.strip()]
+    if len(names) != count:
+        raise InputError(f"{file}: holds {len(names)} names, {settings.cfg} has {count} classes")
+    return names, str(file)
+
+
+def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
+    """Return the room's label of each of the network's classes, -1 for one that is no landmark here.
+
+    A 'pottedplant' is a 'potted plant', whichever of the two calls it so.
+
+    Args:
+        names: the network's classes.
+        room: gives the landmarks' classes.
+        source: the file that the names are from, for errors.
+
+    Raises:
+        InputError: if the network does not know a class of the room's landmarks.
+    """
+    label_of = {COCO_NAME.get(name, name): label for label, name in enumerate(room.classes)}
+    label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may have both words
+    labels = [label_of.get(name, label_of.get(COCO_NAME.get(name, name), -1)) for name in names]
+    unknown = [name for label, name in enumerate(room.classes) if label not in labels]
+    if unknown:
+        raise InputError(f"{source}: does not know the class '{unknown[0]}' of a landmark of room '{room.name}'")
+    return np.array(labels)
+
+
+def load_detector(settings: Detector, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
+    """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px].
+
+    A picture is RGB (height, width, 3), uint8. Labels count the room's classes. Boxes are cut at the image's border.
+
+    Args:
+        settings: which network, and what of its boxes to keep.
+        room: the landmarks.
+        size: width and height of the picture [px].
+
+    Raises:
+        InputError: if a file is wrong, or the network does not know a class of the room.
+    """
+    compute: Compute
+    if settings.cfg is not None:
+        assert settings.weights is not None
+        cfg = read_cfg(Path(settings.cfg))
+        names, source = class_names(settings, cfg)
+        compute = torch_network(Path(settings.weights), cfg)
+    else:
+        cfg = parse_cfg(read_text(OWN_CFG), str(OWN_CFG))
+        names, source = list(OWN_CLASSES), OWN_CFG.with_suffix(".names").name
+        match own_backend(settings.backend):
+            case "onnxruntime":
+                compute = onnxruntime_network(OWN_ONNX)
+            case "opencv":
+                compute = opencv_network(OWN_ONNX)
+            case _:
+                compute = torch_network(OWN_NETWORK, cfg)
+    labels_of = room_labels(names, room, source)
+    anchors = [np.array(head.anchors, dtype=float) for head in cfg.heads]
+    input_size = np.array([cfg.net.width, cfg.net.height], dtype=float)
+    image_size = np.array(size, dtype=float)
+    border = np.concatenate([image_size, image_size]) - 0.5
+    scale = np.float32(1.0 / 255.0)
+
+    def detect(image: np.ndarray) -> Boxes:
+        if (image.shape[1], image.shape[0]) != (cfg.net.width, cfg.net.height):
+            image = cv2.resize(image, (cfg.net.width, cfg.net.height), interpolation=cv2.INTER_LINEAR)
+        pixels = np.ascontiguousarray(image.transpose(2, 0, 1)[np.newaxis], dtype=np.float32) * scale
+        labels, scores, boxes = decode(compute(pixels), anchors, input_size, image_size, settings.threshold)
+        labels = labels_of[labels]
+        known = labels >= 0
+        labels, scores, boxes = labels[known], scores[known], boxes[known]
+        kept = non_max_suppression(labels, scores, boxes, settings.overlap)
+        return labels[kept], scores[kept], np.clip(boxes[kept], -0.5, border)
+
+    return detect

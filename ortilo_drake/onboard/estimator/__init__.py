@@ -1,0 +1,1 @@
+"""Measurement handler and intermittent Kalman filter."""

@@ -1,0 +1,1 @@
+"""The position from detected landmarks."""

@@ -1,0 +1,1 @@
+"""Paths through the free space of the room."""

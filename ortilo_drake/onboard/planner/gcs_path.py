@@ -1,0 +1,125 @@
+"""A smooth path through free cells: a coarse route says which way round, convex optimisation gives the shape.
+
+The route is the shortest way over a fine grid, where steps with little room count for longer. Cells are grown
+along it, and Drake's GcsTrajectoryOptimization (Marcucci, Petersen, von Wrangel, Tedrake: Motion planning
+around obstacles with convex optimization, Science Robotics 2023) chooses among them and puts a Bezier curve
+into each. A curve lies in the convex hull of its control points, so the path keeps to the cells everywhere,
+not just at samples.
+"""
+
+import logging
+
+import numpy as np
+from pydrake.geometry.optimization import GraphOfConvexSetsOptions, HPolyhedron, Point
+from pydrake.planning import GcsTrajectoryOptimization
+from pydrake.solvers import Binding, ClarabelSolver, Cost, QuadraticCost
+from pydrake.trajectories import CompositeTrajectory
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.free_cells import ELBOW, Cell, FreeSpace, cells_along, grow_cell
+
+SPACING = 0.05  # of the grid for the route: narrower gaps are not found [m]
+ORDER = 5  # of the Bezier curves
+MAX_GRID = 4_000_000  # points of the grid, each takes about 420 bytes
+BENDING = 10.0  # cost of squared second differences of control points, against metres of length
+
+
+def shortest_route(room: np.ndarray, comfort: float, start: int, goal: int) -> np.ndarray | None:
+    """Return the cheapest way over an 8-connected grid as flat indices (n), or None where there is none.
+
+    Args:
+        room: room at each point of the grid (n_x, n_y) [m]; a step needs positive room at both ends.
+        comfort: a step with less room than this [m] counts for sqrt(comfort / room) steps.
+        start: flat index of the first point.
+        goal: flat index of the last point.
+    """
+    n_x, n_y = room.shape
+    index = np.arange(room.size).reshape(room.shape)
+    cost = np.sqrt(np.maximum(1.0, comfort / np.maximum(room, 1.0e-3)))
+    starts, ends, costs = [], [], []
+    for i, j in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        a = (slice(0, n_x - i), slice(max(0, -j), n_y - max(0, j)))
+        b = (slice(i, n_x), slice(max(0, j), n_y - max(0, -j)))
+        free = (room[a] > 0) & (room[b] > 0)
+        starts.append(index[a][free])
+        ends.append(index[b][free])
+        costs.append((np.hypot(i, j) * (cost[a] + cost[b]))[free])
+    edges = (np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends)))
+    graph = coo_array(edges, shape=(room.size, room.size)).tocsr()
+    _, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
+    route = [goal]
+    while route[-1] != start:
+        if before[route[-1]] < 0:
+            return None
+        route.append(int(before[route[-1]]))
+    return np.array(route[::-1])
+
+
+def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray) -> list[Cell] | None:
+    """Return cells along the way from start to goal, or None where no way leads there.
+
+    Args:
+        space: the free space.
+        start: a point with positive room (2) [m].
+        goal: another (2) [m].
+
+    Raises:
+        InputError: if the room is too large.
+    """
+    sides = space.bounds[1, :2] - space.bounds[0, :2]
+    if np.prod(np.ceil(sides / SPACING)) > MAX_GRID:
+        raise InputError(
+            f"room: interior: {sides[0]:g} m x {sides[1]:g} m: for a planner of kind 'gcs' must not exceed "
+            f"{MAX_GRID * SPACING**2:g} m^2; give waypoints"
+        )
+    x, y = (np.arange(low, high, SPACING) for low, high in space.bounds.T[:2])
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    room = space.room_on_grid(x, y)
+    ends = []
+    for p in (start, goal):
+        distance = np.linalg.norm(points - p, axis=1)
+        distance[~grow_cell(p, space).contains(points)] = np.inf
+        ends.append(int(np.argmin(distance)))
+    route = shortest_route(room, space.clearance + ELBOW, *ends)
+    return None if route is None else cells_along(np.vstack([start, points[route], goal]), space)
+
+
+def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> CompositeTrajectory | None:
+    """Return a path r(s) in the plane with continuous r' and r'', or None where the cells do not connect.
+
+    Args:
+        cells: convex cells in the order in which they may be passed; some may be skipped.
+        start: r(0) (2) [m].
+        goal: r at the end (2) [m].
+    """
+    sets = [HPolyhedron(cell.A, cell.b) for cell in cells]
+    forward = [(i, j) for i in range(len(sets)) for j in range(i + 1, len(sets)) if sets[i].IntersectsWith(sets[j])]
+    gcs = GcsTrajectoryOptimization(2)
+    # Time plays no part here: each curve runs over one unit of s.
+    regions = gcs.AddRegions(sets, forward, ORDER, h_min=1.0, h_max=1.0)
+    source = gcs.AddRegions([Point(start)], 0, h_min=0.0)
+    target = gcs.AddRegions([Point(goal)], 0, h_min=0.0)
+    gcs.AddEdges(source, regions)
+    gcs.AddEdges(regions, target)
+    gcs.AddPathContinuityConstraints(1)
+    gcs.AddPathContinuityConstraints(2)
+    gcs.AddPathLengthCost(1.0)
+    D = np.diff(np.eye(ORDER + 1), n=2, axis=0)
+    # As a matrix: NumPy's products of symbols pick up floating-point flags that Drake's C++ leaves raised.
+    bending = QuadraticCost(2.0 * BENDING * np.kron(np.eye(2), D.T @ D), np.zeros(2 * (ORDER + 1)), 0.0)
+    regions.AddVertexCost(Binding[Cost](bending, regions.vertex_control_points().flatten()))
+    options = GraphOfConvexSetsOptions()
+    options.convex_relaxation = True
+    options.max_rounded_paths = 20
+    options.preprocessing = False
+    options.solver = ClarabelSolver()
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)  # Drake reports each solved path at INFO
+    try:
+        path, result = gcs.SolvePath(source, target, options)
+    finally:
+        log.setLevel(level)
+    return GcsTrajectoryOptimization.NormalizeSegmentTimes(path) if result.is_success() else None

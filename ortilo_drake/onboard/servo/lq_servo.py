@@ -1,0 +1,126 @@
+"""The LQ servo (paper, section IV-A)."""
+
+import sys
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
+from ortilo_drake.model.vehicle import GRAVITY, Vehicle
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.scenario import LqServo as ServoSettings
+
+
+@register_jitable
+def less_product(u_0: float, row: np.ndarray, x_error: np.ndarray, xbar: np.ndarray) -> float:
+    """Return u_0 - row [x_error; i], i the last three of xbar, term by term; of any scalar."""
+    u = u_0
+    for j in range(12):
+        u = u - row[j] * x_error[j]
+    for j in range(12, 15):
+        u = u - row[j] * xbar[j]
+    return u
+
+
+@njit(cache=True)
+def servo_control(
+    xbar: np.ndarray,
+    reference: np.ndarray,
+    L: np.ndarray,
+    mass: float,
+    yaw: float,
+    error_form: bool,
+) -> np.ndarray:
+    """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i] (4).
+
+    Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0]
+    with the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0].
+
+    Args:
+        xbar: estimate of [x; i], i the integral of the position error (15).
+        reference: r, r_dot, r_ddot (9).
+        L: servo gain (4, 15).
+        mass: m [kg].
+        yaw: psi_r [rad].
+        error_form: whether to fly the error form.
+    """
+    u_0 = mass * GRAVITY
+    x_ref = np.zeros(12)
+    if error_form:
+        r, r_dot, a = reference[0:3], reference[3:6], reference[6:9]
+        phi_r = (a[0] * np.sin(yaw) - a[1] * np.cos(yaw)) / GRAVITY
+        theta_r = (a[0] * np.cos(yaw) + a[1] * np.sin(yaw)) / GRAVITY
+        x_ref = np.array([r[0], r[1], r[2], phi_r, theta_r, yaw, r_dot[0], r_dot[1], r_dot[2], 0.0, 0.0, 0.0])
+        u_0 += mass * a[2]
+    x_error = xbar[:12] - x_ref
+    return np.array(
+        [
+            less_product(u_0, L[0], x_error, xbar),
+            less_product(0.0, L[1], x_error, xbar),
+            less_product(0.0, L[2], x_error, xbar),
+            less_product(0.0, L[3], x_error, xbar),
+        ]
+    )
+
+
+def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
+    """Return the i (3) with which the servo holds still at r: 0, in the paper form the one that balances L r."""
+    if form == "error":
+        return np.zeros(N_I)
+    return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
+
+
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("LqServo_", scope=sys.modules[__name__])
+def LqServo_(T: type) -> type:
+    """Return the servo for a scalar type: float, AutoDiffXd or Expression."""
+
+    class Impl(LeafSystem_[T]):
+        """u_k from the estimate and the reference.
+
+        Ports:
+            estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
+            reference (9): r, r_dot, r_ddot.
+            velocity (8): velocity message; only where the scenario lends the servo the truth.
+            control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
+
+        Memoryless. The equations are those of servo_control: floats run through numba, other scalars through the same
+        source in Python.
+
+        Args:
+            settings: form, yaw and weights.
+            vehicle: mass and inertia of the model.
+            h: tick [s].
+        """
+
+        def _construct(self, settings: ServoSettings, vehicle: Vehicle, h: float, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("lq_servo")
+            self._settings, self._vehicle, self._h = settings, vehicle, h
+            self._servo_control = servo_control if T is float else servo_control.py_func
+            self._L = servo_gain(vehicle, settings.weights, h)
+            self._mass, self._yaw, self._error_form = vehicle.mass, settings.yaw, settings.form == "error"
+            self._borrows_truth = settings.velocities == "truth"
+            self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+            self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
+            needs = {self._estimate.ticket(), self._reference.ticket()}
+            if self._borrows_truth:
+                self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
+                needs.add(self._velocity.ticket())
+            self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other._settings, other._vehicle, other._h, converter=converter)
+
+        def _calc_control(self, context: Any, output: Any) -> None:
+            xbar = self._estimate.Eval(context)
+            if self._borrows_truth:
+                xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
+            reference = self._reference.Eval(context)
+            output.SetFromVector(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
+
+    return Impl

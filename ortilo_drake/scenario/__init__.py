@@ -1,0 +1,102 @@
+"""The typed scenario: everything that decides a flight, and nothing else.
+
+A scenario is a YAML file that holds the fields of Scenario; what it leaves out takes the default given there, and the
+defaults together are a valid flight. Units are SI, angles in radians. A wrong file is refused before anything
+runs, with one line that names the file, the field, the value and what is allowed (InputError).
+
+Its groups of settings are modules of this folder, one a subject; whatever they define can be imported from here.
+"""
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario.failsafe import Failsafe
+from ortilo_drake.scenario.link import (
+    BernoulliLoss,
+    Blackout,
+    CommandLink,
+    GilbertElliottLoss,
+    Link,
+    Loss,
+    NoLoss,
+    PositionBlackout,
+    TimeBlackout,
+)
+from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed
+from ortilo_drake.scenario.onboard import (
+    Detector,
+    DiagonalW,
+    DisturbanceW,
+    KalmanFilter,
+    LandmarkFix,
+    LqServo,
+    MeasurementHandler,
+    Multilateration,
+    Noise,
+    ServoWeights,
+)
+from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
+from ortilo_drake.scenario.scenario import Scenario
+from ortilo_drake.scenario.sensors import (
+    ConstantNoise,
+    Imu,
+    ProjectedCamera,
+    ProportionalNoise,
+    RangeNoise,
+    RenderedCamera,
+    Uwb,
+    WallEffect,
+    WallsBias,
+    WallsBlock,
+    WallsIgnored,
+)
+from ortilo_drake.scenario.world import Disturbance, FirstOrderRotors, IdealRotors, World
+
+__all__ = [
+    "SCENARIO_FOLDER",
+    "BernoulliLoss",
+    "Blackout",
+    "CommandLink",
+    "ConstantNoise",
+    "Detector",
+    "DiagonalW",
+    "Disturbance",
+    "DisturbanceW",
+    "Failsafe",
+    "FirstOrderRotors",
+    "GcsPlanner",
+    "GilbertElliottLoss",
+    "HoverPlanner",
+    "IdealRotors",
+    "Imu",
+    "InputError",
+    "KalmanFilter",
+    "LandmarkFix",
+    "Link",
+    "Loss",
+    "LqServo",
+    "MeasurementHandler",
+    "Multilateration",
+    "NoLoss",
+    "Noise",
+    "Planner",
+    "PositionBlackout",
+    "ProjectedCamera",
+    "ProportionalNoise",
+    "RangeNoise",
+    "RenderedCamera",
+    "Scenario",
+    "ServoWeights",
+    "TimeBlackout",
+    "Uwb",
+    "Vehicle",
+    "WallEffect",
+    "WallsBias",
+    "WallsBlock",
+    "WallsIgnored",
+    "WaypointPlanner",
+    "World",
+    "load_scenario",
+    "read_waypoints",
+    "scenario_names",
+    "with_seed",
+]

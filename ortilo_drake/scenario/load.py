@@ -1,0 +1,111 @@
+"""Scenarios by name or from files, with settings laid over them."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
+from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
+from ortilo_drake.scenario.scenario import Scenario
+
+SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the ready-made scenarios."""
+    return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
+
+
+def _resolve(name_or_file: str | Path) -> Path:
+    path = Path(name_or_file)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    if str(name_or_file) in scenario_names():
+        return SCENARIO_FOLDER / f"{name_or_file}.yaml"
+    name, known = str(name_or_file), scenario_names()
+    shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
+    raise InputError(
+        f"scenario: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
+    )
+
+
+def _set_field(data: dict[str, Any], setting: str) -> None:
+    key, equals, text = setting.partition("=")
+    shown = repr(setting) if len(setting) <= 100 else f"{setting[:100]!r}..."
+    if not equals or not all(key.split(".")) or key.count(".") > DEEPEST:
+        raise InputError(f"--set {shown}: must read key.key=value")
+    *parents, last = key.split(".")
+    for parent in parents:
+        child = data.get(parent)
+        if child is None:
+            child = data[parent] = {}
+        if not isinstance(child, dict):
+            raise InputError(f"--set {shown}: '{parent}' is not a group of settings")
+        data = child
+    value = parse_yaml(text, f"--set {shown}")
+    if last == "kind" and data.get("kind") != value:
+        data.clear()  # another kind has other settings
+    data[last] = value
+
+
+def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
+    """Return a scenario by name or from a file, with settings 'key.key=value' laid over it.
+
+    Args:
+        name_or_file: a ready-made scenario's name, or the path of a .yaml file.
+        settings: changes, each value in YAML; a changed 'kind' drops what belonged to the former one.
+        seed: the seed, if not the scenario's own.
+
+    Raises:
+        InputError: naming file, field, value and what is allowed.
+    """
+    path = _resolve(name_or_file)
+    source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
+    data = parse_yaml(read_text(path), source)
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    data.setdefault("name", path.stem)
+    scenario = validate(Scenario, data, source)
+    if settings or seed is not None:
+        data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
+        for setting in settings:
+            _set_field(data, setting)
+        if seed is not None:
+            data["seed"] = seed
+        scenario = validate(Scenario, data, source)
+    # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
+    scenario = _relative_to(Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent, scenario)
+    scenario.load_room()
+    return scenario
+
+
+def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
+    """Return the scenario with the paths in it made absolute and its waypoints read, so that it stands alone."""
+    changes: dict[str, Any] = {}
+
+    def absolute(name: str) -> str:
+        return os.path.realpath(folder / name)
+
+    if scenario.room != "ortilo":
+        changes["room"] = absolute(scenario.room)
+    if isinstance(scenario.planner, WaypointPlanner) and scenario.planner.file is not None:
+        points = read_waypoints(Path(absolute(scenario.planner.file)))
+        rows = tuple(tuple(row) for row in points.tolist())
+        changes["planner"] = scenario.planner.model_copy(update={"file": None, "points": rows})
+    files = {key: path for key in ("cfg", "weights", "names") if (path := getattr(scenario.detector, key)) is not None}
+    if files:
+        files = {key: absolute(path) for key, path in files.items()}
+        changes["detector"] = scenario.detector.model_copy(update=files)
+    errors = scenario.projected_camera.errors
+    if errors.kind == "measured" and errors.file != "rendered":
+        errors = errors.model_copy(update={"file": absolute(errors.file)})
+        changes["projected_camera"] = scenario.projected_camera.model_copy(update={"errors": errors})
+    return scenario.model_copy(update=changes) if changes else scenario
+
+
+def with_seed(scenario: Scenario, seed: int) -> Scenario:
+    """Return the same scenario with another seed."""
+    return validate(Scenario, scenario.model_dump(mode="json") | {"seed": seed}, scenario.name)

@@ -1,0 +1,58 @@
+"""The Gilbert-Elliott chain of a link's loss: its settings as numbers, and the chain of a wished rate and burst.
+
+A Markov chain with a good and a bad state steps once a tick, and a packet is lost with the probability of its state
+(E. N. Gilbert, "Capacity of a burst-noise channel", 1960; E. O. Elliott, 1963). It starts good. Independent
+(Bernoulli) loss is the same with one probability in both.
+"""
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario.link import BernoulliLoss, GilbertElliottLoss, Loss
+
+
+def loss_parameters(loss: Loss) -> np.ndarray:
+    """Return (good to bad, bad to good, loss while good, loss while bad) of any kind of loss."""
+    match loss.kind:
+        case "gilbert_elliott":
+            return np.array([loss.good_to_bad, loss.bad_to_good, loss.loss_good, loss.loss_bad])
+        case "bernoulli":
+            return np.array([0.0, 0.0, loss.probability, loss.probability])
+    return np.zeros(4)
+
+
+def loss_chain(loss: Loss) -> tuple[np.ndarray, np.ndarray]:
+    """Return T (M x M), of the modes from one tick to the next, and the probability of loss in each mode (M).
+
+    The first mode is where the chain starts; where it never leaves that, it is the only one.
+    """
+    to_bad, to_good, good, bad = loss_parameters(loss)
+    if to_bad == 0.0:
+        return np.ones((1, 1)), np.array([good])
+    return np.array([[1.0 - to_bad, to_bad], [to_good, 1.0 - to_good]]), np.array([good, bad])
+
+
+def loss_of(share: float, burst: float | None = None) -> Loss:
+    """Return the loss that loses a share of the packets, independently or in bursts.
+
+    In bursts everything is lost while the chain is bad and nothing while it is good, which lasts a tick or more.
+
+    Args:
+        share: of the packets that are lost, in [0, 1].
+        burst: mean length of a burst [ticks], at least 1; None for independent losses, whose bursts are 1 / (1 - share)
+            long on average.
+
+    Raises:
+        InputError: if there is no such loss.
+    """
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"loss: {share}: must be in [0, 1]")
+    if burst is None:
+        return BernoulliLoss(kind="bernoulli", probability=share)
+    if not 1.0 <= burst < np.inf:
+        raise InputError(f"burst: {burst}: must be at least 1 tick")
+    if share > burst / (1.0 + burst):
+        most = burst / (1.0 + burst)
+        raise InputError(f"loss: {share}: must be at most {most} in bursts of {burst} ticks with a gap of one")
+    good_to_bad = min(share / (1.0 - share) / burst, 1.0)  # at most 1 but for rounding
+    return GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=good_to_bad, bad_to_good=1.0 / burst)

@@ -1,0 +1,172 @@
+"""What flies onboard: fixes, handler, filter and servo."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat, model_validator
+
+from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
+from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
+
+PositiveVec3 = tuple[Positive, Positive, Positive]
+InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
+
+
+class Multilateration(Frozen):
+    """Position from ranges.
+
+    'nearest_three' intersects the spheres of the three nearest anchors, as the authors do; 'least_squares' is
+    weighted nonlinear least squares over all ranges. noise is what the solver believes of the ranges.
+    """
+
+    method: Literal["nearest_three", "least_squares"] = "least_squares"
+    noise: RangeNoise = ProportionalNoise()
+
+    @model_validator(mode="after")
+    def _believes_in_noise(self) -> "Multilateration":
+        size = self.noise.sd if self.noise.kind == "constant" else self.noise.fraction
+        if size <= 0.0:
+            raise ValueError(f".noise: {size}: must be greater than 0, ranges are weighted by it")
+        return self
+
+
+class Detector(Frozen):
+    """The network that finds landmarks in the rendered camera's pictures.
+
+    Attributes:
+        cfg: a Darknet .cfg to use in place of our own network, with its weights; needs torch.
+        weights: its .weights.
+        names: its class names, one a line; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
+        backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
+            the one it was trained with; 'auto' takes the first of them that is installed.
+        threshold: smallest score of a box.
+        overlap: two boxes of a class that overlap by a larger IoU are one object.
+    """
+
+    cfg: FileName | None = None
+    weights: FileName | None = None
+    names: FileName | None = None
+    backend: Literal["auto", "onnxruntime", "opencv", "torch"] = "auto"
+    threshold: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
+    overlap: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.45
+
+    @model_validator(mode="after")
+    def _files_come_together(self) -> "Detector":
+        if (self.cfg is None) != (self.weights is None):
+            raise ValueError(f".cfg {self.cfg!r}, .weights {self.weights!r}: give both or neither")
+        if self.cfg is not None and self.backend not in ("auto", "torch"):
+            raise ValueError(f".backend {self.backend!r}: is for our own network, a .cfg takes 'auto' or 'torch'")
+        return self
+
+
+class LandmarkFix(Frozen):
+    """Position from landmark boxes.
+
+    Attributes:
+        method: 'known_attitude' (two landmarks or more, attitude from the filter), 'cosine_law' (three or more,
+            the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
+        center_sd: what the solver believes of a box centre's error [px]; more than the boxes' own, because the
+            filter's attitude error is common to successive fixes.
+        gate: an association is refused beyond this probability of the predicted projection's error.
+        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than this many sd.
+        prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
+            filter's covariance.
+    """
+
+    method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
+    center_sd: Positive = 3.0
+    gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
+    max_residual: Positive = 4.0
+    prior_sd: tuple[Positive, Positive] | None = None
+
+
+class Noise(Frozen):
+    """What the filter believes of the measurements, V (variances per axis [m^2], [rad^2]).
+
+    A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
+    """
+
+    uwb: PositiveVec3 | None = None
+    camera: PositiveVec3 | None = None
+    imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
+
+
+class MeasurementHandler(Frozen):
+    """What of the arrived fixes the filter gets.
+
+    A fix is ignored if its squared Mahalanobis distance from the filter's prediction exceeds the chi-square
+    quantile of the sensor's gate; null switches the gate off.
+    """
+
+    uwb_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    camera_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+
+
+class DisturbanceW(Frozen):
+    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick."""
+
+    kind: Literal["disturbance"] = "disturbance"
+    force_sd: Positive = 0.27
+    torque_sd: Positive = 0.005
+
+
+class DiagonalW(Frozen):
+    """W diagonal: one variance each for position, angles, velocity and Euler rates."""
+
+    kind: Literal["diagonal"]
+    position: NonNegativeFloat
+    angle: NonNegativeFloat
+    velocity: NonNegativeFloat
+    rate: NonNegativeFloat
+
+
+class KalmanFilter(Frozen):
+    """The intermittent Kalman filter.
+
+    Attributes:
+        W: process noise covariance.
+        V: measurement noise.
+        initial_sd: what the filter believes of its initial error in position [m], angles, velocity, Euler rates;
+            flights start without one, so NEES starts at 0.
+        delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
+            uses none older than one tick, which a detector itself takes, and lets the others enter as current;
+            'replay' puts it into the tick of its stamp and runs the filter again from there.
+        horizon: how far back 'replay' goes [s]; what is older is not used.
+    """
+
+    W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
+    V: Noise = Noise()
+    initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
+    delay: Literal["ignore", "drop", "replay"] = "ignore"
+    horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
+
+
+class ServoWeights(Frozen):
+    """Diagonals of the servo's Q (by group of states) and R."""
+
+    position: PositiveVec3 = (6.0, 6.0, 6.0)
+    angle: tuple[NonNegativeFloat, NonNegativeFloat, Positive] = (1.0, 1.0, 1.0)
+    velocity: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (1.0, 1.0, 1.0)
+    rate: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.1, 0.1, 0.1)
+    integral: PositiveVec3 = (3.0e-4, 3.0e-4, 3.0e-4)
+    control: tuple[Positive, Positive, Positive, Positive] = (0.02, 1.0, 1.0, 1.0)
+
+
+class LqServo(Frozen):
+    """The LQ servo.
+
+    Attributes:
+        form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
+            forward, as in the authors' code.
+        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
+            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
+            integrates r - xhat, as in the authors' code.
+        velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
+        yaw: psi_r [rad], small: the hover model of filter and servo is that of yaw 0. Only in the error form.
+        weights: Q and R.
+    """
+
+    form: Literal["paper", "error"] = "error"
+    integrator: Literal["literal", "hold", "estimate"] = "hold"
+    velocities: Literal["estimate", "truth"] = "estimate"
+    yaw: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
+    weights: ServoWeights = ServoWeights()

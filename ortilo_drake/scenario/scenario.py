@@ -1,0 +1,108 @@
+"""The scenario: everything that decides a flight, and nothing else."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.typed_yaml import FileName, Frozen
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario.failsafe import Failsafe
+from ortilo_drake.scenario.link import CommandLink, Link
+from ortilo_drake.scenario.onboard import (
+    Detector,
+    KalmanFilter,
+    LandmarkFix,
+    LqServo,
+    MeasurementHandler,
+    Multilateration,
+)
+from ortilo_drake.scenario.planner import GcsPlanner, Planner
+from ortilo_drake.scenario.sensors import Imu, ProjectedCamera, RenderedCamera, Uwb
+from ortilo_drake.scenario.world import World
+
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def _as_file_name(name: str) -> str:
+    if not name.isprintable() or set(name) & set("/\\") or not 0 < len(name.encode()) <= 100 or name[0] == ".":
+        raise ValueError(
+            f"{name!r}: must be 1 to 100 bytes of printable text without / and \\, and not begin with a point"
+        )
+    return name
+
+
+Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is called so
+
+
+class Scenario(Frozen):
+    """One flight.
+
+    Attributes:
+        name: what tables and files call it.
+        seed: the seed of all noise; the same seed gives the same flight bit for bit.
+        control_rate: ticks a second, 1 / h [Hz].
+        settle: time flown after the path's end [s].
+        room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
+        sensors: which of uwb, camera and imu fly; the others never arrive.
+        camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
+            boxes that a detector would have found from what was measured of it, eighty times as fast.
+        camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
+        command_link: delivery of the control packets; perfect by default.
+        failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
+    """
+
+    name: Name = "default"
+    seed: Seed = 0
+    control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
+    settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
+    room: FileName = "ortilo"
+    vehicle: Vehicle = Vehicle()
+    world: World = World()
+    sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
+    imu: Imu = Imu()
+    uwb: Uwb = Uwb()
+    camera: Literal["projected", "rendered"] = "projected"
+    camera_link: Link = Link(every=3)
+    command_link: CommandLink = CommandLink()
+    projected_camera: ProjectedCamera = ProjectedCamera()
+    rendered_camera: RenderedCamera = RenderedCamera()
+    detector: Detector = Detector()
+    multilateration: Multilateration = Multilateration()
+    landmark_fix: LandmarkFix = LandmarkFix()
+    handler: MeasurementHandler = MeasurementHandler()
+    filter: KalmanFilter = KalmanFilter()
+    servo: LqServo = LqServo()
+    planner: Planner = GcsPlanner()
+    failsafe: Failsafe = Failsafe()
+
+    @property
+    def h(self) -> float:
+        """The control period, the tick of every discrete system [s]."""
+        return 1.0 / self.control_rate
+
+    @property
+    def is_rendered(self) -> bool:
+        """Whether there is a camera and it renders."""
+        return self.camera == "rendered" and "camera" in self.sensors
+
+    @property
+    def image_width(self) -> int:
+        """Width of the image that the camera's boxes are in [px]."""
+        return (self.rendered_camera if self.camera == "rendered" else self.projected_camera).width
+
+    def link_of(self, sensor: str) -> Link:
+        """Return the link of 'uwb', 'camera' or 'imu'."""
+        return {"uwb": self.uwb.link, "camera": self.camera_link, "imu": self.imu.link}[sensor]
+
+    @model_validator(mode="after")
+    def _sensors_differ(self) -> "Scenario":
+        if len(set(self.sensors)) != len(self.sensors):
+            raise ValueError(f"sensors: {list(self.sensors)} names one twice")
+        return self
+
+    def load_room(self) -> Room:
+        """Return the room this scenario flies in; InputError if its file is wrong."""
+        return load_room(ORTILO_ROOM if self.room == "ortilo" else Path(self.room))

@@ -1,0 +1,127 @@
+"""The sensors: IMU, UWB and the two cameras."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat
+
+from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
+from ortilo_drake.scenario.link import Link, Probability
+
+
+class Imu(Frozen):
+    """An IMU with its own attitude filter: white noise on each output (sd per axis)."""
+
+    angle_sd: NonNegativeFloat = 0.01
+    rate_sd: NonNegativeFloat = 0.01
+    specific_force_sd: NonNegativeFloat = 0.05
+    link: Link = Link()
+
+
+class ProportionalNoise(Frozen):
+    """Range noise whose standard deviation is this fraction of the distance."""
+
+    kind: Literal["proportional"] = "proportional"
+    fraction: NonNegativeFloat = 0.0075
+
+
+class ConstantNoise(Frozen):
+    """Range noise of one standard deviation [m]."""
+
+    kind: Literal["constant"]
+    sd: NonNegativeFloat
+
+
+class WallsIgnored(Frozen):
+    """Radio passes through walls unchanged."""
+
+    kind: Literal["none"] = "none"
+
+
+class WallsBias(Frozen):
+    """Each wall in the line of sight makes a range this much longer [m]; not the wall that holds the anchor."""
+
+    kind: Literal["bias"]
+    per_wall: NonNegativeFloat = 0.3
+
+
+class WallsBlock(Frozen):
+    """A wall in the line of sight blocks a range; not the wall that holds the anchor."""
+
+    kind: Literal["block"]
+
+
+RangeNoise = Annotated[ProportionalNoise | ConstantNoise, Field(discriminator="kind")]
+WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock, Field(discriminator="kind")]
+
+
+class Uwb(Frozen):
+    """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls."""
+
+    noise: RangeNoise = ProportionalNoise()
+    walls: WallEffect = WallsIgnored()
+    max_distance: Positive = 100.0
+    link: Link = Link(every=3)
+
+
+class MeasuredErrors(Frozen):
+    """Errors of a detector as they were measured of it.
+
+    Attributes:
+        file: 'rendered', the rendered camera and our own detector, or the path of a calibration file
+            (ortilo detector calibrate).
+    """
+
+    kind: Literal["measured"] = "measured"
+    file: FileName = "rendered"
+
+
+class ParametricErrors(Frozen):
+    """Errors of a detector by a few numbers; new in every tick.
+
+    Attributes:
+        edge_sd: noise of each edge of a box that the image's border does not cut [px].
+        miss_base: miss rate at distance 0.
+        miss_per_metre: growth of the miss rate with distance [1/m].
+        max_distance: farther landmarks are never found [m].
+        min_size: smaller boxes, in either direction, are never found [px].
+        min_visible: a landmark is found if at least this share of it is not hidden by walls and stands.
+        false_boxes: mean number of false boxes an image (Poisson).
+    """
+
+    kind: Literal["parametric"]
+    edge_sd: NonNegativeFloat = 1.3
+    miss_base: Probability = 0.02
+    miss_per_metre: NonNegativeFloat = 0.02
+    max_distance: Positive = 12.0
+    min_size: NonNegativeFloat = 6.0
+    min_visible: Probability = 0.6
+    false_boxes: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1
+
+
+CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
+
+
+class ProjectedCamera(Frozen):
+    """A landmark camera that returns boxes without rendering an image.
+
+    Attributes:
+        width: image width [px]; the room's camera is scaled to it.
+        errors: which landmarks are missed, how boxes err, and false boxes.
+        latency: from seeing to boxes [ticks], as the rendered camera's detector takes.
+    """
+
+    width: Annotated[int, Field(ge=16, le=8192)] = 320
+    errors: CameraErrors = MeasuredErrors()
+    latency: Annotated[int, Field(ge=0, le=1000)] = 1
+
+
+class RenderedCamera(Frozen):
+    """A camera whose pictures Drake renders and a detector looks at.
+
+    Attributes:
+        width: image width [px]; the room's camera is scaled to it.
+        latency: from picture to boxes [ticks]; measured, the detector needs about a third of a tick of 1/30 s.
+    """
+
+    width: Annotated[int, Field(ge=64, le=2048)] = 320
+    latency: Annotated[int, Field(ge=1, le=1000)] = 1

@@ -1,0 +1,1 @@
+"""Questions asked of the laboratory, a folder each: theory on the flying diagram, flights, figures, report."""

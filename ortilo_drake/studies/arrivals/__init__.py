@@ -1,0 +1,1 @@
+"""How many measurements are enough: the filter's covariance over arrival rates and bursts."""

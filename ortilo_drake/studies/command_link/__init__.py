@@ -1,0 +1,1 @@
+"""What a lossy, late command link does to the loop."""

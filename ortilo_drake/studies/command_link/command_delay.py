@@ -1,0 +1,108 @@
+"""The delay of the commands that destabilises the flying loop at hover.
+
+A constant delay tau = (d - theta) h with whole d and 0 <= theta < 1 leaves the loop linear: over a tick the rotors
+still get u_{k-d} for the first (1 - theta) h and then u_{k-d+1}, so with Gamma(s) = int_0^s e^(A r) dr B
+
+    x_{k+1} = Phi x_k + (Gamma(h) - Gamma(theta h)) u_{k-d} + Gamma(theta h) u_{k-d+1},
+
+exact (K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", on systems with time delay). The loop is stable if
+and only if the product of the augmented matrices over the sensors' period has spectral radius below 1.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.command_link.command_loop import CommandedLoop, commanded_loop, delay_line, growing_modes
+
+LONGEST = 100  # ticks of delay to look at
+
+
+def _ticks_above(delay: float) -> int:
+    if not 0.0 <= delay < np.inf:
+        raise InputError(f"delay: {delay}: must be 0 ticks or more")
+    return math.ceil(delay)
+
+
+def delayed_matrices(loop: CommandedLoop, delay: float, G_late: np.ndarray | None = None) -> np.ndarray:
+    """Return the augmented dynamics over a period (T, size, size) with every command late by so many ticks.
+
+    Args:
+        loop: the loop, open at the rotors.
+        delay: tau / h, 0 or more.
+        G_late: Gamma(theta h) in the place of Gamma in G, only for a delay that is no whole number (n, m).
+    """
+    d = _ticks_above(delay)
+    A, U = delay_line(loop, d, holds=False)
+    G_late = np.zeros_like(loop.G) if G_late is None else G_late
+    A[:, : len(loop.G)] += (loop.G - G_late) @ U[d]
+    if d:
+        A[:, : len(loop.G)] += G_late @ U[d - 1]
+    return A
+
+
+def growth(A: np.ndarray) -> float:
+    """Return the spectral radius of A_{T-1} ... A_0 as growth per tick."""
+    product = np.eye(A.shape[-1])
+    for A_k in A:
+        product = A_k @ product
+    return float(np.max(np.abs(np.linalg.eigvals(product)))) ** (1.0 / len(A))
+
+
+def delay_growth(scenario: Scenario, V: np.ndarray, delay: float, deltas: np.ndarray | None = None) -> float:
+    """Return the loop's growth per tick with a delay [ticks, whole or not]; below 1 it is stable.
+
+    Args:
+        scenario: the scenario; its own command link is not used.
+        V: covariance of the measurements uwb, camera, imu (9 x 9), for the filter's gain.
+        delay: tau / h.
+        deltas: arrivals over a period (T, 3); by default what is due.
+    """
+    return _growth_with(commanded_loop(scenario, V, deltas), scenario, delay)
+
+
+def _growth_with(loop: CommandedLoop, scenario: Scenario, delay: float) -> float:
+    G_late = np.zeros_like(loop.G)
+    theta = _ticks_above(delay) - delay
+    if theta > 0.0:
+        _, G_late[:N_X] = discretize(hover_A(), hover_B(scenario.vehicle), theta * scenario.h)
+    return growth(delayed_matrices(loop, delay, G_late))
+
+
+def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> dict[str, Any]:
+    """Return the delay that destabilises the loop.
+
+    Returns:
+        delay [s] and ticks (delay / h), where growth first reaches 1, to 1e-6 ticks;
+        whole_ticks: the least whole number of ticks with which the loop is unstable;
+        growth: by whole ticks from 0 to one beyond that;
+        modes: what grows with whole_ticks.
+
+    Raises:
+        InputError: if the loop is unstable without a delay, or stable with LONGEST ticks of it.
+    """
+    loop = commanded_loop(scenario, V, deltas)
+    rates = [_growth_with(loop, scenario, 0)]
+    if rates[0] >= 1.0:
+        raise InputError(f"command_link: unstable without any delay: {growing_modes(delayed_matrices(loop, 0))}")
+    while rates[-1] < 1.0:
+        if len(rates) > LONGEST:
+            raise InputError(f"command_link: stable with {LONGEST} ticks of delay, no limit was looked for beyond")
+        rates.append(_growth_with(loop, scenario, len(rates)))
+    whole = len(rates) - 1
+    low, high = whole - 1.0, float(whole)
+    while high - low > 1e-6:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if _growth_with(loop, scenario, middle) < 1.0 else (low, middle)
+    return {
+        "delay": low * scenario.h,
+        "ticks": low,
+        "whole_ticks": whole,
+        "growth": {str(d): rate for d, rate in enumerate([*rates, _growth_with(loop, scenario, whole + 1)])},
+        "modes": growing_modes(delayed_matrices(loop, whole)),
+    }

@@ -1,0 +1,132 @@
+"""Flights behind a lossy or late command link, beside what the theory says of them."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.linalg import block_diag
+
+from ortilo_drake.flight.ensemble import flights_of, fly_many
+from ortilo_drake.flight.metrics import reference_distance
+from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
+from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.studies.command_link.command_loop import CommandedLoop, commanded_loop
+from ortilo_drake.studies.command_link.command_loss import lossy_loop
+from ortilo_drake.studies.loop.fix_covariance import fix_noise
+from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, mean_square_radius, steady_second_moment
+
+POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
+WARM_UP = 10.0  # a flight starts without error; from here on it counts as steady [s]
+
+
+def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
+    """Return V (9 x 9) of uwb, camera and imu as the filter is told it at a point, hovering.
+
+    Raises:
+        InputError: if a sensor that flies would give no measurement there.
+    """
+    x = np.zeros(N_X)
+    x[:3] = p_WB
+    noise = fix_noise(scenario, x)
+    silent = [s for s, there in zip(SENSORS, noise.there, strict=True) if s in scenario.sensors and not there]
+    if silent:
+        raise InputError(f"point: {p_WB}: no measurement of {', '.join(silent)} there")
+    return np.asarray(block_diag(*noise.V))
+
+
+def command_cases(
+    losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int], burst: float | None = None
+) -> list[CommandLink]:
+    """Return command links to fly: every loss with every strategy without delay, then every delay without loss.
+
+    Raises:
+        InputError: naming the share, strategy or delay that cannot be, and what can.
+    """
+    lossy = [{"loss": loss_of(p, burst).model_dump(), "when_lost": s} for s in strategies for p in losses]
+    return [validate(CommandLink, data, "command_link") for data in lossy + [{"delay": d} for d in delays]]
+
+
+def command_flights(
+    scenario: Scenario,
+    links: Sequence[CommandLink],
+    seeds: Iterable[int],
+    out: Path,
+    duration: float = 40.0,
+    point: tuple[float, float, float] = POINT,
+    workers: int = 1,
+    progress: Callable[[dict[str, Any]], None] | None = None,
+) -> dict[str, Any]:
+    """Hover behind each link, on the same seeds, and return flown beside predicted.
+
+    Args:
+        scenario: the scenario; its planner and command link are replaced.
+        links: command links to fly.
+        seeds: of the flights behind each.
+        out: folder for the flights.
+        duration: of the hovering that counts [s], after WARM_UP.
+        point: where to hover.
+        workers: processes.
+        progress: called with each case as it is done.
+
+    Returns:
+        JSON-able: the conditions, and under `cases` for each link its settings; `growth` of the second moment per tick
+        and whether that is `stable`; `predicted_rms` of the distance from r [m], None if not stable; `flown_rms` over
+        the flights that were not lost, None if all were; `lost` flights of `flights`, the mean `lost_after` [s] and
+        their causes; and whether `agrees`: a stable link loses no flight, an unstable one all.
+        A flight of finite length behind an unstable link may well survive, so that is what may disagree.
+    """
+    seeds = list(seeds)
+    V = hover_V(scenario, point)
+    planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
+    calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})
+    loop = commanded_loop(calm, V)
+    cases = []
+    for link in links:
+        flown = calm.model_copy(update={"command_link": link})
+        fly_many(flown, seeds, out, workers)
+        case = _predicted(loop, link) | _flown(flights_of(flown, seeds, out))
+        case["agrees"] = case["lost"] == (0 if case["stable"] else case["flights"])
+        cases.append(case)
+        if progress:
+            progress(case)
+    return {
+        "scenario": scenario.name,
+        "point": list(point),
+        "duration": duration,
+        "warm_up": WARM_UP,
+        "seeds": seeds,
+        "cases": cases,
+        "agree": sum(case["agrees"] for case in cases),
+    }
+
+
+def _predicted(loop: CommandedLoop, link: CommandLink) -> dict[str, Any]:
+    system = lossy_loop(loop, link)
+    radius = mean_square_radius(system)
+    stable = radius < 1.0 - MARGIN
+    rms = None
+    if stable:
+        rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3])))
+    return {"link": link.model_dump(mode="json"), "growth": radius, "stable": stable, "predicted_rms": rms}
+
+
+def _flown(flights: list[xr.Dataset]) -> dict[str, Any]:
+    lost = [json.loads(flight.attrs["lost"]) for flight in flights]
+    ends = [end for end in lost if end is not None]
+    squares = [
+        reference_distance(flight)[flight["time"].values >= WARM_UP] ** 2
+        for flight, end in zip(flights, lost, strict=True)
+        if end is None
+    ]
+    return {
+        "flights": len(flights),
+        "lost": len(ends),
+        "lost_after": float(np.mean([end["time"] for end in ends])) if ends else None,
+        "causes": sorted({end["cause"] for end in ends}),
+        "flown_rms": float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None,
+    }

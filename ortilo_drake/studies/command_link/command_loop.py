@@ -1,0 +1,187 @@
+"""The flying loop with a link between the command and the rotors, as matrices.
+
+At hover z_{k+1} = F z_k + G a_k + n_k with z = [x; xhat; i], the command u_k = -L z_k and a_k what the rotors get of
+it. Filter and integrator know the command alone: their part of it is in F. Behind a link of delay d the state grows to
+
+    [z; a_{k-1}; u_{k-1}; ...; u_{k-d}]    (a_{k-1} only where lost packets are held),
+
+a_k = u_{k-d} where it arrives, else a_{k-1} ('hold') or 0 ('zero'). Whether a packet is lost at sending or at arrival
+makes no difference in law, the delay being constant.
+"""
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.signals import N_U, N_X, SENSORS, STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.loop.hover_loop import (
+    N_LOOP,
+    HoverLoop,
+    arrivals_of,
+    closed_loop_matrix,
+    hover_loop,
+    loop_gain,
+)
+from ortilo_drake.theory.modes.modes import unseen_modes
+
+SETTLED = 1e-13  # relative change of the periodic covariance at which it counts as steady
+DIVERGED = 1e14  # growth of the covariance, over tr W, at which it counts as diverging
+STRATEGIES: tuple[Literal["hold", "zero"], ...] = ("hold", "zero")
+
+
+class CommandedLoop(NamedTuple):
+    """The loop of a scenario, open at the rotors, over a period of T ticks.
+
+    Attributes:
+        F: (T, n, n), n = 27 for the flying loop.
+        G: (n, m).
+        L: the command is -L z (m, n).
+        N: covariance of n_k (T, n, n).
+    """
+
+    F: np.ndarray
+    G: np.ndarray
+    L: np.ndarray
+    N: np.ndarray
+
+
+def schedule(scenario: Scenario) -> np.ndarray:
+    """Return delta of each tick of a period (T, 3): what is due by the rates of the sensors that fly, nothing lost."""
+    every = [scenario.link_of(s).every if s in scenario.sensors else 1 for s in SENSORS]
+    there = arrivals_of(scenario.sensors)
+    T = math.lcm(*every)
+    return np.array([[there[s] * (k % every[s] == 0) for s in range(len(SENSORS))] for k in range(T)])
+
+
+def periodic_predictor(
+    Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, deltas: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return K_k (T, n, p) and P_k (T, n, n) of the steady one-step predictor over a period of arrivals.
+
+    The Riccati recursion on the rows that arrive, gone through until it repeats; S. Bittanti and P. Colaneri,
+    "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is detectable over the period. The columns
+    of what does not arrive are 0.
+
+    Raises:
+        InputError: if it does not settle; so it is where an unstable state stays unseen.
+    """
+    n = len(Phi)
+    P, Ks, Ps = np.trace(W) * np.eye(n), np.zeros((len(deltas), n, len(C))), np.zeros((len(deltas), n, n))
+    rows = [np.flatnonzero(np.repeat(delta, len(C) // len(delta))) for delta in deltas]
+    for _ in range(20_000):
+        before = P
+        for k, there in enumerate(rows):
+            Ps[k] = P
+            H = C[there]
+            Ks[k][:, there] = np.linalg.solve(H @ P @ H.T + V[np.ix_(there, there)], H @ P @ Phi.T).T
+            P = Phi @ P @ Phi.T + W - Ks[k][:, there] @ H @ P @ Phi.T
+            P = (P + P.T) / 2.0
+        if np.max(np.abs(P - before)) <= SETTLED * np.max(np.abs(P)):
+            return Ks, Ps
+        if np.max(np.abs(P)) > DIVERGED * np.trace(W):
+            break
+    raise InputError("filter: its covariance does not settle with these arrivals")
+
+
+def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CommandedLoop:
+    """Return a scenario's loop, open at the rotors.
+
+    Args:
+        scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
+        V: covariance of the measurements uwb, camera, imu (9 x 9).
+        deltas: arrivals of uwb, camera and imu at each tick of a period (T, 3); by default what is due.
+
+    Raises:
+        InputError: naming the modes of the vehicle that the sensors leave unseen.
+    """
+    loop = hover_loop(scenario)
+    deltas = schedule(scenario) if deltas is None else deltas
+    unseen = unseen_modes(loop.Phi, loop.C[np.repeat(deltas.any(axis=0), 3)], STATE_NAMES)
+    if unseen:
+        states = ", ".join(f"eigenvalue {mode.eigenvalue.real:g} of {' '.join(mode.states)}" for mode in unseen)
+        raise InputError(f"sensors: {', '.join(scenario.sensors) or 'none'}: leave unseen {states}")
+    Ks, _ = periodic_predictor(loop.Phi, loop.C, loop.W, V, deltas)
+    G = np.zeros((N_LOOP, N_U))
+    G[:N_X] = loop.Gamma
+    L = loop_gain(loop)
+    F = np.array([closed_loop_matrix(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]) + G @ L
+    N = np.array([_noise(loop, K, delta, V) for K, delta in zip(Ks, deltas, strict=True)])
+    return CommandedLoop(F, G, L, N)
+
+
+def _noise(loop: HoverLoop, K: np.ndarray, delta: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Return the covariance (27 x 27) of n = [w; K Delta v; -E v], without the last with the integrator 'estimate'."""
+    from_v = np.zeros((N_LOOP, len(V)))
+    from_v[N_X : 2 * N_X] = K @ arrival_matrix(delta)
+    if loop.integrator != "estimate":
+        from_v[2 * N_X :] = -selection_matrix(delta)
+    N = from_v @ V @ from_v.T
+    N[:N_X, :N_X] += loop.W
+    return N
+
+
+def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the loop behind a link as long as nothing acts on the rotors, and where to find the commands.
+
+    Returns:
+        A (T, size, size): dynamics of [z; a; u_{k-1}; ...; u_{k-d}] with a_k = 0.
+        U (d + 1, m, size): U[j] picks u_{k-j}.
+    """
+    n, m = loop.G.shape
+    first = n + m * holds
+    size = first + m * delay
+    U = np.zeros((delay + 1, m, size))
+    U[0, :, :n] = -loop.L
+    for j in range(1, delay + 1):
+        U[j, :, first + m * (j - 1) : first + m * j] = np.eye(m)
+    A = np.zeros((len(loop.F), size, size))
+    A[:, :n, :n] = loop.F
+    for j in range(delay):
+        A[:, first + m * j : first + m * (j + 1)] = U[j]
+    return A, U
+
+
+def behind_a_link(loop: CommandedLoop, when_lost: str, delay: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrices (T, 2, size, size) of a tick with arrival and one with loss, and N (T, size, size).
+
+    Raises:
+        InputError: if the strategy is neither 'hold' nor 'zero' or the delay is no whole number of ticks.
+    """
+    if when_lost not in STRATEGIES:
+        raise InputError(f"when_lost: {when_lost!r}: must be one of {', '.join(STRATEGIES)}")
+    if not (isinstance(delay, int) and delay >= 0):
+        raise InputError(f"delay: {delay!r}: must be a whole number of ticks, 0 or more")
+    n, m = loop.G.shape
+    holds = when_lost == "hold"
+    idle, U = delay_line(loop, delay, holds)
+    arrived, lost = idle.copy(), idle.copy()
+    arrived[:, :n] += loop.G @ U[delay]
+    if holds:
+        arrived[:, n : n + m] = U[delay]
+        lost[:, :n, n : n + m] += loop.G
+        lost[:, n : n + m, n : n + m] = np.eye(m)
+    N = np.zeros_like(idle)
+    N[:, :n, :n] = loop.N
+    return np.stack([arrived, lost], axis=1), N
+
+
+def growing_modes(A: np.ndarray) -> str:
+    """Return, in words, the eigenvalues of a period's product A_{T-1} ... A_0 that do not decay, and their states.
+
+    Each mode is named by the state of the vehicle that moves most in it, scaled by the tick; growth is per tick.
+    """
+    product = np.eye(A.shape[-1])
+    for A_k in A:
+        product = A_k @ product
+    values, vectors = np.linalg.eig(product)
+    growth = np.abs(values) ** (1.0 / len(A))
+    found = []
+    for j in np.argsort(-growth):
+        if growth[j] >= 1.0 - 1e-9 and values[j].imag >= 0.0:
+            name = STATE_NAMES[int(np.argmax(np.abs(vectors[:6, j])))]
+            found.append(f"{name} by {growth[j]:.4f} a tick")
+    return ", ".join(found) or "none"

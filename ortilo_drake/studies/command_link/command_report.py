@@ -1,0 +1,59 @@
+"""What the command link may do to the flying loop, in one dict."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import CommandLink, Scenario
+from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.studies.command_link.command_delay import critical_delay
+from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
+from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
+from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
+
+LOSSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
+BURSTS = (6.0,)  # mean lengths [ticks]
+
+
+def _rms(system: JumpLinear) -> float | None:
+    """Return the rms distance of the position from r [m], None where there is no steady one."""
+    try:
+        return float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3])))
+    except InputError:
+        return None
+
+
+def command_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
+    """Return what losing and delaying commands does to a scenario's loop at hover; plain data, for JSON.
+
+    Args:
+        scenario: the scenario; its own command link enters under `own_link` alone.
+        V: covariance of the measurements uwb, camera, imu (9 x 9).
+
+    Returns:
+        `growth` of the second moment per tick with a perfect link; `largest_loss` by strategy, of independent losses
+        and in bursts of a mean length [ticks]; `rms` distance from r [m] by strategy and independent loss, None where
+        it diverges; `delay`, see critical_delay; `own_link`.
+
+    Raises:
+        InputError: if the loop is unstable with a perfect link, naming the modes.
+    """
+    loop = commanded_loop(scenario, V)
+    own = lossy_loop(loop, scenario.command_link)
+    return {
+        "scenario": scenario.name,
+        "period": len(loop.F),
+        "growth": mean_square_radius(lossy_loop(loop, CommandLink())),
+        "largest_loss": {
+            s: {"independent": largest_loss(scenario, V, s, tolerance=5e-3)}
+            | {f"bursts_of_{b:g}": largest_loss(scenario, V, s, b, tolerance=5e-3) for b in BURSTS}
+            for s in STRATEGIES
+        },
+        "rms": {
+            s: {f"{p:g}": _rms(lossy_loop(loop, CommandLink(loss=loss_of(p), when_lost=s))) for p in LOSSES}
+            for s in STRATEGIES
+        },
+        "delay": critical_delay(scenario, V),
+        "own_link": {"growth": mean_square_radius(own), "rms": _rms(own)},
+    }

@@ -1,0 +1,1 @@
+"""Whether the filter's covariance is honest: NEES, NIS, whiteness over flights."""

@@ -1,0 +1,152 @@
+"""Figures of consistency: NEES over time, autocorrelation of the innovations, and a tuning before and after."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ortilo_drake.flight.flight import scenario_of
+from ortilo_drake.flight.metrics import position_nees
+from ortilo_drake.studies.consistency.consistency_flights import flown, in_blackout
+from ortilo_drake.studies.tuning.tune import Tuning
+from ortilo_drake.theory.consistency.consistency import average_band, ensemble_average
+from ortilo_drake.views.figures import TITLE
+from ortilo_drake.views.pictures import save_picture
+
+_STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.dpi": 130,
+}
+_BLUE, _ORANGE, _GREEN, _SKY = "#0072B2", "#D55E00", "#009E73", "#56B4E9"
+_SENSOR = {"uwb": "UWB", "camera": "camera", "imu": "IMU"}
+_COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}
+
+
+def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
+    """Draw the flights' average NEES of position at each tick, its 95 % band and how many are in a blackout."""
+    whole = [flown(flight) for flight in flights]
+    average, count = ensemble_average([position_nees(flight) for flight in whole])
+    time = np.arange(len(average)) * scenario_of(flights[0]).h
+    low, high = average_band(3, count)
+    black = np.zeros(len(average))
+    for flight in whole:
+        here = in_blackout(flight["truth"].values, scenario_of(flight))
+        black[: len(here)] += here
+    axes.fill_between(time, low, high, color=_SKY, alpha=0.4, lw=0, label="95 % band if consistent")
+    axes.plot(time, np.maximum(average, 1e-4), color="k", lw=0.9, label=f"mean of {len(flights)} flights")
+    axes.axhline(3.0, color=_BLUE, lw=0.8, ls="--")
+    axes.set_yscale("log")
+    # A bar below the curve: dark where all flights are without UWB.
+    bar = axes.inset_axes((0.0, 0.0, 1.0, 0.035))
+    bar.imshow((black / count)[np.newaxis], aspect="auto", cmap="Greys", vmin=0.0, vmax=1.0)
+    bar.set_axis_off()
+    axes.set_xlim(0.0, time[-1])
+    shown = average[time > 1.0] if time[-1] > 1.0 else average
+    axes.set_ylim(min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average))))
+    axes.set_ylabel("NEES of position")
+
+
+def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
+    """Draw the average NEES of position over time with its band, one row for each scenario.
+
+    Args:
+        flights: flights by scenario.
+        path: the image file.
+    """
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(10, 2.4 * len(flights) + 0.5), layout="constrained")
+        for k, (name, rows) in enumerate(flights.items()):
+            axes = figure.add_subplot(len(flights), 1, k + 1)
+            _draw_nees(axes, rows)
+            axes.set_title(
+                f"{TITLE.get(name, name)}  (3 if consistent; grey bar: share of flights in a blackout)", loc="left"
+            )
+            if k == 0:
+                axes.legend(loc="upper right", ncols=2, fontsize=8)
+        figure.axes[-1].set_xlabel("time [s]")
+        return save_picture(figure, path)
+
+
+def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
+    """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor.
+
+    Args:
+        reports: what consistency_report returned, by scenario.
+        path: the image file.
+    """
+    sensors = [s for s in _SENSOR if any(report["whiteness"].get(s) for report in reports.values())]
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
+        grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
+        for row, (name, report) in zip(grid, reports.items(), strict=True):
+            for axes, sensor in zip(row, sensors, strict=True):
+                found = report["whiteness"].get(sensor)
+                if found is None:
+                    axes.set_axis_off()
+                    continue
+                lagged = found["lag_arrivals"]
+                lags = np.arange(1, len(lagged["r"]) + 1)
+                r = np.array([value if value is not None else [np.nan] * 3 for value in lagged["r"]], dtype=float)
+                band = np.array([np.nan if b is None else b for b in lagged["band"]], dtype=float)
+                axes.fill_between(lags, -band, band, color="0.8", lw=0)
+                axes.axhline(0.0, color="k", lw=0.6)
+                for i, colour in enumerate((_BLUE, _ORANGE, _GREEN)):
+                    label = _COMPONENTS[sensor][i]
+                    axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
+                axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
+                axes.set_title(f"{TITLE.get(name, name)}: {_SENSOR[sensor]}, p = {lagged['p_value']:.2g}", fontsize=8)
+        for axes in grid[-1]:
+            axes.set_xlabel("lag [arrivals]")
+        for row in grid:
+            row[0].set_ylabel("autocorrelation")
+        for axes in grid[0]:
+            if axes.axison:
+                axes.legend(fontsize=7, ncols=3, loc="upper right")
+        return save_picture(figure, path)
+
+
+def tuning_figure(tuning: Tuning, path: Path) -> Path:
+    """Draw what tuning changed: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
+    fit = tuning.fit
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(11, 0.32 * len(fit.values) + 2.2), layout="constrained")
+        numbers, nees, nis = figure.subplots(1, 3, width_ratios=[1.7, 1.2, 1.0])
+        for row, name in enumerate(fit.values):
+            ratio = fit.values[name] / fit.before[name]
+            error = 1.96 * (fit.robust_errors.get(name) or fit.errors.get(name, 0.0)) / fit.before[name]
+            colour = "0.6" if name in fit.kept else _ORANGE
+            low = max(ratio - error, 0.02 * ratio)  # the axis is logarithmic
+            numbers.plot([low, ratio + error], [row, row], color=colour, lw=1.5)
+            numbers.plot(ratio, row, "o", color=colour, ms=5)
+        numbers.axvline(1.0, color=_BLUE, lw=1.0, ls="--")
+        numbers.set_xscale("log")
+        numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
+        numbers.invert_yaxis()
+        numbers.set_xlabel("fitted / before, 95 % interval (grey: stays)")
+        for axes, key, title in ((nees, "nees", "NEES of position"), (nis, "nis", "NIS")):
+            names = [n for n in tuning.before[key] if tuning.before[key][n]]
+            for shift, colour, label, figures in (
+                (-0.15, _BLUE, "before", tuning.before),
+                (0.15, _ORANGE, "after", tuning.after),
+            ):
+                for i, name in enumerate(names):
+                    found = figures[key][name]
+                    interval = found["interval"] or [found["mean"]] * 2
+                    low = max(interval[0], 0.02 * found["mean"])
+                    axes.plot([i + shift] * 2, [low, interval[1]], color=colour, lw=1.5)
+                    axes.plot(i + shift, found["mean"], "o", color=colour, ms=5, label=label if i == 0 else None)
+            axes.axhline(3.0, color="k", lw=0.8, ls="--")
+            axes.set_yscale("log")
+            axes.set_xticks(range(len(names)), names, rotation=30, ha="right")
+            axes.set_title(f"{title} (3 if consistent)", fontsize=9)
+            axes.legend(fontsize=8)
+        figure.suptitle(f"{fit.scenario.name}: fitted to {len(tuning.used)} flights", fontsize=10)
+        return save_picture(figure, path)

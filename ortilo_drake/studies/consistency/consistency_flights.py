@@ -1,0 +1,141 @@
+"""The consistency of a scenario's filter over its flights: NEES, NIS and whiteness, in and out of the blackouts."""
+
+import json
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.theory.consistency.consistency import normalized_square, time_average
+from ortilo_drake.theory.consistency.whiteness import normalized_innovations, whiteness_report
+from ortilo_drake.world.radio.link import blackout_rows
+
+START = 3.0  # a flight starts without the error that P_0 speaks of; its first seconds are apart [s]
+AFTER = 3.0  # how long a blackout is said to be just over [s]
+LAGS = 15
+REGIONS: Final = ("all", "start", "blackout", "after", "clear", "outside")
+
+
+def in_blackout(truth: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """Return in which ticks UWB is blacked out, by the true states (n, 12); see world/radio/link.py."""
+    black = np.zeros(len(truth), dtype=bool)
+    for axis, start, end in blackout_rows(scenario.uwb.link, scenario.h):
+        where = np.arange(len(truth)) if axis == 3 else truth[:, int(axis)]
+        black |= (where >= start) & (where < end)
+    return black
+
+
+def regions(flight: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return masks over ticks.
+
+    'start' is the first START seconds; of the rest, 'blackout' is in one, 'after' within AFTER seconds of the end of
+    one, 'clear' neither, and 'outside' is all but 'blackout', the start included.
+    """
+    scenario = scenario_of(flight)
+    black = in_blackout(flight["truth"].values, scenario)
+    after, n = np.zeros_like(black), round(AFTER / scenario.h)
+    for end in np.flatnonzero(black[:-1] & ~black[1:]) + 1:
+        after[end : end + n] = True
+    start = np.arange(len(black)) < round(START / scenario.h)
+    after &= ~black
+    return {
+        "all": np.ones_like(black),
+        "start": start,
+        "blackout": black & ~start,
+        "after": after & ~start,
+        "clear": ~(black | after | start),
+        "outside": ~black,
+    }
+
+
+def flown(flight: xr.Dataset) -> xr.Dataset:
+    """Return the flight without the end of one that diverged, where nothing is finite any more."""
+    finite = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
+    return flight.isel(tick=finite & np.isfinite(flight["covariance"].values).all(axis=(1, 2)))
+
+
+def nees_series(error: np.ndarray, P: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the NEES over ticks of position, of x, y and z alone and of all 12 states, by name.
+
+    Args:
+        error: xhat - x (n, 12).
+        P: its covariance (n, 12, 12).
+    """
+    series = {"position": normalized_square(error[:, :3], P[:, :3, :3])}
+    series |= {axis: normalized_square(error[:, i : i + 1], P[:, i : i + 1, i : i + 1]) for i, axis in enumerate(AXES)}
+    return series | {"state": normalized_square(error, P)}
+
+
+def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sensor's innovations (n, 3), NaN where it did not arrive, and their S = H P H^T + V (n, 3, 3)."""
+    s, first = SENSORS.index(sensor), 3 if sensor == "imu" else 0
+    rows = slice(first, first + 3)
+    S = flight["covariance"].values[:, rows, rows] + flight["measurement_covariance"].values[:, s]
+    return flight["innovation"].values[:, 3 * s : 3 * s + 3], S
+
+
+def check_same_scenario(flights: Sequence[xr.Dataset], names: Sequence[str] | None = None) -> Scenario:
+    """Return the scenario that all flights are of, but for the seed.
+
+    Raises:
+        InputError: if there is no flight, or two are of different scenarios; names say which files they are from.
+    """
+    if not flights:
+        raise InputError("flights: none given")
+    first = scenario_of(flights[0])
+    for k, flight in enumerate(flights):
+        other = scenario_of(flight)
+        if other.model_dump(exclude={"seed"}) != first.model_dump(exclude={"seed"}):
+            which = f"{names[0]} and {names[k]}" if names else f"seeds {first.seed} and {other.seed}"
+            raise InputError(
+                f"{which}: fly different scenarios ('{first.name}' and '{other.name}'); give one's flights"
+            )
+    return first
+
+
+DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
+
+
+def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
+    """Return how consistent the filter was on flights of one scenario, as plain data.
+
+    Lost flights count up to their loss. See time_average and whiteness_report for what each entry holds.
+
+    Returns:
+        scenario, flights, lost, nees[position, x, y, z, state][region], nis[sensor][region], whiteness[sensor]; None
+        where there is nothing (no blackout, a sensor that never arrived, a covariance that is not regular).
+
+    Raises:
+        InputError: if there is no flight or they are not of one scenario.
+    """
+    scenario = check_same_scenario(flights)
+    whole = [flown(flight) for flight in flights]
+    masks = [regions(flight) for flight in whole]
+    series = [
+        nees_series(f["estimate"].values[:, :N_X] - f["truth"].values, f["covariance"].values[:, :N_X, :N_X])
+        for f in whole
+    ]
+
+    def over_regions(values: list[np.ndarray], dof: int) -> dict[str, Any]:
+        return {region: time_average(values, [m[region] for m in masks], dof) for region in REGIONS}
+
+    report: dict[str, Any] = {
+        "scenario": scenario.name,
+        "flights": len(flights),
+        "lost": sum(json.loads(flight.attrs["lost"]) is not None for flight in flights),
+        "nees": {name: over_regions([s[name] for s in series], dof) for name, dof in DOF.items()},
+        "nis": {},
+        "whiteness": {},
+    }
+    for sensor in SENSORS:
+        found = [innovations(flight, sensor) for flight in whole]
+        if not any(np.isfinite(e).any() for e, _ in found):
+            continue
+        report["nis"][sensor] = over_regions([normalized_square(e, S) for e, S in found], 3)
+        report["whiteness"][sensor] = whiteness_report([normalized_innovations(e, S) for e, S in found], LAGS)
+    return report

@@ -1,0 +1,1 @@
+"""What late measurements cost, and what replaying them saves."""

@@ -1,0 +1,1 @@
+"""The linearisation by Drake against the closed forms; observability, gramians."""

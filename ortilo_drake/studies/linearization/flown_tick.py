@@ -1,0 +1,99 @@
+"""A tick of the diagram that flies as a matrix, by differences, beside the closed form."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from ortilo_drake.diagrams.closed_loop import make_closed_loop, set_hovering
+from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, N_X, N_XBAR
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, filter_gain
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import ConstantNoise, Disturbance, HoverPlanner, Imu, Link, Scenario, Uwb, World
+from ortilo_drake.studies.linearization.operating_point import heading_ahead
+from ortilo_drake.studies.loop.hover_loop import N_LOOP, closed_loop_matrix, hover_loop
+
+
+class FlownTick(NamedTuple):
+    """A tick of the diagram that flies as a matrix, beside the closed form.
+
+    Attributes:
+        A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} by differences (27 x 27).
+        expected: closed_loop_matrix with the gain of that tick (27 x 27).
+        K: the filter's gain in that tick (12 x 9).
+        delta: what arrived in it (3).
+        gain_change: by how much P changed over a period of the sensors, relative to its largest entry.
+    """
+
+    A: np.ndarray
+    expected: np.ndarray
+    K: np.ndarray
+    delta: np.ndarray
+    gain_change: float
+
+    @property
+    def largest_difference(self) -> float:
+        """The largest |A - expected|."""
+        return float(np.max(np.abs(self.A - self.expected)))
+
+
+def without_noise(scenario: Scenario) -> Scenario:
+    """Return the scenario hovering on the linear vehicle with exact uwb and imu, no other sensor, and no loss."""
+    room = scenario.load_room()
+    trajectory = plan(scenario.planner, room, scenario.vehicle)
+    start = tuple(trajectory.value(trajectory.start_time())[:, 0].tolist())
+    changes: dict[str, Any] = {
+        "sensors": ("uwb", "imu"),
+        "world": World(kinematics="linear", disturbance=Disturbance(force_sd=0.0, torque_sd=0.0)),
+        "uwb": Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(every=scenario.uwb.link.every)),
+        "imu": Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0, link=Link(every=scenario.imu.link.every)),
+        "command_link": type(scenario.command_link)(),
+        "planner": HoverPlanner(kind="hover", point=start),
+    }
+    return heading_ahead(scenario).model_copy(update=changes)
+
+
+def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e-5) -> FlownTick:
+    """Return a tick of the closed loop that flies (diagrams/closed_loop.py), by central differences, and its matrix.
+
+    It hovers without noise, see without_noise, with ranging, multilateration, imu, handler and filter in place, until
+    that tick. Then vehicle and estimate are moved in the Context, one state at a time, and the tick's update is read.
+
+    Args:
+        scenario: the scenario.
+        tick: k, late enough for a steady gain (gain_change says how steady it is) and at least a period of the
+            sensors; what arrives in it decides which matrix it is.
+        step: how far each state is moved.
+    """
+    ideal = without_noise(scenario)
+    h, period = ideal.h, int(np.lcm(ideal.uwb.link.every, ideal.imu.link.every))
+    if tick < period:
+        raise InputError(f"tick: {tick}: must be at least {period}, the period of the sensors")
+    diagram = make_closed_loop(ideal)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    set_hovering(diagram, context, ideal)
+    onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
+    plant, kalman = world.GetSubsystemByName("quadrotor"), onboard.GetSubsystemByName("kalman_filter")
+    its_plant, its_kalman = (system.GetMyMutableContextFromRoot(context) for system in (plant, kalman))
+    simulator.AdvanceTo(max(tick - period - 0.5, 0.0) * h)
+    P_before = its_kalman.get_discrete_state(1).value().copy()
+    simulator.AdvanceTo((tick - 0.5) * h)
+    context.SetTime(tick * h)  # nothing changes between two ticks
+    P = its_kalman.get_discrete_state(1).value().copy()
+
+    def after(z: np.ndarray) -> np.ndarray:
+        its_plant.SetDiscreteState(z[:N_X])
+        its_kalman.SetDiscreteState(0, z[N_X:])
+        x = plant.EvalUniquePeriodicDiscreteUpdate(its_plant).value().copy()
+        return np.concatenate([x, kalman.EvalUniquePeriodicDiscreteUpdate(its_kalman).value(0)])
+
+    z = np.concatenate([its_plant.get_discrete_state().value(), its_kalman.get_discrete_state(0).value()])
+    measurement = onboard.GetOutputPort("measurement").Eval(onboard.GetMyContextFromRoot(context)).copy()
+    A = np.column_stack([(after(z + dz) - after(z - dz)) / (2.0 * step) for dz in step * np.eye(N_LOOP)])
+    delta, V2 = measurement[MEASUREMENT_DELTA], measurement[MEASUREMENT_V2].reshape(3, 3, 3)
+    loop = hover_loop(ideal)
+    K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, INTEGRATORS[ideal.servo.integrator])[:N_X]
+    expected = closed_loop_matrix(loop, K, delta)
+    return FlownTick(A, expected, K, delta, float(np.max(np.abs(P - P_before)) / np.max(np.abs(P))))

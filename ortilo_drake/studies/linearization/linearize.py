@@ -1,0 +1,156 @@
+"""Any part of the flying diagram linearised by Drake's automatic differentiation; closed_forms.py has the same by hand.
+
+At rest Drake's Linearize is asked, which refuses what is no equilibrium; elsewhere its FirstOrderTaylorApproximation.
+Both take a system with one group of discrete states; the closed loop has two (vehicle and filter), so its update, a
+tick of the whole diagram, is differentiated here in the same way, in AutoDiffXd.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.primitives import FirstOrderTaylorApproximation, Linearize
+
+from ortilo_drake.diagrams.linear_loop import make_linear_loop, make_rotors_and_plant, make_servo
+from ortilo_drake.model.signals import CONTROL_NAMES, N_I, N_X, REFERENCE_SIZE, STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import resting_integral
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.linearization.operating_point import frozen_gain, operating_point, with_one_lag
+from ortilo_drake.studies.loop.hover_loop import N_LOOP
+from ortilo_drake.theory.modes.modes import names_of
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.rotors import commanded_speeds, mixing_matrix
+
+PARTS = ("plant", "rotors_and_plant", "sampled_plant", "servo", "closed_loop")
+REFERENCE_NAMES = tuple(f"r_{axis}{dots}" for dots in ("", "_dot", "_ddot") for axis in "xyz")
+LOOP_NAMES = names_of(N_LOOP)
+
+
+class Linearization(NamedTuple):
+    """A part near a point: x_dot or x_{k+1} = A x + B u, y = C x + D u, in deviations from the point.
+
+    Attributes:
+        A: (n x n).
+        B: (n x m).
+        C: (p x n).
+        D: (p x m).
+        h: tick [s]; None if continuous or without a state.
+        states: names of the states.
+        inputs: names of the inputs.
+        outputs: names of the outputs.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    h: float | None
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def differentiate_tick(diagram: Diagram, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return A, B, C, D of one tick of a discrete diagram with one input and one output, by AutoDiffXd.
+
+    The state is that of its groups one after another. As Drake's FirstOrderTaylorApproximation, which takes one group.
+    """
+    copy = diagram.ToAutoDiffXd()
+    its = copy.CreateDefaultContext()
+    its.SetTimeStateAndParametersFrom(context)
+    state = context.get_discrete_state()
+    groups = [state.value(k) for k in range(state.num_groups())]
+    n = sum(map(len, groups))
+    point = np.concatenate([*groups, diagram.get_input_port().Eval(context)])
+    values: np.ndarray = InitializeAutoDiff(point[:, None])[:, 0]
+    first = 0
+    for k, group in enumerate(groups):
+        its.SetDiscreteState(k, values[first : first + len(group)])
+        first += len(group)
+    copy.get_input_port().FixValue(its, values[n:])
+    after = copy.EvalUniquePeriodicDiscreteUpdate(its)
+    AB = ExtractGradient(np.concatenate([after.value(k) for k in range(len(groups))])[:, None])
+    CD = ExtractGradient(copy.get_output_port().Eval(its)[:, None])
+    return AB[:, :n], AB[:, n:], CD[:, :n], CD[:, n:]
+
+
+def linearize(
+    scenario: Scenario,
+    part: str,
+    reference: np.ndarray | None = None,
+    lag: str = "down",
+    frozen: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Linearization:
+    """Return a part of a scenario's diagram linearised by Drake.
+
+    Args:
+        scenario: the scenario.
+        part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo' or 'closed_loop'. The closed loop is
+            the sampled plant with servo and frozen filter, from the reference to x, state [x; xhat; i].
+        reference: r, r_dot, r_ddot (9), see reference_at; by default hover at the origin. The heading is the servo's.
+        lag: 'up' or 'down': which of the rotors' time constants, see above.
+        frozen: K (12 x 9) and delta (3) of the closed loop's filter; by default frozen_gain.
+
+    Raises:
+        InputError: if part or lag is unknown, or if the loop has no gain.
+    """
+    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference, dtype=float)
+    vehicle, kinematics = scenario.vehicle, scenario.world.kinematics
+    x, u = operating_point(vehicle, kinematics, reference, scenario.servo.yaw)
+    if part == "servo":
+        return _linear_servo(scenario, x, reference)
+    if part == "closed_loop":
+        return _linear_loop(scenario, x, reference, *(frozen or frozen_gain(scenario)))
+    names: tuple[str, ...] = STATE_NAMES
+    h = None
+    if part == "rotors_and_plant":
+        diagram: Any = make_rotors_and_plant(with_one_lag(vehicle, lag), kinematics)
+        speeds = commanded_speeds(u, np.linalg.inv(mixing_matrix(vehicle)), vehicle.rotor_max_speed)
+        x, names = np.concatenate([x, speeds]), (*STATE_NAMES, "W_1", "W_2", "W_3", "W_4")
+    elif part in ("plant", "sampled_plant"):
+        h = scenario.h if part == "sampled_plant" else None
+        diagram = QuadrotorPlant_[float](vehicle, kinematics, h or 0.0)
+    else:
+        raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")
+    context = diagram.CreateDefaultContext()
+    if h:
+        context.SetDiscreteState(x)
+    else:
+        context.SetContinuousState(x)
+    diagram.GetInputPort("control").FixValue(context, u)
+    approximate = FirstOrderTaylorApproximation if reference[3:].any() else Linearize
+    ports = diagram.GetInputPort("control").get_index(), diagram.GetOutputPort("state").get_index()
+    system = approximate(diagram, context, *ports)
+    return Linearization(system.A(), system.B(), system.C(), system.D(), h, names, CONTROL_NAMES, STATE_NAMES)
+
+
+def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
+    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    return np.concatenate([x, resting_integral(L, x[:N_I], scenario.servo.form)])
+
+
+def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> Linearization:
+    diagram = make_servo(scenario)
+    lent = scenario.servo.velocities == "truth"
+    names = (*LOOP_NAMES[N_X:], *REFERENCE_NAMES, *STATE_NAMES[6:] * lent)
+    context = diagram.CreateDefaultContext()
+    velocities = x[6:] if lent else x[:0]
+    values = np.concatenate([_resting_estimate(scenario, x), reference, velocities])
+    diagram.get_input_port().FixValue(context, values)
+    system = FirstOrderTaylorApproximation(diagram, context)
+    return Linearization(system.A(), system.B(), system.C(), system.D(), None, (), names, CONTROL_NAMES)
+
+
+def _linear_loop(
+    scenario: Scenario, x: np.ndarray, reference: np.ndarray, K: np.ndarray, delta: np.ndarray
+) -> Linearization:
+    diagram = make_linear_loop(scenario, K, delta)
+    context = diagram.CreateDefaultContext()
+    context.SetDiscreteState(0, x)
+    context.SetDiscreteState(1, _resting_estimate(scenario, x))
+    diagram.get_input_port().FixValue(context, reference)
+    matrices = differentiate_tick(diagram, context)
+    return Linearization(*matrices, scenario.h, LOOP_NAMES, REFERENCE_NAMES, STATE_NAMES)

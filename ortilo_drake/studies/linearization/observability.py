@@ -1,0 +1,51 @@
+"""Which states each set of sensors sees.
+
+A sensor that speaks on every m-th tick only sees the same states: the unobservable subspace of (Phi^m, C) is that of
+(Phi, C) where no two eigenvalues of Phi differ by an m-th root of 1 (R. E. Kalman, Y. C. Ho, K. S. Narendra, 1963), and
+here all are equal.
+"""
+
+from itertools import combinations
+
+import numpy as np
+
+from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
+from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.theory.modes.modes import STATE_SHARE, check_detectable
+from ortilo_drake.theory.modes.staircase import rescale, tick_scaling, unobservable_subspace
+
+NONE = "none"
+
+
+def rows_of(sensors: tuple[str, ...]) -> np.ndarray:
+    """Return the rows of C (3 k x 12) of the sensors named."""
+    return output_C()[np.repeat([s in sensors for s in SENSORS], 3)]
+
+
+def check_sensors(scenario: Scenario) -> None:
+    """Raise InputError naming the modes that the scenario's sensors leave unseen, all of them where it has none."""
+    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    what = f"sensors: [{', '.join(scenario.sensors)}]"
+    check_detectable(Phi, rows_of(scenario.sensors), what, scale=tick_scaling(scenario.h))
+
+
+def sensor_subsets(scenario: Scenario) -> dict[str, tuple[str, ...]]:
+    """Return every subset of the scenario's sensors by name: 'none', 'uwb', ..., 'uwb+camera+imu'."""
+    flown = [s for s in SENSORS if s in scenario.sensors]
+    return {"+".join(some) or NONE: some for k in range(len(flown) + 1) for some in combinations(flown, k)}
+
+
+def unobservable_states(scenario: Scenario) -> dict[str, list[str]]:
+    """Return the states that stay unknown with each subset of the scenario's sensors.
+
+    State j is listed if its unit vector e_j has a component in the unobservable subspace N, that is if it is not
+    orthogonal to it. Exactly the other states are combinations of the outputs of finitely many ticks: e_j lies in N's
+    complement, the row space of [C; C Phi; C Phi^2; ...].
+    """
+    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    table = {}
+    for name, sensors in sensor_subsets(scenario).items():
+        N = unobservable_subspace(*rescale(Phi, rows_of(sensors), tick_scaling(scenario.h)))
+        table[name] = [STATE_NAMES[j] for j in range(N_X) if np.linalg.norm(N[j]) > STATE_SHARE]
+    return table

@@ -1,0 +1,1 @@
+"""The closed loop at hover: stability, margins, Riccati equations."""

@@ -1,0 +1,118 @@
+"""The flying loop opened at the plant's input, nominal and with sensors lost."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_sylvester
+
+from ortilo_drake.model.signals import N_I, N_X, STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.measurement_handler import selection_matrix
+from ortilo_drake.studies.loop.arrived_rows import arrived_rows
+from ortilo_drake.studies.loop.hover_loop import HoverLoop, arrivals_of
+from ortilo_drake.theory.margins.loop_response import OpenLoop
+from ortilo_drake.theory.modes.modes import unseen_modes
+from ortilo_drake.theory.riccati.riccati import solve
+
+VELOCITIES = range(6, 12)
+
+
+class InputLoop(NamedTuple):
+    """A loop opened at the plant's input.
+
+    Attributes:
+        loop: from the control that reaches the plant, a, to v = L [xhat; i]; closed by a = -v.
+        lost: names of the vehicle's states that no sensor sees; they feed nothing back and are left out of the loop.
+        names: of the loop's states: the vehicle's, the filter's with a hat, the integrals.
+    """
+
+    loop: OpenLoop
+    lost: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+def lasting_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the steady predictor's gain K (12 x p) of the rows of C, and the names of the states that are not seen.
+
+    Where some modes are not seen, their covariance grows without bound, yet the gain has a limit: split as
+    x = [s; l], s seen and l lost, with Phi = [[Phi_s, 0], [Phi_ls, Phi_l]] and C = [C_s, 0]. P_s solves s's own
+    Riccati equation; the covariance between l and s has the limit
+
+        P_ls = Phi_l P_ls F^T + Phi_ls P_s F^T + W_ls,   F = Phi_s - K_s C_s,
+
+    as the radius of Phi_l times that of F is below 1; and K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T + V)^-1.
+
+    Args:
+        Phi: (12 x 12).
+        C: (p x 12), the rows that arrive.
+        W: (12 x 12).
+        V: (p x p).
+
+    Raises:
+        InputError: if what is not seen is not a set of whole states, or the seen part's equation is ill-posed.
+    """
+    lost_names = {name for mode in unseen_modes(Phi, C, STATE_NAMES) for name in mode.states}
+    l = np.array([name in lost_names for name in STATE_NAMES])  # noqa: E741 - the letter of the equations
+    s = ~l
+    if not s.any() or Phi[np.ix_(s, l)].any() or C[:, l].any():
+        raise InputError("margins: the modes that no sensor sees are not apart from the others")
+    names = tuple(np.array(STATE_NAMES)[s])
+    Phi_s, Phi_ls, Phi_l, C_s = Phi[np.ix_(s, s)], Phi[np.ix_(l, s)], Phi[np.ix_(l, l)], C[:, s]
+    P_s = solve(Phi_s.T, C_s.T, W[np.ix_(s, s)], V, names=names, dual=True)
+    S = C_s @ P_s @ C_s.T + V
+    K = np.zeros((N_X, len(C)))
+    K[s] = np.linalg.solve(S, C_s @ P_s @ Phi_s.T).T
+    if l.any():
+        F = Phi_s - K[s] @ C_s
+        # Phi_l P F^T - P = -(Phi_ls P_s F^T + W_ls), a Sylvester equation in Phi_l P - P F^-T after F^-T on the right.
+        F_inverse = np.linalg.inv(F.T)
+        P_ls = solve_sylvester(Phi_l, -F_inverse, -(Phi_ls @ P_s @ F.T + W[np.ix_(l, s)]) @ F_inverse)
+        K[l] = np.linalg.solve(S, C_s @ (Phi_ls @ P_s + Phi_l @ P_ls).T).T
+    return K, tuple(name for name in STATE_NAMES if name in lost_names)
+
+
+def input_loop(
+    hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...], true_states: tuple[int, ...] = ()
+) -> InputLoop:
+    """Return the loop at the plant's input with the steady predictor of those sensors, each in every tick.
+
+        x_{k+1}    = Phi x + Gamma a
+        xhat_{k+1} = Phi xhat - Gamma v + K (y - C xhat),   v = L [xhat; i], or with true states in place of their xhat
+        i_{k+1}    = i - E y, or i - p_hat with the integrator 'estimate'
+
+    Args:
+        hover: the scenario's matrices.
+        V: covariance of all nine measurements (9 x 9).
+        sensors: which of uwb, camera and imu arrive.
+        true_states: numbers of the states that the servo has from the truth; VELOCITIES for the paper's scenarios,
+            all twelve for full state feedback, whose integral then follows the true position.
+    """
+    delta = arrivals_of(sensors)
+    rows, V = arrived_rows(sensors, V)
+    C = hover.C[rows]
+    K, lost = lasting_gain(hover.Phi, C, hover.W, V)
+    lost = tuple(name for name in lost if STATE_NAMES.index(name) not in true_states)
+    T = np.zeros((N_X, N_X))  # selects the true states
+    T[list(true_states), list(true_states)] = 1.0
+    x, xhat, i = slice(0, N_X), slice(N_X, 2 * N_X), slice(2 * N_X, 2 * N_X + N_I)
+    C_v = np.hstack([hover.L[:, :N_X] @ T, hover.L[:, :N_X] @ (np.eye(N_X) - T), hover.L[:, N_X:]])
+    A = np.zeros((2 * N_X + N_I,) * 2)
+    A[x, x] = hover.Phi
+    A[xhat, x], A[xhat, xhat] = K @ C, hover.Phi - K @ C
+    A[xhat] -= hover.Gamma @ C_v
+    A[i, i] = np.eye(N_I)
+    if len(true_states) == N_X:
+        A[i, x] = -np.eye(N_I, N_X)
+    elif hover.integrator == "estimate":
+        A[i, xhat] = -np.eye(N_I, N_X)
+    else:
+        A[i, x] = -selection_matrix(delta) @ hover.C
+    B = np.zeros((len(A), hover.Gamma.shape[1]))
+    B[x] = hover.Gamma
+    names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), "i_x", "i_y", "i_z")
+    keep = [k for k, name in enumerate(names) if name not in lost]
+    if len(true_states) == N_X:  # the filter then feeds nothing
+        keep = [*range(N_X), *range(2 * N_X, len(A))]
+    elif hover.integrator != "estimate" and not delta[:2].any():  # no fix: the integral holds still
+        keep = [k for k in keep if k < 2 * N_X]
+    return InputLoop(OpenLoop(A[np.ix_(keep, keep)], B[keep], C_v[:, keep]), lost, tuple(names[k] for k in keep))

@@ -1,0 +1,87 @@
+"""Loop margins of a scenario at the plant's input, nominal and with sensors lost; loop_margins.py says what they are.
+
+With some states not seen by any sensor the loop has modes of eigenvalue 1 that nothing moves by measurement. They leave
+the loop's transfer function alone, as no output shows them, so the other channels still have margins: without position
+the attitude loops, in which the filter goes on reckoning velocity and position from attitude and control.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.signals import CONTROL_NAMES, N_X, SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.loop.hover_loop import HoverLoop, hover_loop
+from ortilo_drake.studies.loop.input_loop import VELOCITIES, InputLoop, input_loop
+from ortilo_drake.theory.margins.loop_margins import SILENT, channel_margins, joint_margins
+from ortilo_drake.theory.margins.loop_response import LOWEST, closed, one_channel, response, spectral_radius
+
+
+def _explain(inner: InputLoop, silent: list[str]) -> str | None:
+    if not inner.lost:
+        return None
+    text = (
+        f"no sensor sees {', '.join(inner.lost)}: their modes have eigenvalue 1 and are"
+        " left out; the margins are those of what is still seen (position lost: the attitude), with the filter"
+        " reckoning the rest from it"
+    )
+    return text + (f"; nothing is fed back to {', '.join(silent)}" if silent else "")
+
+
+def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
+    """Return, as JSON can hold it, one loop's margins.
+
+    Args:
+        inner: the loop.
+        h: tick [s].
+        R: diagonal of the servo's weight of the controls, in which the joint margins are.
+
+    Returns:
+        'spectral_radius' of the closed loop; 'channels': control -> channel_margins, None where nothing is fed back;
+        'joint': joint_margins; 'lost': states that no sensor sees; 'note'. An unstable loop has neither.
+    """
+    loop = inner.loop
+    radius = spectral_radius(closed(loop))
+    result: dict[str, Any] = {"spectral_radius": radius, "lost": list(inner.lost)}
+    if not radius < 1.0:
+        note = f"the closed loop is not stable (radius {radius:.6g}): it has no margins"
+        return result | {"channels": None, "joint": None, "note": note}
+    L = response(loop, np.geomspace(LOWEST, math.pi, 40))
+    silent = [name for k, name in enumerate(CONTROL_NAMES) if abs(L[:, k, k]).max() < SILENT]
+    channels = {
+        name: None if name in silent else channel_margins(one_channel(loop, k), h)
+        for k, name in enumerate(CONTROL_NAMES)
+    }
+    return result | {"channels": channels, "joint": joint_margins(loop, h, R), "note": _explain(inner, silent)}
+
+
+def cases(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
+    """Return the loops of a scenario: nominal, each sensor lost, all position sensors lost, and with true states."""
+    present = tuple(s for s in SENSORS if s in sensors)
+    if not present:
+        raise InputError(f"sensors: none: margins need at least one of {', '.join(SENSORS)}")
+    losses = {"nominal": present} | {f"without {lost}": tuple(s for s in present if s != lost) for lost in present}
+    if {"uwb", "camera"} <= set(present):
+        losses["without uwb and camera"] = tuple(s for s in present if s == "imu")
+    loops = {name: input_loop(hover, V, left) for name, left in losses.items() if left}
+    loops["true velocities"] = input_loop(hover, V, present, tuple(VELOCITIES))
+    loops["full state"] = input_loop(hover, V, present, tuple(range(N_X)))
+    return loops
+
+
+def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
+    """Return loop_margins of every case of a scenario, by name, as JSON can hold it.
+
+    Args:
+        scenario: its sensors are the nominal ones.
+        V: covariance of all nine measurements (9 x 9), positive definite.
+
+    Returns:
+        'nominal', 'without uwb', ..., 'true velocities' (the paper's: velocities and rates from the truth) and
+        'full state' (the LQ loop by itself) -> loop_margins.
+    """
+    hover = hover_loop(scenario)
+    R = np.array(scenario.servo.weights.control)
+    return {name: loop_margins(inner, hover.h, R) for name, inner in cases(hover, V, scenario.sensors).items()}

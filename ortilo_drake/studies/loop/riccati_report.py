@@ -1,0 +1,120 @@
+"""The servo's and the filter's Riccati equations of a scenario by all four solvers, as plain data."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.signals import SENSORS, STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.loop.arrived_rows import arrived_rows
+from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.theory.riccati.riccati import RAW, by_drake, number, solve
+from ortilo_drake.theory.riccati.riccati_check import check
+from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, what_solvers_do
+from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
+
+XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
+DRAKE_LIFT = 1e-10  # what makes W positive definite for Drake
+
+Dare = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def servo_dare(scenario: Scenario) -> Dare:
+    """Return Phibar, Gammabar, Qbar, R of the servo's equation (15 states)."""
+    return (*augmented_pair(scenario.vehicle, scenario.h), *weight_matrices(scenario.servo.weights))
+
+
+def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> Dare:
+    """Return Phi^T, C^T, W, V of the filter's equation (12 states), of those sensors that the tuple names.
+
+    Args:
+        scenario: the scenario.
+        sensors: of uwb, camera and imu, those whose measurement arrives in every tick.
+        V: covariance of all nine measurements (9 x 9), positive definite.
+
+    Raises:
+        InputError: as arrived_rows.
+    """
+    rows, V = arrived_rows(sensors, V)
+    loop = hover_loop(scenario)
+    return loop.Phi.T, loop.C[rows].T, loop.W, V
+
+
+def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> dict[str, Any]:
+    """Return check's figures of each solver's X, and how far the solutions lie apart (Frobenius, relatively).
+
+    Where Drake refuses a W that is only semidefinite, DRAKE_LIFT I is added for it alone and the note says so; its
+    residual is that of the equation as posed, so it shows the difference.
+
+    Raises:
+        InputError: naming the modes, if the equation is ill-posed.
+    """
+    A, B, Q, R = dare
+    require_well_posed(A, B, Q, R, names=names, dual=dual)
+    solutions, notes = {}, {}
+    for solver in RAW:
+        try:
+            solutions[solver] = solve(A, B, Q, R, solver=solver, names=names, dual=dual)
+        except InputError as error:
+            notes[solver] = str(error)
+    if "drake" in notes:
+        solutions["drake"] = by_drake(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R)
+        notes["drake"] = f"Drake refuses the semidefinite weight of the states; solved with {DRAKE_LIFT:g} I added"
+    rows: dict[str, Any] = {}
+    for solver in RAW:
+        if solver not in solutions:
+            rows[solver] = {"note": notes[solver]}
+            continue
+        X = solutions[solver]
+        figures = {key: number(value) for key, value in check(A, B, Q, R, X)._asdict().items()}
+        distances = {
+            other: number(float(np.linalg.norm(X - Y) / np.linalg.norm(Y)))
+            for other, Y in solutions.items()
+            if other != solver
+        }
+        rows[solver] = figures | {"difference": distances, "note": notes.get(solver)}
+    return rows
+
+
+def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> dict[str, Any]:
+    """Return four_solutions of the 'servo' and the 'filter'; arguments and errors as filter_dare."""
+    return {
+        "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
+        "filter": four_solutions(filter_dare(scenario, sensors, V), STATE_NAMES, dual=True),
+    }
+
+
+def sensor_subsets(sensors: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Return all sensors, all but one, and one alone, each once, in the order of SENSORS."""
+    present = tuple(s for s in SENSORS if s in sensors)
+    fewer = [tuple(s for s in present if s != lost) for lost in present]
+    alone = [(s,) for s in present]
+    return list(dict.fromkeys(subset for subset in [present, *fewer, *alone] if subset))
+
+
+def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
+    """Return, as JSON can hold it, the servo's and every sensor subset's filter equation, and the ill-posed cases.
+
+    Args:
+        scenario: the scenario; the subsets are of its sensors.
+        V: covariance of all nine measurements (9 x 9), positive definite.
+
+    Returns:
+        'servo': solver -> figures. 'filter': 'uwb+camera+imu' and so on -> the same, or {'error': the modes that no
+        sensor sees}. 'ill_posed': case -> {'error': ours, solver: what it does by itself}.
+    """
+    filters: dict[str, Any] = {}
+    for sensors in sensor_subsets(scenario.sensors):
+        try:
+            filters["+".join(sensors)] = four_solutions(filter_dare(scenario, sensors, V), STATE_NAMES, dual=True)
+        except InputError as error:
+            if not str(error).startswith("Riccati equation"):
+                raise
+            filters["+".join(sensors)] = {"error": str(error)}
+    return {
+        "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
+        "filter": filters,
+        "ill_posed": {case: what_solvers_do(*matrices) for case, matrices in ILL_POSED.items()},
+    }

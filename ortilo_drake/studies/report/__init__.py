@@ -1,0 +1,1 @@
+"""`ortilo analyze`: the studies of one scenario as one report."""

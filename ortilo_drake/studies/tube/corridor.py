@@ -1,0 +1,72 @@
+"""How far the vehicle may stray from its planned path, and whether a predicted tube stays inside that.
+
+What loses a flight counts (flight/lost.py): the outline in a wall, or the centre out of the room. So the corridor
+about r_k is the disc that reaches up to the nearest wall, less the vehicle's radius, and up to the room's bounds; in
+height it is what lies between floor and ceiling.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.room import Room, footprints
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.studies.tube.tube import Tube
+
+
+class Corridor(NamedTuple):
+    """Free distances about every point of a path.
+
+    Attributes:
+        radius: horizontal; not above 0 where the vehicle touches a wall [m] (n).
+        height: vertical [m] (n).
+        nearest: what bounds the radius: the wall's index in Room.walls, -1 the room's bounds (n).
+    """
+
+    radius: np.ndarray
+    height: np.ndarray
+    nearest: np.ndarray
+
+
+class Margin(NamedTuple):
+    """By how much a tube stays inside its corridor, where that is least.
+
+    Attributes:
+        horizontal: least corridor less tube radius [m]; negative where the tube reaches a wall.
+        vertical: the same in height [m].
+        tick: where the horizontal margin is least.
+        place: r there [m] (3).
+        nearest: what it is least to, as in Corridor.
+    """
+
+    horizontal: float
+    vertical: float
+    tick: int
+    place: np.ndarray
+    nearest: int
+
+    @property
+    def least(self) -> float:
+        """The smaller of the two [m]."""
+        return min(self.horizontal, self.vertical)
+
+
+def corridor(room: Room, vehicle: Vehicle, path: np.ndarray) -> Corridor:
+    """Return the corridor about a path p_W (n, 3). Walls that end below the path count as well: a tube has height."""
+    walls = [f for f in footprints(room) if f.name == "wall"]
+    low = np.array([f.low for f in walls]).reshape(-1, 2)
+    high = np.array([f.high for f in walls]).reshape(-1, 2)
+    radius = np.array([f.radius for f in walls])
+    here = path[:, np.newaxis, :2]
+    to_walls = np.linalg.norm(here - np.clip(here, low, high), axis=2) - radius - vehicle.radius
+    inside = np.minimum(path - room.interior.min, room.interior.max - path)
+    distances = np.column_stack([inside[:, :2].min(axis=1), to_walls])
+    return Corridor(distances.min(axis=1), inside[:, 2], distances.argmin(axis=1) - 1)
+
+
+def margin(tube: Tube, about: Corridor) -> Margin:
+    """Return the margin of a tube in a corridor about the same path."""
+    horizontal = about.radius - tube.radius
+    k = int(np.argmin(horizontal))
+    vertical = float(np.min(about.height - tube.height))
+    return Margin(float(horizontal[k]), vertical, k, tube.r[k], int(about.nearest[k]))

@@ -1,0 +1,112 @@
+"""The planned path tick by tick: what the servo aims at, and what would be measured there."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.signals import N_U, N_X, SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.servo.lq_servo import servo_control
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.loop.fix_covariance import fix_noise
+from ortilo_drake.world.radio.link import blackout_rows
+
+_TIME = 3  # a blackout's axis, after x, y, z
+
+
+class Course(NamedTuple):
+    """A flight as it is planned, at every tick.
+
+    Attributes:
+        time: t_k [s] (n).
+        r: reference position [m] (n, 3).
+        x_ref: state that the servo aims at, 0 in the paper's form (n, 12).
+        u_ff: control fed forward, less hover (n, 4).
+        V: covariances of what arrives in this tick, of uwb, camera and imu (n, 3, 3, 3).
+        there: whether a message of the three can arrive in this tick, if none is lost at random (n, 3).
+    """
+
+    time: np.ndarray
+    r: np.ndarray
+    x_ref: np.ndarray
+    u_ff: np.ndarray
+    V: np.ndarray
+    there: np.ndarray
+
+
+def delay_of(scenario: Scenario, sensor: str) -> int:
+    """Return how many ticks late a sensor's messages are; InputError if that is random."""
+    link = scenario.link_of(sensor)
+    if link.random_delay and sensor in scenario.sensors:
+        name = "camera_link" if sensor == "camera" else f"{sensor}.link"
+        raise InputError(f"{name}.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
+    latency = 0
+    if sensor == "camera":
+        latency = (scenario.rendered_camera if scenario.is_rendered else scenario.projected_camera).latency
+    return link.delay + latency
+
+
+def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x_ref (n, 12) and u_ff (n, 4) for references r, r_dot, r_ddot (n, 9), by the servo's own law.
+
+    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row.
+    """
+    vehicle, yaw, error_form = scenario.vehicle, scenario.servo.yaw, scenario.servo.form == "error"
+    nothing, hover = np.zeros(15), np.array([vehicle.mass * GRAVITY, 0.0, 0.0, 0.0])
+    x_ref, u_ff = np.zeros((len(reference), N_X)), np.zeros((len(reference), N_U))
+    picks = [np.eye(4, 15, 4 * part) for part in range(3)]
+    for k, row in enumerate(reference):
+        u_ff[k] = servo_control(nothing, row, np.zeros((4, 15)), vehicle.mass, yaw, error_form) - hover
+        for part, L in enumerate(picks):
+            u = servo_control(nothing, row, L, vehicle.mass, yaw, error_form)
+            x_ref[k, 4 * part : 4 * part + 4] = u - hover - u_ff[k]
+    return x_ref, u_ff
+
+
+def planned_reference(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return t_k (n) and r, r_dot, r_ddot (n, 9) of the whole flight; InputError if there is no path."""
+    path = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+    end = path.end_time()
+    time = np.arange(round((end + scenario.settle) * scenario.control_rate) + 1) * scenario.h
+    inside = np.minimum(time, end)
+    rates = [path.MakeDerivative(order).vector_values(inside).T * (time <= end)[:, None] for order in (1, 2)]
+    return time, np.hstack([path.vector_values(inside).T, *rates])
+
+
+def course_of(scenario: Scenario) -> Course:
+    """Return the course of a scenario: its path, and where along it a message of each sensor can arrive.
+
+    A message sent at tick k arrives late by its constant delay, with the covariance of the place where it was taken.
+
+    Raises:
+        InputError: if there is no path, or messages are late at random.
+    """
+    time, reference = planned_reference(scenario)
+    n = len(time)
+    x_ref, u_ff = aim(scenario, reference)
+    poses = np.zeros((n, N_X))
+    poses[:, :3], poses[:, 3:6] = reference[:, :3], x_ref[:, 3:6]
+    V, there = np.tile(np.eye(3), (n, 3, 1, 1)), np.zeros((n, 3), dtype=np.bool_)
+    flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(SENSORS) if sensor in scenario.sensors]
+    delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
+    V_imu = np.diag(scenario.filter.V.imu)
+    for k in range(n):
+        noise = None
+        for s, sensor, link in flying:
+            arrival = k + delays[sensor]
+            if k % link.every or arrival >= n or _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
+                continue
+            if sensor == "imu":
+                V[arrival, s], there[arrival, s] = V_imu, True
+                continue
+            noise = fix_noise(scenario, poses[k]) if noise is None else noise
+            V[arrival, s], there[arrival, s] = noise.V[s], noise.there[s]
+    return Course(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
+
+
+def _blacked_out(k: int, r: np.ndarray, blackouts: np.ndarray) -> bool:
+    """Return whether one of a link's blackouts, see link.blackout_rows, holds at tick k and place r."""
+    where = [k if axis == _TIME else r[int(axis)] for axis in blackouts[:, 0]]
+    return any(low <= at < high for at, (_, low, high) in zip(where, blackouts, strict=True))

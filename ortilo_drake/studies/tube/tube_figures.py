@@ -1,0 +1,170 @@
+"""Figures of the tube: its margins over arrival rates and bursts, the flights that checked them, and in the room."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.tube.course import Course
+from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
+from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube_flights import Flown, Point, PointResult
+from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
+from ortilo_drake.views.figures import draw_room
+from ortilo_drake.views.pictures import save_picture
+
+_STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
+_LEVELS = np.array([-2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+_NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
+
+
+class ChanceGrid(NamedTuple):
+    """What tube_map.chance_map returned, with its two axes."""
+
+    a: np.ndarray
+    b: np.ndarray
+    chance: np.ndarray
+
+
+def _draw_margins(axes: Axes, figure: Figure, margins: MarginMap, chance: ChanceGrid | None) -> None:
+    """Fill the margins over (a, b), and draw the two boundaries."""
+    norm = TwoSlopeNorm(0.0, _LEVELS[0], _LEVELS[-1])
+    # Purple to orange through white: told apart by everyone.
+    filled = axes.contourf(
+        margins.a, margins.b, margins.whole.T, levels=_LEVELS, cmap="PuOr_r", norm=norm, extend="both", alpha=0.85
+    )
+    bar = figure.colorbar(filled, ax=axes, pad=0.02)
+    bar.set_label("least of corridor less tube [m]")
+    axes.contour(margins.a, margins.b, margins.whole.T, levels=[0.0], colors="k", linewidths=2.2)
+    axes.contour(margins.a, margins.b, margins.guided.T, levels=[0.0], colors="k", linewidths=1.4, linestyles=":")
+    if chance is not None:
+        log = np.log10(np.maximum(chance.chance.T, 1e-12))
+        level = [np.log10(THREE_SIGMA)]
+        axes.contour(chance.a, chance.b, log, levels=level, colors="#D55E00", linewidths=2.2, linestyles="--")
+
+
+def _boundaries(chance: ChanceGrid | None) -> list[Line2D]:
+    lines = [
+        Line2D([], [], color="k", lw=2.2, label="3-sigma tube just inside the corridor"),
+        Line2D([], [], color="k", lw=1.4, ls=":", label="the same, up to the last landmark in sight"),
+    ]
+    if chance is not None:
+        lines.append(Line2D([], [], color="#D55E00", lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"))
+    return lines
+
+
+def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> list[Line2D]:
+    """Mark the points that were flown, those below ``floor`` at it; return what the legend says of the marks."""
+    for r in results:
+        at = max(r.at[0], floor), max(r.at[1], floor)
+        marker, size, color = ("o", 9, "#009E73") if r.holds else ("X", 11, "#D55E00")
+        axes.plot(*at, marker, ms=size, mfc=color, mec="k", mew=1.0, clip_on=False, zorder=5)
+        side = -1 if r.at[0] >= 0.85 else 1
+        axes.annotate(
+            f"{100 * r.contained:.1f} %" + (f"\n{r.lost} lost" if r.lost else ""),
+            at,
+            xytext=(8 * side, 0),
+            textcoords="offset points",
+            ha="right" if side < 0 else "left",
+            va="center",
+            fontsize=7.5,
+            zorder=6,
+            bbox={"facecolor": "white", "alpha": 0.65, "lw": 0, "pad": 0.8},
+        )
+    if not results:
+        return []
+    of = f"{results[0].flights} flights"
+    return [
+        Line2D([], [], ls="", marker="o", ms=8, mfc="#009E73", mec="k", label=f"{of}: prediction holds"),
+        Line2D([], [], ls="", marker="X", ms=9, mfc="#D55E00", mec="k", label=f"{of}: it breaks down"),
+    ]
+
+
+def rates_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path) -> Path:
+    """Draw the margins over the arrival rates of uwb and camera, and the pairs that were flown.
+
+    Args:
+        margins: what tube_map.tube_map returned.
+        chance: the mixture's boundary, if at hand.
+        results: the pairs flown; a rate of 0 is drawn at the axis.
+        path: the image file.
+    """
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(8.6, 6.6), layout="constrained")
+        axes = figure.add_subplot()
+        _draw_margins(axes, figure, margins, chance)
+        marks = _draw_points(axes, results, _NONE)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlim(_NONE, 1.0)
+        axes.set_ylim(_NONE, 1.0)
+        ticks = [_NONE, 0.01, 0.03, 0.1, 0.3, 1.0]
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_ticks(ticks, ["0", "0.01", "0.03", "0.1", "0.3", "1"])
+            axis.set_ticks([], minor=True)
+        axes.set_xlabel("share of UWB messages that arrive")
+        axes.set_ylabel("share of camera messages that arrive")
+        axes.set_title("How few measurements keep the vehicle in the corridor", fontsize=11, pad=16)
+        figure.legend(
+            handles=[*_boundaries(chance), *marks], loc="outside lower center", ncols=2, fontsize=8.5, frameon=False
+        )
+        return save_picture(figure, path)
+
+
+def bursts_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path) -> Path:
+    """Draw the margins over the arrival rate of both position sensors and the mean length of bursts.
+
+    Args:
+        margins: what tube_map.burst_map returned.
+        chance: the mixture's boundary, if at hand.
+        results: the points flown, if any.
+        path: the image file.
+    """
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(8.0, 5.8), layout="constrained")
+        axes = figure.add_subplot()
+        _draw_margins(axes, figure, margins, chance)
+        marks = _draw_points(axes, results, 0.0)
+        axes.set_yscale("log")
+        axes.set_yticks([0.1, 0.3, 1.0, 3.0, 10.0], ["0.1", "0.3", "1", "3", "10"])
+        axes.set_yticks([], minor=True)
+        axes.set_xlabel("share of the time in which a link is good (UWB and camera alike, independent)")
+        axes.set_ylabel("mean length of a burst of losses [s]")
+        axes.set_title("How long bursts may last", fontsize=11)
+        figure.legend(
+            handles=[*_boundaries(chance), *marks], loc="outside lower center", ncols=2, fontsize=8.5, frameon=False
+        )
+        return save_picture(figure, path)
+
+
+def plan_figure(scenario: Scenario, course: Course, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
+    """Draw the room from above with the tube along the path and the flights on it, one plan for each pair of rates."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(9.5, 3.6 * len(flights)), layout="constrained")
+        for row, (pair, flown) in enumerate(flights.items()):
+            axes = figure.add_subplot(len(flights), 1, row + 1)
+            draw_room(axes, scenario.load_room(), scenario)
+            tube = predict_tube(with_rates(scenario, *pair), course)
+            for r, radius in zip(tube.r[::4], tube.radius[::4], strict=True):
+                axes.add_patch(Circle((r[0], r[1]), radius, facecolor="#9fd0f0", lw=0, zorder=0.5))
+            axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3)
+            for flight in flown:
+                n = len(flight.deviation)
+                track = tube.r[:n, :2] + flight.deviation[:, :2]
+                color = "#0072B2" if flight.lost is None else "#D55E00"
+                axes.plot(*track.T, color=color, lw=0.6, alpha=0.7, zorder=2)
+                if flight.lost is not None:
+                    axes.plot(*track[-1], "X", color="#D55E00", mec="k", ms=7, zorder=4)
+            lost = sum(flight.lost is not None for flight in flown)
+            axes.set_title(
+                f"UWB {pair[0]:g}, camera {pair[1]:g} of the messages: {len(flown)} flights, {lost} lost", fontsize=10
+            )
+        return save_picture(figure, path)

@@ -1,0 +1,228 @@
+"""Flights of the nonlinear diagram against the predicted tube.
+
+At each point of a map - a pair of arrival rates of uwb and camera, or an arrival rate and a mean burst of both links -
+the diagram is flown with the same seeds. What is compared, over all flights of a point and all their ticks up to the
+end or the loss:
+
+    contained   the share of ticks whose horizontal deviation from r_k is within the predicted radius R_k;
+    lost        how many flights were lost, and whether the tube's margin says that none should be; what a lost flight
+                would have flown after its loss is in no share.
+
+The prediction *holds* if at least 99 % of the ticks are contained and no flight is lost where the margin is above 0;
+else it *breaks down* there. Successive ticks of a flight are alike, so the interval about the share comes from drawing
+whole flights anew (bootstrap). Beside it stands what the linear theory itself expects of that share, given the very
+arrivals of these seeds (studies/tube/tube_tails.py): where it is below 99 % as well, it is the Gaussian that breaks
+down and not the linearisation.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.ensemble import flight_file, fly_many
+from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.tube.corridor import corridor, margin
+from ortilo_drake.studies.tube.course import Course
+from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube_map import bursts, with_losses, with_rates
+from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture, mixture_radius
+
+Point = tuple[float, float]
+
+# Shares of uwb's and the camera's messages that arrive: both sides of the predicted boundary, and well inside.
+PAIRS: tuple[Point, ...] = (
+    (1.0, 1.0), (1.0, 0.3), (0.5, 0.5), (0.3, 1.0), (0.3, 0.3), (0.2, 0.2), (0.1, 1.0), (0.1, 0.1),
+    (0.1, 0.0), (0.06, 0.3), (0.05, 1.0), (0.05, 0.05), (0.03, 1.0), (0.03, 0.1), (0.03, 0.03),
+    (0.02, 0.3), (0.02, 0.02), (0.01, 1.0), (0.01, 0.05), (0.005, 0.3),
+)  # fmt: skip
+# Arrival rates and mean bursts [s] of both links, likewise.
+BURSTS: tuple[Point, ...] = ((0.3, 0.5), (0.3, 2.0), (0.6, 1.0), (0.6, 3.0), (0.9, 2.0), (0.9, 8.0))
+SEEDS = tuple(range(1, 21))
+SHARE = 0.99
+STRETCHES = 8
+OTHER_SEEDS = tuple(range(1001, 1041))  # arrivals that the mixture's radius is drawn from
+
+
+class Flown(NamedTuple):
+    """What is kept of a flight.
+
+    Attributes:
+        seed: its seed.
+        deviation: true position less r_k, up to the loss [m] (n, 3).
+        lost: when it was lost [s]; None if it was not.
+    """
+
+    seed: int
+    deviation: np.ndarray
+    lost: float | None
+
+
+class PointResult(NamedTuple):
+    """A point of a map: what the theory says, and what was flown. Lengths in m.
+
+    Attributes:
+        at: the point: arrival rates of uwb and camera, or of both and the mean burst [s].
+        radius_mean: of the tube over the path.
+        radius_max: its greatest.
+        margin: least of corridor less tube.
+        flights: how many were flown.
+        contained: share of ticks within the tube.
+        contained_low: end of its 95 % interval.
+        contained_high: end of its 95 % interval.
+        contained_worst: the share in the worst of STRETCHES parts of the path.
+        expected: the share that the linear theory expects, given the seeds' arrivals.
+        contained_mixture: share of ticks within the radius that the mixture leaves with 0.27 %.
+        radius_mixture: mean of that radius over the path.
+        lost: flights lost.
+        holds: see the head of this file.
+    """
+
+    at: Point
+    radius_mean: float
+    radius_max: float
+    margin: float
+    flights: int
+    contained: float
+    contained_low: float
+    contained_high: float
+    contained_worst: float
+    expected: float
+    contained_mixture: float
+    radius_mixture: float
+    lost: int
+    holds: bool
+
+    @property
+    def breakdown(self) -> str:
+        """Why the prediction breaks down here; empty where it holds."""
+        if self.holds:
+            return ""
+        reasons = []
+        if self.contained < SHARE:
+            gaussian = self.expected < SHARE
+            reasons.append("tails longer than a Gaussian's" if gaussian else "deviations beyond the linear theory")
+        if self.lost and self.margin > 0.0:
+            reasons.append(f"{self.lost} lost though the tube is inside")
+        return "; ".join(reasons)
+
+
+def flown(flight: xr.Dataset) -> Flown:
+    """Return what is kept of a flight."""
+    lost = json.loads(flight.attrs["lost"])
+    deviation = flight["truth"].values[:, :3] - flight["reference"].values
+    return Flown(int(flight.attrs["seed"]), deviation, None if lost is None else float(lost["time"]))
+
+
+def at_rates(scenario: Scenario, point: Point) -> Scenario:
+    """Return the scenario with these arrival rates of uwb and camera, losses independent; errors as with_rates."""
+    return with_rates(scenario, *point)
+
+
+def at_burst(scenario: Scenario, point: Point) -> Scenario:
+    """Return the scenario with this arrival rate and mean burst [s] on both links; InputError if there is no such."""
+    loss = bursts(*point, scenario.h)
+    if loss is None:
+        raise InputError(f"burst: {point[1]:g} s: too short for an arrival rate of {point[0]:g}")
+    return with_losses(scenario, loss, loss)
+
+
+def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1) -> list[Flown]:
+    """Return the flights of a point, flown as far as they are not there already; errors as fly_many."""
+    seeds = list(seeds)
+    fly_many(lossy, seeds, out, workers)
+    return [flown(load_flight(flight_file(out, lossy, seed))) for seed in seeds]
+
+
+def judge_point(
+    lossy: Scenario, at: Point, flights: Sequence[Flown], course: Course, others: Sequence[int] = OTHER_SEEDS
+) -> PointResult:
+    """Return how the flights of a point compare with the tube that is predicted for it.
+
+    Args:
+        lossy: the scenario that was flown.
+        at: the point.
+        flights: the flights.
+        course: the scenario's course.
+        others: seeds of the arrivals that the mixture's radius is drawn from, none of them flown.
+    """
+    tube = predict_tube(lossy, course)
+    about = corridor(lossy.load_room(), lossy.vehicle, course.r)
+    given = mixture(lossy, course, [flight.seed for flight in flights])
+    wide = mixture_radius(mixture(lossy, course, others), tube.radius)
+    inside = [within(flight, tube.radius) for flight in flights]
+    contained = float(np.mean(np.concatenate(inside)))
+    low, high = interval(inside)
+    least, lost = margin(tube, about).least, sum(flight.lost is not None for flight in flights)
+    return PointResult(
+        at=at,
+        radius_mean=float(tube.radius.mean()),
+        radius_max=float(tube.radius.max()),
+        margin=least,
+        flights=len(flights),
+        contained=contained,
+        contained_low=low,
+        contained_high=high,
+        contained_worst=worst_stretch(inside, len(course.time)),
+        expected=1.0 - float(np.mean(chance_outside(tube.radius, given))),
+        contained_mixture=float(np.mean(np.concatenate([within(flight, wide) for flight in flights]))),
+        radius_mixture=float(wide.mean()),
+        lost=lost,
+        holds=contained >= SHARE and not (lost and least > 0.0),
+    )
+
+
+def within(flight: Flown, radius: np.ndarray) -> np.ndarray:
+    """Return at which ticks of a flight its horizontal deviation is within the radius (n)."""
+    return np.hypot(flight.deviation[:, 0], flight.deviation[:, 1]) <= radius[: len(flight.deviation)]
+
+
+def worst_stretch(inside: Sequence[np.ndarray], ticks: int) -> float:
+    """Return the least share of ticks inside over STRETCHES equal parts of the path, all flights together."""
+    edges = np.linspace(0, ticks, STRETCHES + 1).astype(int)
+    parts = [np.concatenate([ok[a:b] for ok in inside]) for a, b in pairwise(edges)]
+    return min(float(part.mean()) for part in parts if part.size)
+
+
+def interval(inside: Sequence[np.ndarray], draws: int = 2000) -> tuple[float, float]:
+    """Return the 95 % interval of the share of ticks inside, whole flights drawn anew (percentile bootstrap)."""
+    hits, ticks = np.array([ok.sum() for ok in inside]), np.array([ok.size for ok in inside])
+    chosen = np.random.default_rng(0).integers(len(inside), size=(draws, len(inside)))
+    low, high = np.quantile(hits[chosen].sum(axis=1) / ticks[chosen].sum(axis=1), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def tube_flights(
+    scenario: Scenario,
+    course: Course,
+    out: Path,
+    points: Sequence[Point] = PAIRS,
+    lossy_at: Callable[[Scenario, Point], Scenario] = at_rates,
+    seeds: Sequence[int] = SEEDS,
+    workers: int = 1,
+) -> list[PointResult]:
+    """Fly every point with the same seeds and return how each compares with its tube.
+
+    Args:
+        scenario: the scenario, its losses not counted.
+        course: its course.
+        out: folder for the flights.
+        points: PAIRS with at_rates, BURSTS with at_burst, or others.
+        lossy_at: what a point means.
+        seeds: the seeds.
+        workers: worker processes.
+
+    Raises:
+        InputError: as lossy_at, predict_tube and fly_many.
+    """
+    results = []
+    for point in points:
+        lossy = lossy_at(scenario, point)
+        results.append(judge_point(lossy, point, fly_point(lossy, seeds, out, workers), course))
+    return results

@@ -1,0 +1,175 @@
+"""Margins of the predicted tube over arrival rates and burst lengths: how few measurements keep it in the corridor.
+
+The level 0 of a map is the lowest arrival rates, or the longest bursts, that keep the 3-sigma tube inside the room's
+corridors.
+
+Bursts are a Gilbert-Elliott chain on each of the two links, independent of each other, that loses everything while bad.
+Its good share is the arrival rate and its mean stay in the bad state the burst, so with a burst of b ticks
+bad_to_good = 1 / b and good_to_bad = (1 - rate) / (rate b). A chain cannot leave the good state more often than every
+tick: bursts shorter than (1 - rate) / rate ticks do not exist. Messages are due on some ticks alone, so a burst shorter
+than the time between two is seen as one loss at most.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import BernoulliLoss, Link, Loss, NoLoss, Scenario
+from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.studies.tube.corridor import Corridor, corridor, margin
+from ortilo_drake.studies.tube.course import Course, course_of
+from ortilo_drake.studies.tube.tube import Tube, predict_tube
+from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture
+
+CAMERA = 1  # column of Course.there
+
+
+class MarginMap(NamedTuple):
+    """Margins of the tube over two quantities a and b.
+
+    Attributes:
+        a: values along the first axis: rate of uwb, or of both sensors for bursts.
+        b: values along the second axis: rate of the camera, or mean burst [s].
+        whole: least margin over the whole path [m] (len(a), len(b)); NaN where there is no such link.
+        guided: the same over the path up to where the camera sees its last landmarks, see guided_ticks.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    whole: np.ndarray
+    guided: np.ndarray
+
+
+def with_losses(scenario: Scenario, uwb: Loss, camera: Loss) -> Scenario:
+    """Return the scenario with other losses on the links of uwb and camera."""
+
+    def lossy(link: Link, loss: Loss) -> Link:
+        return link.model_copy(update={"loss": loss})
+
+    sensor = scenario.uwb.model_copy(update={"link": lossy(scenario.uwb.link, uwb)})
+    return scenario.model_copy(update={"uwb": sensor, "camera_link": lossy(scenario.camera_link, camera)})
+
+
+def without_blackouts(scenario: Scenario) -> Scenario:
+    """Return the scenario with a projected camera, and no blackouts on either position sensor's link."""
+    uwb = scenario.uwb.model_copy(update={"link": scenario.uwb.link.model_copy(update={"blackouts": ()})})
+    camera_link = scenario.camera_link.model_copy(update={"blackouts": ()})
+    return scenario.model_copy(update={"uwb": uwb, "camera_link": camera_link, "camera": "projected"})
+
+
+def with_rates(scenario: Scenario, uwb: float, camera: float) -> Scenario:
+    """Return the scenario with these shares of uwb's and the camera's messages arriving, independently of each other.
+
+    Shares of what is sent: with a message on every third tick, a third of them is the rate per tick that
+    expected_riccati.py speaks of.
+
+    Raises:
+        InputError: if a rate is not in [0, 1].
+    """
+    for name, rate in (("uwb", uwb), ("camera", camera)):
+        if not 0.0 <= rate <= 1.0:
+            raise InputError(f"rate of {name}: {rate}: must be in [0, 1]")
+
+    def bernoulli(rate: float) -> Loss:
+        return NoLoss() if rate == 1.0 else BernoulliLoss(kind="bernoulli", probability=1.0 - rate)
+
+    return with_losses(scenario, bernoulli(uwb), bernoulli(camera))
+
+
+def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
+    """Return the chain with that good share and mean burst [s], None if there is none.
+
+    Raises:
+        InputError: if the rate is not in (0, 1] or the burst not above 0.
+    """
+    if not 0.0 < rate <= 1.0:
+        raise InputError(f"rate: {rate}: must be in (0, 1]")
+    if not burst_s > 0.0:
+        raise InputError(f"burst: {burst_s} s: must be above 0")
+    try:
+        return loss_of(1.0 - rate, burst_s / h)
+    except InputError:
+        return None
+
+
+def guided_ticks(course: Course) -> int:
+    """Return how many ticks of a course lie before its last landmark fix; all of them if the camera has none."""
+    seen = np.flatnonzero(course.there[:, CAMERA])
+    return int(seen[-1]) + 1 if len(seen) else len(course.time)
+
+
+def first_ticks(tube: Tube, about: Corridor, n: int) -> tuple[Tube, Corridor]:
+    """Return the first n ticks of a tube and its corridor."""
+    return Tube(*(part[:n] for part in tube)), Corridor(*(part[:n] for part in about))
+
+
+Cases = list[list[Scenario | None]]
+
+
+def rate_cases(scenario: Scenario, rates_uwb: np.ndarray, rates_camera: np.ndarray) -> Cases:
+    """Return the scenario at every pair of arrival rates, losses independent; errors as with_rates."""
+    return [[with_rates(scenario, float(a), float(b)) for b in rates_camera] for a in rates_uwb]
+
+
+def burst_cases(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> Cases:
+    """Return the scenario at every rate and mean burst of both links, None where there is none; errors as bursts."""
+    losses = [[bursts(float(a), float(b), scenario.h) for b in burst_lengths_s] for a in rates]
+    return [[None if loss is None else with_losses(scenario, loss, loss) for loss in row] for row in losses]
+
+
+def tube_map(scenario: Scenario, rates_uwb: np.ndarray, rates_camera: np.ndarray) -> MarginMap:
+    """Return the tube's margins over the arrival rates of uwb and camera, losses independent.
+
+    Raises:
+        InputError: if a rate is not in [0, 1], or as predict_tube.
+    """
+    return _margins(scenario, rates_uwb, rates_camera, rate_cases(scenario, rates_uwb, rates_camera))
+
+
+def burst_map(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> MarginMap:
+    """Return the tube's margins over the arrival rate of both position sensors and the mean length of bursts [s].
+
+    Raises:
+        InputError: if a rate is not in (0, 1] or a burst not above 0, or as predict_tube.
+    """
+    return _margins(scenario, rates, burst_lengths_s, burst_cases(scenario, rates, burst_lengths_s))
+
+
+def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> MarginMap:
+    """Return least margins over the whole path and its guided part for rows of scenarios on the same course."""
+    course = course_of(scenario)
+    about = corridor(scenario.load_room(), scenario.vehicle, course.r)
+    n = guided_ticks(course)
+    whole, guided = np.full((len(a), len(b)), np.nan), np.full((len(a), len(b)), np.nan)
+    for i, row in enumerate(cases):
+        for j, case in enumerate(row):
+            if case is not None:
+                tube = predict_tube(case, course)
+                whole[i, j] = margin(tube, about).least
+                guided[i, j] = margin(*first_ticks(tube, about, n)).least
+    return MarginMap(a, b, whole, guided)
+
+
+def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.ndarray:
+    """Return the greatest chance, over the ticks of the path, of being outside the corridor in the plane.
+
+    It is that of the mixture over the arrivals of the seeds (studies/tube/tube_tails.py), the same seeds everywhere.
+    Its level THREE_SIGMA is the boundary that the Gaussian tube's level 0 stands for, with the mixture's tails.
+    Such a chance is made by the few longest gaps, so it takes hundreds of histories: with 20 in place of 200 the
+    boundary of imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088.
+
+    Args:
+        scenario: the scenario whose course all cases share.
+        cases: see rate_cases and burst_cases; NaN comes back where there is none.
+        seeds: of the arrivals.
+    """
+    course, seeds = course_of(scenario), list(seeds)
+    room = corridor(scenario.load_room(), scenario.vehicle, course.r).radius
+    return np.array(
+        [
+            [np.nan if case is None else chance_outside(room, mixture(case, course, seeds)).max() for case in row]
+            for row in cases
+        ]
+    )

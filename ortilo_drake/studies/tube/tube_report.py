@@ -1,0 +1,124 @@
+"""The tube of a scenario over arrival rates and bursts, and the flights that check it, for `ortilo analyze`."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.flight.workers import run_all
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.tube.course import course_of
+from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
+from ortilo_drake.studies.tube.tube_flights import (
+    BURSTS,
+    PAIRS,
+    Flown,
+    Point,
+    PointResult,
+    at_burst,
+    at_rates,
+    fly_point,
+    judge_point,
+)
+from ortilo_drake.studies.tube.tube_map import (
+    burst_cases,
+    burst_map,
+    chance_map,
+    rate_cases,
+    tube_map,
+    without_blackouts,
+)
+
+RATES = np.geomspace(0.003, 1.0, 21)
+BURST_RATES = np.linspace(0.1, 1.0, 17)
+BURST_LENGTHS = np.geomspace(0.1, 10.0, 17)  # [s]
+# The mixture's boundary, from fewer points: each takes the arrivals of many seeds, of few the tails come out too long.
+CHANCE_RATES = np.geomspace(0.01, 1.0, 7)
+CHANCE_BURST_RATES = np.linspace(0.2, 0.95, 6)
+CHANCE_BURSTS = np.geomspace(0.3, 10.0, 7)  # [s]
+ARRIVALS = range(2001, 2101)
+SHOWN = ((0.1, 0.1), (0.02, 0.3))  # pairs drawn in the room
+
+Step = Callable[[str, int, int], None]
+
+
+def why_no_tube(scenario: Scenario) -> str | None:
+    """Return why a scenario's tube has no maps, None if it has."""
+    if not {"uwb", "camera"} <= set(scenario.sensors):
+        return "its maps are over the arrival rates of uwb and camera, and both must fly"
+    if scenario.servo.velocities == "truth":
+        return "the servo is lent the true velocities, and the tube is that of a servo fed by the filter"
+    links = [scenario.link_of(sensor) for sensor in scenario.sensors]
+    return "delays are drawn at random" if any(link.random_delay for link in links) else None
+
+
+def plain(values: np.ndarray) -> list[Any]:
+    """Return an array as lists for JSON, None where it is not finite."""
+    kept = values.astype(object)
+    kept[~np.isfinite(values)] = None
+    return list(kept.tolist())
+
+
+def chance_row(scenario_json: str, kind: str, a: float, b: list[float]) -> list[float]:
+    """Return a row of chance_map over rates or bursts. Runs in a worker; what it takes and returns is plain data."""
+    scenario = Scenario.model_validate_json(scenario_json)
+    cases = (rate_cases if kind == "rates" else burst_cases)(scenario, np.array([a]), np.array(b))
+    return list(chance_map(scenario, cases, ARRIVALS)[0].tolist())
+
+
+def chances(scenario: Scenario, kind: str, a: np.ndarray, b: np.ndarray, workers: int) -> ChanceGrid:
+    """Return chance_map over rates or bursts, its rows on worker processes."""
+    chance = np.empty((len(a), len(b)))
+    jobs = [(scenario.model_dump_json(), kind, float(rate), b.tolist()) for rate in a]
+    run_all(chance_row, jobs, workers, lambda number, row: chance.__setitem__(number, row))
+    return ChanceGrid(a, b, chance)
+
+
+def tube_report(
+    scenario: Scenario, flights: int, out: Path, workers: int, step: Step
+) -> tuple[dict[str, Any], list[Path]]:
+    """Return the tube's margins over rates and bursts and how flights compare with it, and the figures drawn.
+
+    The scenario's own blackouts and losses are left out.
+
+    Args:
+        scenario: the scenario, with uwb and camera.
+        flights: of each point that is flown; 0 flies none.
+        out: folder of figures, and of flights in its folder flights.
+        workers: processes that fly.
+        step: called with what is being done, how far and of how much.
+    """
+    calm = without_blackouts(scenario)
+    course = course_of(calm)
+    step("tube maps", 0, 4)
+    rates = tube_map(calm, RATES, RATES)
+    step("tube maps", 1, 4)
+    bursts = burst_map(calm, BURST_RATES, BURST_LENGTHS)
+    step("tube maps", 2, 4)
+    rates_chance = chances(calm, "rates", CHANCE_RATES, CHANCE_RATES, workers)
+    step("tube maps", 3, 4)
+    bursts_chance = chances(calm, "bursts", CHANCE_BURST_RATES, CHANCE_BURSTS, workers)
+
+    shown: dict[Point, Sequence[Flown]] = {}
+    results: dict[str, list[PointResult]] = {"rates": [], "bursts": []}
+    points = [("rates", at_rates, p) for p in PAIRS] + [("bursts", at_burst, p) for p in BURSTS]
+    for k, (kind, lossy_at, point) in enumerate(points if flights else []):
+        step("tube flights", k, len(points))
+        lossy = lossy_at(calm, point)
+        flown = fly_point(lossy, range(1, flights + 1), out / "flights", workers)
+        results[kind].append(judge_point(lossy, point, flown, course))
+        if kind == "rates" and point in SHOWN:
+            shown[point] = flown
+    figures = [
+        rates_figure(rates, rates_chance, results["rates"], out / "tube_rates.png"),
+        bursts_figure(bursts, bursts_chance, results["bursts"], out / "tube_bursts.png"),
+    ]
+    if shown:
+        figures.append(plan_figure(calm, course, shown, out / "tube_plan.png"))
+    data = {
+        "rates": {"uwb": RATES.tolist(), "camera": RATES.tolist(), "margin": plain(rates.whole)},
+        "bursts": {"rate": BURST_RATES.tolist(), "burst_s": BURST_LENGTHS.tolist(), "margin": plain(bursts.whole)},
+        "flights": {kind: [r._asdict() | {"breakdown": r.breakdown} for r in found] for kind, found in results.items()},
+    }
+    return data, figures

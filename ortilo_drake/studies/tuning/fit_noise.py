@@ -1,0 +1,202 @@
+"""W and V from what was measured: maximum likelihood over recorded flights.
+
+R. K. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Automatic Control 15, 1970;
+K. J. Åström, "Maximum likelihood and prediction error methods", Automatica 16, 1980. The numbers that state W and V
+(noise_settings.py) are positive, so their logarithms theta are sought, from where the scenario has them:
+
+    maximise log L(theta) = sum over flights log L_f(theta),    cov(theta) = H^-1,    H = -d2 log L / d theta2.
+
+That covariance believes the model. Where it is not the truth - box errors that persist, fixes that come late - the
+flights' own scores s_f = d log L_f / d theta tell the spread: cov(theta) = H^-1 (sum_f s_f s_f^T) H^-1 (H. White,
+"Maximum likelihood estimation of misspecified models", Econometrica 50, 1982). Both are given.
+
+Boxes err alike from picture to picture, which the likelihood would take for precision. So where there is UWB, the
+camera's fixes are used but not counted (noise_likelihood.py): its noise is judged by how well the other sensors are
+predicted.
+
+W stands for what pushes the vehicle, not for where the hover model fails. Tilted by phi and theta it loses
+1 - cos phi cos theta of its lift, which the model does not know and the likelihood would take for a large disturbance.
+So ticks in which more than LIFT_LOST is lost are filtered but not counted, and neither are those in which the filter
+still remembers it. The tilt is that of the prediction xhat_k|k-1 by the scenario's own W and V: whether y_k counts is
+settled by what came before it, which leaves the score a martingale, so that choosing ticks makes no bias (D. R. Cox,
+"Partial likelihood", Biometrika 62, 1975).
+
+A number that the record says nothing about keeps its value: of a sensor that never arrived, one whose likelihood is
+flat, and one that runs out of LARGEST_CHANGE (a disturbance of which nothing shows above the noise, say).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.tuning.noise_likelihood import Record, log_likelihood, refilter
+from ortilo_drake.studies.tuning.noise_settings import noise_model, noise_numbers, sensor_of, with_numbers
+
+LIFT_LOST = 0.01  # of the weight: a tilt of 0.14 rad, 0.26 N of 2.7 kg - as much as the disturbance flown by default
+LARGEST_CHANGE = 1e3  # factor by which a number may change
+FLATTEST = 0.7  # a logarithm known worse than this (a factor of two) is not known
+_STEP = 0.02  # of the differences, in logarithms
+
+
+class NoiseFit(NamedTuple):
+    """What a fit found.
+
+    Attributes:
+        before: the numbers as the scenario has them.
+        values: the fitted ones, and those that stay.
+        errors: standard error of each fitted number, from the likelihood's curvature.
+        robust_errors: the same by the spread of the flights' scores; empty with fewer flights than numbers.
+        kept: why a number stays, of those that do.
+        log_likelihood: before and after.
+        counted: the sensors whose innovations the likelihood counted.
+        tilted: share of the ticks that did not count for tilt.
+        scenario: the scenario with the fitted numbers.
+    """
+
+    before: dict[str, float]
+    values: dict[str, float]
+    errors: dict[str, float]
+    robust_errors: dict[str, float]
+    kept: dict[str, str]
+    log_likelihood: tuple[float, float]
+    counted: tuple[str, ...]
+    tilted: float
+    scenario: Scenario
+
+
+def _differences(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradients of f's components (p, n) and the Hessian of its sum (p, p), by central differences."""
+    p, steps = len(theta), _STEP * np.eye(len(theta))
+    middle = f(theta).sum()
+    plus, minus = [f(theta + s) for s in steps], [f(theta - s) for s in steps]
+    gradients = np.array([(a - b) / (2.0 * _STEP) for a, b in zip(plus, minus, strict=True)])
+    H = np.empty((p, p))
+    for i in range(p):
+        H[i, i] = (plus[i].sum() - 2.0 * middle + minus[i].sum()) / _STEP**2
+        for j in range(i):
+            both = f(theta + steps[i] + steps[j]).sum() + f(theta - steps[i] - steps[j]).sum()
+            H[i, j] = H[j, i] = (
+                both - plus[i].sum() - minus[i].sum() - plus[j].sum() - minus[j].sum() + 2.0 * middle
+            ) / (2.0 * _STEP**2)
+    return gradients, H
+
+
+def _maximise(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, ticks: int) -> np.ndarray:
+    """Return the theta that maximises the sum of f, none of it farther than LARGEST_CHANGE from where it starts."""
+
+    def cost(change: np.ndarray) -> tuple[float, np.ndarray]:
+        at = theta + change
+        slope = [(f(at + s).sum() - f(at - s).sum()) / (2.0 * 1e-4) for s in 1e-4 * np.eye(len(at))]
+        return -f(at).sum() / ticks, -np.array(slope) / ticks
+
+    limit = np.log(LARGEST_CHANGE)
+    options = {"maxiter": 200, "ftol": 1e-12, "gtol": 1e-7}
+    found = minimize(
+        cost, np.zeros(len(theta)), jac=True, method="L-BFGS-B", bounds=[(-limit, limit)] * len(theta), options=options
+    )
+    return np.asarray(theta + found.x)
+
+
+def near_hover(xhat: np.ndarray, settle: int) -> np.ndarray:
+    """Return in which ticks (n) the hover model has held for that many ticks.
+
+    Args:
+        xhat: predictions (n, 12); before the first, it did not hold.
+        settle: ticks after which the filter has forgotten that it did not.
+    """
+    ticks = np.arange(len(xhat))
+    tilted = np.cos(xhat[:, 3]) * np.cos(xhat[:, 4]) < 1.0 - LIFT_LOST
+    return ticks - np.maximum.accumulate(np.where(tilted, ticks, -1)) > settle
+
+
+def fit_noise(
+    scenario: Scenario,
+    records: Sequence[Record],
+    settle: int,
+    progress: Callable[[int], None] = lambda evaluations: None,
+) -> NoiseFit:
+    """Fit W and V of a scenario's filter to flights of it.
+
+    Args:
+        scenario: the scenario that was flown.
+        records: what its filter was given, one of each flight.
+        settle: ticks that do not count after a tilt, and at the start: a flight starts without P_0's error.
+        progress: called with the number of likelihoods computed so far.
+
+    Raises:
+        InputError: if nothing arrived near hover, or nothing can be told from what did.
+    """
+    before = noise_numbers(scenario)
+    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    flying = noise_model(scenario, scenario)
+    counts = [near_hover(refilter(record, flying, Phi, Gamma)[0], settle) for record in records]
+    ticks, settled = sum(map(np.sum, counts)), sum(max(len(c) - settle, 0) for c in counts)
+    arrived = [
+        s for i, s in enumerate(SENSORS) if any(r.delta[c, i].any() for r, c in zip(records, counts, strict=True))
+    ]
+    if not arrived:
+        raise InputError(
+            f"{scenario.name}: no measurement arrived near hover (less than {LIFT_LOST:.0%} of the lift lost to tilt "
+            f"for {settle * scenario.h:.1f} s) in these flights: nothing to fit noise to"
+        )
+    kept = {
+        name: f"{sensor} never arrived"
+        for name in before
+        if (sensor := sensor_of(name)) is not None and sensor not in arrived
+    }
+    counted = tuple(s for s in arrived if s != "camera" or "uwb" not in arrived)
+    evaluations = 0
+
+    def likelihoods(numbers: dict[str, float]) -> np.ndarray:
+        nonlocal evaluations
+        evaluations += 1
+        progress(evaluations)
+        noise = noise_model(with_numbers(scenario, numbers), scenario, counted)
+        return np.array([log_likelihood(r, noise, Phi, Gamma, c) for r, c in zip(records, counts, strict=True)])
+
+    start = likelihoods(before).sum()
+    if not np.isfinite(start):
+        raise InputError(f"{scenario.name}: the recorded measurements have no finite likelihood under the scenario")
+    while True:
+        free = [name for name in before if name not in kept]
+        if not free:
+            raise InputError(f"{scenario.name}: nothing about W or V can be told from these flights")
+
+        def of_theta(theta: np.ndarray, free: list[str] = free) -> np.ndarray:
+            return likelihoods(before | dict(zip(free, np.exp(theta).tolist(), strict=True)))
+
+        theta_0 = np.log([before[name] for name in free])
+        theta = _maximise(of_theta, theta_0, ticks)
+        at_limit = np.abs(theta - theta_0) > np.log(LARGEST_CHANGE) - 0.1
+        gradients, H = _differences(of_theta, theta)
+        curvature, directions = np.linalg.eigh(-H)
+        curvature = np.maximum(curvature, 1e-12)
+        covariance = (directions / curvature) @ directions.T
+        sd = np.sqrt(np.diag(covariance))
+        worst = int(np.argmax(np.where(at_limit, np.inf, sd)))
+        if not at_limit[worst] and sd[worst] <= FLATTEST:
+            break
+        kept[free[worst]] = (
+            f"ran out of a factor of {LARGEST_CHANGE:g}" if at_limit[worst] else "its likelihood is flat"
+        )
+    values = np.exp(theta)
+    spread = covariance @ (gradients @ gradients.T) @ covariance
+    robust = values * np.sqrt(np.diag(spread)) if len(records) > len(free) else np.array([])
+    numbers = before | dict(zip(free, values.tolist(), strict=True))
+    return NoiseFit(
+        before,
+        numbers,
+        dict(zip(free, (values * sd).tolist(), strict=True)),
+        dict(zip(free, robust.tolist(), strict=False)),
+        kept,
+        (float(start), float(likelihoods(numbers).sum())),
+        counted,
+        float(1.0 - ticks / settled),
+        with_numbers(scenario, numbers),
+    )

@@ -1,0 +1,201 @@
+"""The likelihood of recorded measurements under a filter's W and V, by the innovations.
+
+The one-step predictor of the 12 states turns the measurements into independent innovations e_k ~ N(0, S_k), so
+
+    log L = -1/2 sum_k (m_k log 2 pi + log det S_k + e_k^T S_k^-1 e_k)
+
+over the ticks k in which anything arrived, m_k the rows that did (F. C. Schweppe, "Evaluation of likelihood functions
+for Gaussian signals", IEEE Trans. Information Theory 11, 1965; R. H. Shumway and D. S. Stoffer, Time Series Analysis
+and Its Applications, section 6.3, missing observations in 6.4). It is the flying filter without its integrator, which
+its first 12 states never feel; the record need not come from the filter that is judged.
+
+A sensor whose errors are not white spoils this: boxes that err alike from picture to picture agree with each other, and
+log L takes that for precision. Such a sensor may be used without being counted: sum_k log p(counted y_k | all y before)
+still scores how well x is predicted, by measurements whose errors are independent of the camera's (a composite
+likelihood, C. Varin, N. Reid, D. Firth, "An overview of composite likelihood methods", Statistica Sinica 21, 2011).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
+
+
+class Record(NamedTuple):
+    """What the filter of one flight was given.
+
+    Attributes:
+        y: measurements, 0 where nothing arrived (n, 9).
+        delta: arrivals of uwb, camera and imu, 0 or 1 (n, 3).
+        V2: the covariances that came with them (n, 3, 3, 3).
+        u: control less hover (n, 4).
+        xhat_0: first prediction (12).
+        P_0: its covariance (12, 12).
+    """
+
+    y: np.ndarray
+    delta: np.ndarray
+    V2: np.ndarray
+    u: np.ndarray
+    xhat_0: np.ndarray
+    P_0: np.ndarray
+
+
+class NoiseModel(NamedTuple):
+    """What is believed of the noise.
+
+    Attributes:
+        W: process noise (12, 12).
+        V: constant covariances of the three sensors (3, 3, 3), where scale is 0.
+        scale: the record's covariances are taken times this (3); 0 takes V in their place.
+        counted: 1 for each sensor that log L counts, else 0 (3).
+    """
+
+    W: np.ndarray
+    V: np.ndarray
+    scale: np.ndarray
+    counted: np.ndarray
+
+
+@register_jitable
+def predictor_step(
+    x: np.ndarray,
+    P: np.ndarray,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    u: np.ndarray,
+    Phi: np.ndarray,
+    Gamma: np.ndarray,
+    noise: NoiseModel,
+    work: np.ndarray,
+) -> float:
+    """Take xhat_{k|k-1} and P_k in place to the next tick; return this tick's share of log L.
+
+    With S = L L^T and U = L^-1 H P the measurement update is x + U^T L^-1 e and P - U^T U, the time update
+    Phi x + Gamma u and Phi P Phi^T + W.
+
+    Args:
+        x: prediction (12).
+        P: its covariance (12, 12), symmetric.
+        y: measurements (9).
+        delta: arrivals (3).
+        V2: covariances that came with them (3, 3, 3).
+        u: control less hover (4).
+        Phi: dynamics (12, 12).
+        Gamma: input (12, 4).
+        noise: W, V and scale.
+        work: room to compute in (43, 12).
+    """
+    U, S, z, FP, x_new = work[0:9], work[9:18], work[18], work[30:42], work[42]
+    m, n_counted, total = 0, 0, 0.0
+    used, n_used = np.empty(3, dtype=np.int64), 0
+    for turn in range(6):  # what is counted comes first, so that the first pivots are its own density
+        s = turn % 3
+        if delta[s] == 0.0 or (noise.counted[s] == 0.0) != (turn >= 3):
+            continue
+        for i in range(3):
+            row = STATE_OF_ROW[3 * s + i]
+            z[m + i] = y[3 * s + i] - x[row]
+            for j in range(12):
+                U[m + i, j] = P[row, j]
+            for a in range(n_used):
+                for j in range(3):
+                    S[m + i, 3 * a + j] = P[row, STATE_OF_ROW[3 * used[a] + j]]
+            for j in range(3):
+                V = noise.scale[s] * V2[s, i, j] if noise.scale[s] > 0.0 else noise.V[s, i, j]
+                S[m + i, m + j] = P[row, STATE_OF_ROW[3 * s + j]] + V
+        used[n_used] = s
+        n_used += 1
+        m += 3
+        if turn < 3:
+            n_counted += 3
+    for i in range(m):
+        for j in range(i + 1):
+            for k in range(j):
+                S[i, j] -= S[i, k] * S[j, k]
+            if j < i:
+                S[i, j] /= S[j, j]
+        S[i, i] = np.sqrt(S[i, i])  # NaN if S is not positive definite: then so is log L
+        for k in range(i):
+            z[i] -= S[i, k] * z[k]
+            for j in range(12):
+                U[i, j] -= S[i, k] * U[k, j]
+        z[i] /= S[i, i]
+        for j in range(12):
+            U[i, j] /= S[i, i]
+            x[j] += U[i, j] * z[i]
+        if i < n_counted:
+            total -= 0.5 * (np.log(2.0 * np.pi) + z[i] ** 2) + np.log(S[i, i])
+    for a in range(m):
+        for i in range(12):
+            for j in range(i, 12):
+                P[i, j] -= U[a, i] * U[a, j]
+    for i in range(12):
+        for j in range(i):
+            P[i, j] = P[j, i]
+    for i in range(12):
+        x_new[i] = 0.0
+        for j in range(12):
+            FP[i, j] = 0.0
+        for k in range(12):
+            if Phi[i, k] != 0.0:
+                x_new[i] += Phi[i, k] * x[k]
+                for j in range(12):
+                    FP[i, j] += Phi[i, k] * P[k, j]
+        for k in range(4):
+            x_new[i] += Gamma[i, k] * u[k]
+    x[:] = x_new
+    P[:] = noise.W
+    for j in range(12):
+        for k in range(12):
+            if Phi[j, k] != 0.0:
+                for i in range(j + 1):
+                    P[i, j] += FP[i, k] * Phi[j, k]
+    for i in range(12):
+        for j in range(i):
+            P[i, j] = P[j, i]
+    return total
+
+
+@njit(cache=True)
+def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray, counts: np.ndarray) -> float:
+    """Return log L of one record; NaN if a covariance is not positive definite.
+
+    Args:
+        record: the record.
+        noise: W and V.
+        Phi: discrete hover dynamics (12, 12).
+        Gamma: discrete control input (12, 4).
+        counts: which ticks count (n); the others are filtered all the same.
+    """
+    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12)), 0.0
+    for k in range(record.y.shape[0]):
+        share = predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
+        if counts[k]:
+            total += share
+    return total
+
+
+@njit(cache=True)
+def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return xhat_{k|k-1} (n, 12) and P_k (n, 12, 12) of a filter with this W and V on a record.
+
+    Arguments as in log_likelihood.
+    """
+    n = record.y.shape[0]
+    x, P, work = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12))
+    estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))
+    for k in range(n):
+        estimates[k], covariances[k] = x, P
+        predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
+    return estimates, covariances
+
+
+def used_covariance(V2: np.ndarray, noise: NoiseModel) -> np.ndarray:
+    """Return the covariances (n, 3, 3, 3) that a filter with this V takes for those that came (n, 3, 3, 3)."""
+    from_record = noise.scale[:, np.newaxis, np.newaxis]
+    return np.where(from_record > 0.0, from_record * V2, noise.V)

@@ -1,0 +1,81 @@
+"""The filter's W and V as the numbers a scenario states them by, and back.
+
+Each number is named by its place in the scenario. A position sensor whose V is null takes its covariance from each fix;
+there the number that all these covariances follow is fitted in its place: the ranges' noise, with whose square the
+covariance of multilateration scales, or the box centre's sd. (With 'known_attitude' the filter's attitude error adds to
+a camera fix's covariance a part that does not follow center_sd; the fit scales it along. And boxes become fixes by the
+estimate in flight and this very center_sd: who flies the fitted number gets other fixes than those it was fitted to.)
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.typed_yaml import validate
+from ortilo_drake.onboard.estimator.kalman_filter import process_noise
+from ortilo_drake.scenario import DiagonalW, Scenario
+from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
+
+_SCALED_BY = {"uwb": "multilateration.noise", "camera": "landmark_fix.center_sd"}
+
+
+def noise_numbers(scenario: Scenario) -> dict[str, float]:
+    """Return the numbers that state W and V, by their place in the scenario; of V only the sensors that fly.
+
+    An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
+    """
+    W, V, found = scenario.filter.W, scenario.filter.V, {}
+    for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else ("force_sd", "torque_sd"):
+        found[f"filter.W.{name}"] = float(getattr(W, name))
+    if "uwb" in scenario.sensors and V.uwb is None:
+        noise = scenario.multilateration.noise
+        name, size = ("sd", noise.sd) if noise.kind == "constant" else ("fraction", noise.fraction)
+        found[f"multilateration.noise.{name}"] = size
+    if "camera" in scenario.sensors and V.camera is None:
+        found["landmark_fix.center_sd"] = scenario.landmark_fix.center_sd
+    for sensor in scenario.sensors:
+        triple = getattr(V, sensor)
+        if triple is not None:
+            found |= {f"filter.V.{sensor}.{i}": value for i, value in enumerate(triple)}
+    return {name: value for name, value in found.items() if value > 0.0}
+
+
+def sensor_of(name: str) -> str | None:
+    """Return which sensor's noise a number states; None of W's."""
+    if name.startswith("filter.W"):
+        return None
+    return next(s for s in SENSORS if name.startswith((f"filter.V.{s}.", _SCALED_BY.get(s, "?"))))
+
+
+def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
+    """Return the scenario with these numbers at their places."""
+    data = scenario.model_dump(mode="json")
+    for place, value in numbers.items():
+        *parents, last = place.split(".")
+        group: Any = data
+        for parent in parents:
+            group = group[parent]
+        group[int(last) if isinstance(group, list) else last] = float(value)
+    return validate(Scenario, data, scenario.name)
+
+
+def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...] = SENSORS) -> NoiseModel:
+    """Return W and V of a scenario's filter for a record that another one flew.
+
+    Args:
+        scenario: the scenario; its sensors and what V is taken from are those of the recorded one.
+        recorded: the scenario of the record.
+        counted: the sensors that the likelihood counts.
+    """
+    numbers, before, V = noise_numbers(scenario), noise_numbers(recorded), scenario.filter.V
+    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
+    model = NoiseModel(W, np.zeros((3, 3, 3)), np.zeros(3), np.array([float(s in counted) for s in SENSORS]))
+    for s, sensor in enumerate(SENSORS):
+        triple = getattr(V, sensor)
+        if triple is not None:
+            model.V[s] = np.diag(triple)
+            continue
+        scaled = next((name for name in numbers if sensor_of(name) == sensor), None)
+        model.scale[s] = 1.0 if scaled is None else (numbers[scaled] / before[scaled]) ** 2
+    return model

@@ -1,0 +1,235 @@
+"""Tuning: W and V fitted to recorded flights, as a scenario to fly, with what the filter was worth before and after."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+import yaml
+
+from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.flight.metrics import estimation_mse, position_nees
+from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
+from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.studies.consistency.consistency_flights import START, check_same_scenario, flown, regions
+from ortilo_drake.studies.tuning.fit_noise import LIFT_LOST, NoiseFit, fit_noise
+from ortilo_drake.studies.tuning.noise_likelihood import Record, refilter, used_covariance
+from ortilo_drake.studies.tuning.noise_settings import noise_model
+from ortilo_drake.theory.consistency.consistency import normalized_square, time_average
+
+BEFORE_LOSS = 1.0  # the last second before a loss is left out: no hover model holds there [s]
+SHORTEST = 5.0  # a flight of which less is left is of no use [s]
+_SUFFIX = "_tuned"
+
+
+class Tuning(NamedTuple):
+    """What ortilo tune found.
+
+    Attributes:
+        fit: the numbers.
+        used: file and seed of each flight that was used.
+        notes: what was left out or shortened, one line each.
+        before: NEES and NIS of the filter as it flew, see filter_figures.
+        after: the same of the fitted filter on the same measurements.
+    """
+
+    fit: NoiseFit
+    used: list[tuple[str, int]]
+    notes: list[str]
+    before: dict[str, Any]
+    after: dict[str, Any]
+
+
+def find_flights(places: Sequence[Path]) -> list[Path]:
+    """Return the files of flights, those in folders by name; InputError if a place is missing or a folder has none."""
+    files: list[Path] = []
+    for place in places:
+        if place.is_dir():
+            found = sorted(place.glob("*.nc"))
+            if not found:
+                raise InputError(f"{place}: no flights (*.nc) in this folder")
+            files += found
+        else:
+            files.append(place)
+    unique = list(dict.fromkeys(files))
+    if not unique:
+        raise InputError("flights: none given")
+    return unique
+
+
+def record_of(flight: xr.Dataset, scenario: Scenario) -> Record:
+    """Return what the filter of a flight was given."""
+    u = flight["control"].values - np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])
+    return Record(
+        np.ascontiguousarray(np.nan_to_num(flight["measurement"].values)),
+        np.ascontiguousarray(flight["arrival"].values, dtype=float),
+        np.ascontiguousarray(flight["measurement_covariance"].values),
+        np.ascontiguousarray(u),
+        flight["estimate"].values[0, :N_X].copy(),
+        flight["covariance"].values[0, :N_X, :N_X].copy(),
+    )
+
+
+def usable(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | None, str | None]:
+    """Return the part of a flight that can be used, None if there is too little, and a note if it is not all of it."""
+    lost = json.loads(flight.attrs["lost"])
+    part = flown(flight)
+    if lost is None and part.sizes["tick"] == flight.sizes["tick"]:
+        return (flight, None) if flight.sizes["tick"] * h >= SHORTEST else (None, f"{name}: too short, left out")
+    ticks = part.sizes["tick"] - round(BEFORE_LOSS / h)
+    cause = "lost" if lost is None else f"lost at {lost['time']:.1f} s ({lost['cause']})"
+    if ticks * h < SHORTEST:
+        return None, f"{name}: {cause}, left out"
+    return part.isel(tick=slice(0, ticks)), f"{name}: {cause}, used for its first {ticks * h:.1f} s"
+
+
+def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.Dataset]) -> dict[str, Any]:
+    """Return NEES of position by region, NIS by sensor and the MSE of a scenario's filter run over recorded flights.
+
+    Offline: the filter is given the measurements, covariances and controls that were recorded.
+
+    Args:
+        scenario: whose W and V.
+        recorded: the flights' own scenario.
+        flights: the flights.
+    """
+    noise = noise_model(scenario, recorded)
+    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    nees: list[np.ndarray] = []
+    nis: dict[str, list[np.ndarray]] = {sensor: [] for sensor in SENSORS}
+    squares, masks = [], [regions(flight) for flight in flights]
+    for flight in flights:
+        record = record_of(flight, scenario)
+        xhat, P = refilter(record, noise, Phi, Gamma)
+        error = xhat - flight["truth"].values
+        nees.append(normalized_square(error[:, :3], P[:, :3, :3]))
+        squares.append(np.mean(error[:, :3] ** 2, axis=0))
+        V2 = used_covariance(record.V2, noise)
+        for s, sensor in enumerate(SENSORS):
+            rows = STATE_OF_ROW[3 * s : 3 * s + 3]
+            e = flight["measurement"].values[:, 3 * s : 3 * s + 3] - xhat[:, rows]
+            nis[sensor].append(normalized_square(e, P[:, rows[0] : rows[0] + 3, rows[0] : rows[0] + 3] + V2[:, s]))
+    everywhere = [mask["all"] for mask in masks]
+    return {
+        "nees": {region: time_average(nees, [m[region] for m in masks], 3) for region in masks[0]},
+        "nis": {sensor: time_average(values, everywhere, 3) for sensor, values in nis.items()},
+        "mse": np.mean(squares, axis=0).tolist(),
+    }
+
+
+def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluations: None) -> Tuning:
+    """Fit W and V to flights of one scenario.
+
+    Args:
+        files: the flights.
+        progress: called with the number of likelihoods computed so far.
+
+    Raises:
+        InputError: if a file is no flight, they are of different scenarios, or there is nothing to fit to.
+    """
+    loaded = [load_flight(file) for file in files]
+    scenario = check_same_scenario(loaded, [str(file) for file in files])
+    flights, used, notes = [], [], []
+    for file, flight in zip(files, loaded, strict=True):
+        part, note = usable(flight, str(file), scenario.h)
+        if note:
+            notes.append(note)
+        if part is not None:
+            flights.append(part)
+            used.append((str(file), int(flight.attrs["seed"])))
+    if not flights:
+        raise InputError(f"{files[0]}: no flight of '{scenario.name}' is long enough to fit noise to")
+    settle = round(START / scenario.h)
+    fit = fit_noise(scenario, [record_of(flight, scenario) for flight in flights], settle, progress)
+    if fit.tilted > 0.0:
+        notes.append(
+            f"{fit.tilted:.1%} of the ticks did not count: the hover model loses more than {LIFT_LOST:.0%} of the lift "
+            f"to tilt, or did in the last {START:g} s"
+        )
+    if any(gate is not None for gate in (scenario.handler.uwb_gate, scenario.handler.camera_gate)):
+        notes.append("the handler's gates hid the worst fixes from the fit: V comes out too small")
+    fitted = with_seed(fit.scenario, 0).model_copy(update={"name": f"{scenario.name.removesuffix(_SUFFIX)}{_SUFFIX}"})
+    fit = fit._replace(scenario=fitted)
+    before, after = (filter_figures(s, scenario, flights) for s in (scenario, fitted))
+    return Tuning(fit, used, notes, before, after)
+
+
+def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callable[[], None]) -> dict[str, Any]:
+    """Fly the scenario before and after tuning on seeds that the fit has not seen, and compare.
+
+    Returns:
+        seeds; before and after: lost, and of the seeds that neither lost mse (per axis) and nees (of position).
+    """
+    first = max(seed for _, seed in tuning.used) + 1
+    seeds = list(range(first, first + count))
+    flights: dict[str, list[xr.Dataset]] = {"before": [], "after": []}
+    for name, scenario in (("before", before), ("after", tuning.fit.scenario)):
+        simulator = FlightSimulator(scenario)
+        for seed in seeds:
+            flights[name].append(flown(simulator.fly(seed)))
+            progress()
+    lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
+    both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]
+    result: dict[str, Any] = {"seeds": seeds}
+    for name, rows in flights.items():
+        kept = [rows[k] for k in both]
+        nees = [position_nees(f) for f in kept]
+        result[name] = {
+            "lost": sum(lost[name]),
+            "mse": np.mean([list(estimation_mse(f).values()) for f in kept], axis=0).tolist() if kept else None,
+            "nees": time_average(nees, [np.ones(len(n), dtype=bool) for n in nees], 3) if kept else None,
+        }
+    return result
+
+
+def overlay_text(tuning: Tuning) -> str:
+    """Return the tuned scenario as YAML that flies, the fit's figures in a comment before it."""
+    fit = tuning.fit
+    lines = [
+        f"{fit.scenario.name}: W and V by maximum likelihood from {len(tuning.used)} recorded flights (ortilo tune).",
+        f"log-likelihood {fit.log_likelihood[0]:.1f} before, {fit.log_likelihood[1]:.1f} after; counted: "
+        + ", ".join(fit.counted),
+        "number: before -> fitted (standard error; by the spread of the flights)",
+    ]
+    for name, value in fit.values.items():
+        if name in fit.kept:
+            lines.append(f"  {name}: {fit.before[name]:.6g} stays: {fit.kept[name]}")
+        else:
+            robust = f"{fit.robust_errors[name]:.2g}" if name in fit.robust_errors else "too few flights"
+            lines.append(f"  {name}: {fit.before[name]:.6g} -> {value:.6g} ({fit.errors[name]:.2g}; {robust})")
+    lines += ["from:", *(f"  {file}, seed {seed}" for file, seed in tuning.used), *tuning.notes]
+    # A file's name may hold anything, a line break included, that would end the comment.
+    header = "".join(f"# {line.encode('unicode_escape').decode('ascii')}\n" for line in lines)
+    return header + yaml.safe_dump(fit.scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=False)
+
+
+def tuning_data(tuning: Tuning) -> dict[str, Any]:
+    """Return a tuning as plain data for JSON."""
+    fit = tuning.fit
+    numbers = {
+        name: {
+            "before": fit.before[name],
+            "after": fit.values[name],
+            "standard_error": fit.errors.get(name),
+            "robust_error": fit.robust_errors.get(name),
+            "stays": fit.kept.get(name),
+        }
+        for name in fit.before
+    }
+    return {
+        "scenario": fit.scenario.name,
+        "flights": [{"file": file, "seed": seed} for file, seed in tuning.used],
+        "notes": tuning.notes,
+        "numbers": numbers,
+        "counted": list(fit.counted),
+        "tilted": fit.tilted,
+        "log_likelihood": {"before": fit.log_likelihood[0], "after": fit.log_likelihood[1]},
+        "before": tuning.before,
+        "after": tuning.after,
+    }

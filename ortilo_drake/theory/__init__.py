@@ -1,0 +1,1 @@
+"""Theorems on matrices; nothing here knows a scenario."""

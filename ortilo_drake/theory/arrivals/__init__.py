@@ -1,0 +1,1 @@
+"""Kalman filtering with intermittent observations: bounds, critical rates, simulation."""

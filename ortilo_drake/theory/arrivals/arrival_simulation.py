@@ -1,0 +1,96 @@
+"""Monte Carlo of the filter's covariance over drawn arrival sequences: what the bounds must enclose."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.theory.arrivals.arrivals import Model
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import averaged_update, predicted
+
+
+class MeanCovariance(NamedTuple):
+    """The covariance at the last tick, over many arrival sequences.
+
+    Attributes:
+        mean: of P (n, n).
+        standard_error: of the mean's diagonal (n).
+    """
+
+    mean: np.ndarray
+    standard_error: np.ndarray
+
+
+def draw_independent(probabilities: np.ndarray, runs: int, ticks: int, seed: int) -> np.ndarray:
+    """Return the pattern of each run and tick (runs, ticks), drawn independently.
+
+    Args:
+        probabilities: of the patterns (P).
+        runs: number of sequences.
+        ticks: length of each.
+        seed: of the generator.
+    """
+    return draw_markov(np.ones((1, 1)), np.atleast_2d(probabilities), np.ones(1), runs, ticks, seed)
+
+
+def draw_markov(
+    T: np.ndarray, probabilities: np.ndarray, initial: np.ndarray, runs: int, ticks: int, seed: int
+) -> np.ndarray:
+    """Return the pattern of each run and tick (runs, ticks), drawn by the mode of a Markov chain.
+
+    Args:
+        T: Pr(mode j next | mode i now) (M, M).
+        probabilities: of the patterns in each mode (M, P).
+        initial: of the modes at tick 0 (M).
+        runs: number of sequences.
+        ticks: length of each.
+        seed: of the generator.
+    """
+    rng = np.random.default_rng(seed)
+
+    def choose(table: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        edges = np.cumsum(table, axis=1)[:, :-1]
+        return np.sum(rng.random(len(rows))[:, None] >= edges[rows], axis=1)
+
+    mode = choose(np.atleast_2d(initial), np.zeros(runs, dtype=int))
+    patterns = np.empty((runs, ticks), dtype=np.int64)
+    for k in range(ticks):
+        patterns[:, k] = choose(probabilities, mode)
+        mode = choose(T, mode)
+    return patterns
+
+
+@njit(cache=True, nogil=True)
+def _last_covariances(
+    P_0: np.ndarray,
+    A: np.ndarray,
+    C: np.ndarray,
+    W: np.ndarray,
+    V: np.ndarray,
+    rows: np.ndarray,
+    patterns: np.ndarray,
+) -> np.ndarray:
+    """Return P after the last tick of each sequence of patterns (runs, ticks): (runs, n, n)."""
+    runs, ticks = patterns.shape
+    last = np.empty((runs, A.shape[0], A.shape[0]))
+    certain = np.ones(1)
+    for r in range(runs):
+        P = P_0.copy()
+        for k in range(ticks):
+            p = patterns[r, k]
+            P = predicted(averaged_update(P, C, V, rows[p : p + 1], certain), A, W)
+        last[r] = P
+    return last
+
+
+def simulate(model: Model, P_0: np.ndarray, patterns: np.ndarray) -> MeanCovariance:
+    """Return mean and standard error of P_k after the sequences, P_{k+1} = g_p(P_k) from P_0.
+
+    Args:
+        model: from vehicle_model or check_model.
+        P_0: covariance at tick 0 (n, n).
+        patterns: which pattern arrives in each run and tick (runs, ticks).
+    """
+    last = _last_covariances(np.ascontiguousarray(P_0, dtype=float), *model, patterns)
+    diagonals = np.diagonal(last, axis1=1, axis2=2)
+    return MeanCovariance(last.mean(axis=0), diagonals.std(axis=0, ddof=1) / np.sqrt(len(patterns)))

@@ -1,0 +1,110 @@
+"""Which sensors arrive in a tick, as patterns of the rows of C with probabilities.
+
+Pattern p keeps the rows `rows[p]` of (C, V): C_p = C[rows], V_p = V[rows, rows]. For the vehicle the rows are uwb,
+camera and imu, and the imu arrives in every tick.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.modes.modes import Mode, unseen_modes
+from ortilo_drake.theory.riccati.riccati_problem import real_matrices
+
+# Rows of y by pattern: none, uwb, camera, both, each with the imu (4 x 9).
+PATTERN_ROWS = np.array([[u] * 3 + [c] * 3 + [True] * 3 for c in (False, True) for u in (False, True)])
+PATTERN_NAMES = ("imu", "imu+uwb", "imu+camera", "imu+uwb+camera")
+
+
+class Model(NamedTuple):
+    """A filter's model x_{k+1} = A x_k + w_k, y_k = C x_k + v_k, of which pattern p sees rows[p].
+
+    Attributes:
+        A: dynamics (n, n).
+        C: output (m, n).
+        W: covariance of w (n, n).
+        V: covariance of v (m, m), positive definite.
+        rows: which rows of y each pattern has (P, m), bool.
+    """
+
+    A: np.ndarray
+    C: np.ndarray
+    W: np.ndarray
+    V: np.ndarray
+    rows: np.ndarray
+
+
+def check_rate(rate: float, name: str) -> float:
+    """Return an arrival rate per tick as a float; InputError unless it lies in [0, 1]."""
+    if not 0.0 <= rate <= 1.0:  # NaN fails as well
+        raise InputError(f"{name}: {rate}: an arrival rate must lie in [0, 1]")
+    return float(rate)
+
+
+def pattern_probabilities(uwb: float, camera: float) -> np.ndarray:
+    """Return the probabilities of PATTERN_ROWS for independent arrivals (4).
+
+    Args:
+        uwb: arrival rate of uwb per tick, in [0, 1].
+        camera: arrival rate of the camera per tick, in [0, 1].
+
+    Raises:
+        InputError: if a rate lies outside [0, 1].
+    """
+    u, c = check_rate(uwb, "arrival rate of uwb"), check_rate(camera, "arrival rate of camera")
+    return np.array([(1 - u) * (1 - c), u * (1 - c), (1 - u) * c, u * c])
+
+
+def check_model(model: Model) -> Model:
+    """Return the model as contiguous floats; InputError if it is complex or shapes, W or V are wrong."""
+    A, C, W, V = map(np.ascontiguousarray, real_matrices(A=model.A, C=model.C, W=model.W, V=model.V))
+    rows = np.ascontiguousarray(model.rows, dtype=bool)
+    n, m = A.shape[0], C.shape[0]
+    for name, M, shape in (("A", A, (n, n)), ("C", C, (m, n)), ("W", W, (n, n)), ("V", V, (m, m))):
+        if M.shape != shape:
+            raise InputError(f"{name}: shape {M.shape}: must be {shape}")
+        if not np.all(np.isfinite(M)):
+            raise InputError(f"{name}: must have finite entries")
+    if rows.ndim != 2 or rows.shape[1] != m:
+        raise InputError(f"rows: shape {rows.shape}: must be (patterns, {m})")
+    for name, M, least in (("W", W, -1e-12), ("V", V, 0.0)):
+        if not np.allclose(M, M.T, rtol=1e-9, atol=1e-300):
+            raise InputError(f"{name}: must be symmetric")
+        eigenvalues = np.linalg.eigvalsh(M) if M.size else np.ones(1)
+        if not eigenvalues[0] > least * max(eigenvalues[-1], 1.0) and not (name == "W" and eigenvalues[0] >= 0.0):
+            kind = "positive definite" if name == "V" else "positive semidefinite"
+            raise InputError(f"{name}: smallest eigenvalue {eigenvalues[0]:.3g}: must be {kind}")
+    return Model(A, C, W, V, rows)
+
+
+def never_seen(model: Model, probabilities: np.ndarray) -> list[Mode]:
+    """Return the modes of A with |eigenvalue| >= 1 that no pattern of positive probability sees.
+
+    Args:
+        model: the model.
+        probabilities: of the patterns (P), or of the patterns in each mode of a chain (M, P).
+    """
+    possible = np.atleast_2d(probabilities).max(axis=0) > 0.0
+    seen = model.rows[possible].any(axis=0)
+    return unseen_modes(model.A, model.C * seen[:, None])
+
+
+def check_arrivals(model: Model, probabilities: np.ndarray, what: str) -> None:
+    """Do nothing if the probabilities sum to one and what they let through detects A; else InputError.
+
+    Args:
+        model: the model.
+        probabilities: (P) or, for each of several modes of a chain, (M, P).
+        what: what an error is about, its first words.
+    """
+    each = np.atleast_2d(probabilities)
+    if each.shape[1] != len(model.rows):
+        raise InputError(f"{what}: {each.shape[1]} probabilities for {len(model.rows)} patterns")
+    if not np.all(each >= 0.0) or not np.allclose(each.sum(axis=1), 1.0, rtol=0.0, atol=1e-9):
+        raise InputError(f"{what}: the probabilities of the patterns must be at least 0 and sum to 1")
+    unseen = never_seen(model, each)
+    if unseen:
+        raise InputError(
+            f"{what}: nothing that ever arrives sees {'; '.join(map(str, unseen))}: the covariance grows without bound"
+        )

@@ -1,0 +1,161 @@
+"""The lowest arrival probability at which the expected error covariance stays bounded, classically.
+
+x_{k+1} = A x_k + w_k, and all of y_k = C x_k + v_k arrives with probability l, independently in each tick. There is a
+critical l_c: above it E[P_k] is bounded from every start, below it E[P_k] grows without bound from some
+(B. Sinopoli et al., "Kalman filtering with intermittent observations", IEEE TAC 49(9), 2004, theorem 2), and
+
+    1 - 1 / max|s|^2  <=  l_c  <=  l_mare  <=  1 - 1 / prod |s_u|^2,
+
+s the eigenvalues of A, s_u those outside the unit circle (L. Schenato, B. Sinopoli, M. Franceschetti, K. Poolla,
+S. S. Sastry, "Foundations of control and estimation over lossy networks", Proc. IEEE 95(1), 2007, lemma 5.4). l_mare is
+where g's fixed point begins to exist, the matrix inequality of Sinopoli et al., theorem 5. The lower end is l_c itself
+where C has full column rank on the unstable subspace (K. Plarre, F. Bullo, "On Kalman filtering for detectable systems
+with intermittent observations", IEEE TAC 54(2), 2009) and for every system that is not degenerate (Y. Mo, B. Sinopoli,
+"Kalman filtering with intermittent observations: tail distribution and critical value", IEEE TAC 57(3), 2012).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import schur
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.modes.modes import unseen_modes
+from ortilo_drake.theory.riccati.riccati_problem import real_matrices
+
+ON_THE_CIRCLE = 1e-6  # |s| up to 1 + this counts as on the unit circle
+_WIDTH = 1e-6  # of the last bracket of l_mare
+_POWER_STEPS = 400  # where they do not decide, l counts as too low, so that l_mare errs upwards
+
+
+class CriticalRate(NamedTuple):
+    """What is known of l_c for a pair (A, C).
+
+    Attributes:
+        rate: l_c, or None where only the bounds are known.
+        lower: 1 - 1 / max|s|^2, 0 if no |s| exceeds 1.
+        upper: l_mare.
+        hypotheses: each hypothesis checked and what came out.
+        sentence: the result in words.
+    """
+
+    rate: float | None
+    lower: float
+    upper: float
+    hypotheses: dict[str, bool]
+    sentence: str
+
+
+def unstable_part(A: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A_u (k, k) and C_u (m, k): A and C on the invariant subspace of eigenvalues outside the unit circle."""
+    T, Z, k = schur(np.asarray(A, dtype=complex), output="complex", sort=lambda s: abs(s) > 1.0 + ON_THE_CIRCLE)
+    return T[:k, :k], C @ Z[:, :k]
+
+
+def is_nondegenerate(A_u: np.ndarray, C_u: np.ndarray) -> bool:
+    """Return whether A_u is diagonalisable and C sees each group of equal |s| in one step (Mo and Sinopoli, 2012)."""
+    s, S = np.linalg.eig(A_u)
+    if np.linalg.cond(S) > 1e8:
+        return False
+    for modulus in np.unique(np.round(np.abs(s), 8)):
+        group = C_u @ S[:, np.abs(np.abs(s) - modulus) < 1e-7]
+        if np.linalg.matrix_rank(group, tol=1e-9 * float(np.linalg.norm(C_u))) < group.shape[1]:
+            return False
+    return True
+
+
+def mare_growth(A: np.ndarray, C: np.ndarray, rate: float) -> tuple[float, float]:
+    """Return bounds on r, the growth rate of h(X) = A X A* - l A X C* (C X C*)^-1 C X A*, from below and above.
+
+    h is what is left of g where X is large; it is monotone and homogeneous, so g has a fixed point where r < 1 and none
+    where r > 1. For any X > 0, the least and largest eigenvalue of X^-1 h(X) enclose r (Collatz and Wielandt); X comes
+    from the power method. That X > h(X) for some X is the matrix inequality of Sinopoli et al., theorem 5.
+
+    Args:
+        A: dynamics (n, n), invertible.
+        C: output (m, n).
+        rate: l, in [0, 1).
+    """
+    U, s, _ = np.linalg.svd(C, full_matrices=False)
+    C = (U.conj().T @ C)[s > 1e-12 * s[0]]  # rows that say nothing new are left out
+    X = np.eye(len(A), dtype=complex)
+    low, high = 0.0, np.inf
+    for _ in range(_POWER_STEPS):
+        CX = C @ X
+        hX = A @ (X - rate * CX.conj().T @ np.linalg.solve(CX @ C.conj().T, CX)) @ A.conj().T
+        hX = (hX + hX.conj().T) / 2.0
+        R = np.linalg.inv(np.linalg.cholesky(X))
+        spread = np.linalg.eigvalsh(R @ hX @ R.conj().T)
+        low, high = max(low, float(spread[0])), min(high, float(spread[-1]))
+        if low > 1.0 or high < 1.0 or high - low < 1e-9:
+            break
+        X = hX / np.trace(hX).real + X / np.trace(X).real  # the shift keeps X away from the border and from turning
+    return low, high
+
+
+def mare_critical_rate(A: np.ndarray, C: np.ndarray) -> float:
+    """Return l_mare to 1e-6, from above: the least l at which g has a fixed point; A has only unstable eigenvalues."""
+    moduli = np.abs(np.linalg.eigvals(A))
+    below, above = (float(1.0 - 1.0 / size**2) for size in (np.max(moduli), np.prod(moduli)))
+    while above - below > _WIDTH:
+        middle = (below + above) / 2.0
+        if mare_growth(A, C, middle)[1] < 1.0:
+            above = middle
+        else:
+            below = middle
+    return above
+
+
+def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
+    """Return what is known of the critical arrival probability of (A, C), with the hypotheses checked.
+
+    Args:
+        A: dynamics (n, n).
+        C: output (m, n), all of which arrives or nothing.
+
+    Raises:
+        InputError: if (A, C) is not detectable; its eigenvalues and states are named.
+    """
+    A, C = (np.atleast_2d(M) for M in real_matrices(A=A, C=C))
+    unseen = unseen_modes(A, C)
+    if unseen:
+        raise InputError(f"critical rate: (A, C) is not detectable: C never sees {'; '.join(map(str, unseen))}")
+    A_u, C_u = unstable_part(A, C)
+    k = len(A_u)
+    largest = float(np.max(np.abs(np.linalg.eigvals(A)))) if k else 1.0
+    lower = 1.0 - 1.0 / largest**2
+    hypotheses = {
+        "(A, C) detectable": True,
+        "A has eigenvalues outside the unit circle": k > 0,
+        "C has full column rank on the unstable subspace": k > 0 and int(np.linalg.matrix_rank(C_u)) == k,
+        "A is diagonalisable there and C sees each group of equal modulus in one step": k > 0
+        and is_nondegenerate(A_u, C_u),
+    }
+    if k == 0:
+        sentence = (
+            "No eigenvalue of A lies outside the unit circle, so the product over the unstable ones is empty and both "
+            "bounds are 0: the covariance stays bounded at every arrival probability above 0. The classical critical "
+            "probability is 0 and says nothing of how large the error becomes."
+        )
+        return CriticalRate(0.0, 0.0, 0.0, hypotheses, sentence)
+    full_rank, nondegenerate = list(hypotheses.values())[2:]
+    upper = lower if full_rank else mare_critical_rate(A_u, C_u)
+    if full_rank or nondegenerate:
+        why = "C has full column rank on the unstable subspace" if full_rank else "the pair is not degenerate"
+        sentence = f"The critical arrival probability is 1 - 1/{largest:.6g}^2 = {lower:.6g}, since {why}."
+        return CriticalRate(lower, lower, upper, hypotheses, sentence)
+    sentence = f"The critical arrival probability lies between {lower:.6g} and {upper:.6g}; no theorem here says where."
+    return CriticalRate(None, lower, upper, hypotheses, sentence)
+
+
+def critical_recovery(A: np.ndarray) -> float:
+    """Return q_c = 1 - 1/max|s|^2: bursts that end with probability q per tick need q > q_c.
+
+    For a Gilbert-Elliott channel that loses everything while bad and nothing while good, max|s|^2 (1 - q) < 1 is
+    necessary, and for scalar or fully observed unstable systems sufficient, for a bounded E[P]
+    (M. Huang, S. Dey, Automatica 43(4), 2007).
+
+    Args:
+        A: dynamics (n, n).
+    """
+    return max(0.0, 1.0 - 1.0 / float(np.max(np.abs(np.linalg.eigvals(np.atleast_2d(A))))) ** 2)

@@ -1,0 +1,154 @@
+"""The error covariance of a filter whose measurements arrive by chance, between two bounds.
+
+Arrivals are independent from tick to tick; in each, pattern p of sensors arrives with Pr(p). The covariance P_k of the
+one-step predictor is then random, P_{k+1} = g_p(P_k), and g, the mean of the g_p, is concave and monotone, so that
+E[P_{k+1}] <= g(E[P_k]) (Jensen). With
+
+    g(X) = A X A^T + W - sum_p Pr(p) A X C_p^T (C_p X C_p^T + V_p)^-1 C_p X A^T
+
+the fixed point X = g(X) bounds the limit of E[P_k] from above, and X = (1 - l) A X A^T + W, l the probability that
+anything arrives, from below (B. Sinopoli, L. Schenato, M. Franceschetti, K. Poolla, M. I. Jordan, S. S. Sastry, "Kalman
+filtering with intermittent observations", IEEE TAC 49(9), 2004, theorems 3 and 4).
+"""
+
+import numpy as np
+
+from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.theory.arrivals.arrivals import PATTERN_ROWS, Model, check_arrivals, check_model, check_rate
+from ortilo_drake.theory.arrivals.coupled_fixed_point import DIVERGED, SETTLED, coupled_fixed_point
+from ortilo_drake.theory.modes.modes import unseen_modes
+
+TOLERANCE = 1e-9  # relative to the variances, of the fixed point itself and not of the last step
+MOST_ITERATIONS = 200_000
+
+TRANSLATION = np.array([0, 1, 2, 6, 7, 8])  # position and velocity among the twelve states
+ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates
+
+
+def vehicle_model(W: np.ndarray, V: np.ndarray, h: float) -> Model:
+    """Return the vehicle's filter model at hover; patterns as arrivals.PATTERN_ROWS.
+
+    Args:
+        W: process noise per tick (12 x 12).
+        V: measurement noise of uwb, camera, imu (9 x 9).
+        h: tick [s].
+
+    Raises:
+        InputError: if a matrix has a wrong shape or sign.
+    """
+    Phi, _ = discretize(hover_A(), hover_B(M100), h)  # Phi is the same for every vehicle
+    return check_model(Model(Phi, output_C(), W, V, PATTERN_ROWS))
+
+
+def solve_coupled(
+    model: Model, probabilities: np.ndarray, backward: np.ndarray, start: np.ndarray | None, what: str
+) -> np.ndarray:
+    """Return the fixed point X (M, n, n) of X_j = sum_i backward[j, i] g_i(X_i).
+
+    Args:
+        model: checked by check_model.
+        probabilities: of the patterns in each mode (M, P).
+        backward: Pr(mode before = i | mode now = j) (M, M).
+        start: where to start (M, n, n), or None for W.
+        what: what an error is about, its first words.
+
+    Raises:
+        InputError: if there is none, because some mode of A is never seen or too seldom, or it is not reached.
+    """
+    check_arrivals(model, probabilities, what)
+    X = np.repeat(model.W[None], len(probabilities), axis=0) if start is None else np.ascontiguousarray(start)
+    X, iterations, state, to_come = coupled_fixed_point(
+        X, *model, np.ascontiguousarray(probabilities), np.ascontiguousarray(backward), TOLERANCE, MOST_ITERATIONS
+    )
+    if state == DIVERGED:
+        growing = unseen_modes(model.A, 0.0 * model.C, radius=1.0 + 1e-6)
+        raise InputError(
+            f"{what}: the covariance grows without bound, for {'; '.join(map(str, growing))} is seen too seldom"
+        )
+    if state != SETTLED:
+        raise InputError(f"{what}: not settled to {TOLERANCE:g} after {iterations} iterations ({to_come:.1g} to come)")
+    return X
+
+
+def upper_bound(model: Model, probabilities: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+    """Return X = g(X) (n, n), which bounds the limit of E[P_k] from above, to 1e-9 relative.
+
+    Args:
+        model: from vehicle_model or check_model.
+        probabilities: of the model's patterns (P).
+        start: where to start the iteration (n, n), or None for W.
+
+    Raises:
+        InputError: if the probabilities are none, or X does not exist; the modes concerned are named.
+    """
+    first = None if start is None else start[None]
+    return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), first, "expected Riccati equation")[0]
+
+
+def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray:
+    """Return X = (1 - l) A X A^T + W (n, n), which bounds the limit of E[P_k] from below; inf where there is none.
+
+    Sinopoli et al. (2004), theorem 4: an arrival can at best bring the error back to W. It exists while
+    (1 - l) max|eigenvalue of A|^2 < 1.
+
+    Args:
+        A: dynamics (n, n).
+        W: process noise (n, n).
+        arrival_rate: l, probability that anything arrives in a tick, in [0, 1].
+
+    Raises:
+        InputError: if the rate lies outside [0, 1].
+    """
+    missed = np.array([1.0 - check_rate(arrival_rate, "arrival rate")])
+    return coupled_lower_bound(A, W, missed, np.ones((1, 1)))[0]
+
+
+def coupled_lower_bound(A: np.ndarray, W: np.ndarray, missed: np.ndarray, backward: np.ndarray) -> np.ndarray:
+    """Return X (M, n, n) with X_j = sum_i backward[j, i] (missed_i A X_i A^T + W); inf where there is none.
+
+    Args:
+        A: dynamics (n, n).
+        W: process noise (n, n).
+        missed: probability that nothing arrives in each mode (M).
+        backward: Pr(mode before = i | mode now = j) (M, M).
+    """
+    n, modes = A.shape[0], len(missed)
+    missing = backward * missed
+    growth = np.max(np.abs(np.linalg.eigvals(missing))) * np.max(np.abs(np.linalg.eigvals(A))) ** 2
+    if growth >= 1.0 - 1e-12:
+        return np.full((modes, n, n), np.inf)
+    system = np.eye(modes * n * n) - np.kron(missing, np.kron(A, A))
+    X = np.linalg.solve(system, np.tile(W.ravel(), modes)).reshape(modes, n, n)
+    return (X + X.transpose(0, 2, 1)) / 2.0
+
+
+def translation_noise(W: np.ndarray) -> np.ndarray:
+    """Return W_t = W_tt - W_tr W_rr^+ W_rt (6 x 6): the noise of position and velocity once that of the rest is known.
+
+    Who knows attitude and rates exactly knows their noise, and by it what of the position's comes with it. Where W has
+    no such cross terms this is W_tt.
+    """
+    W_tr, W_rr = W[np.ix_(TRANSLATION, ROTATION)], W[np.ix_(ROTATION, ROTATION)]
+    W_t = W[np.ix_(TRANSLATION, TRANSLATION)] - W_tr @ np.linalg.pinv(W_rr, rcond=1e-12, hermitian=True) @ W_tr.T
+    return np.asarray((W_t + W_t.T) / 2.0)
+
+
+def translation_lower_bound(Phi: np.ndarray, W: np.ndarray, uwb: float, camera: float) -> np.ndarray:
+    """Return X = (1 - l_uwb)(1 - l_camera) Phi_t X Phi_t^T + W_t (6 x 6), below the limit of E[P_k].
+
+    Rows x, y, z, x_dot, y_dot, z_dot. Holds for position and velocity: the bound of lower_bound for a filter that knows
+    attitude and rates as well, whose P can only be smaller. inf where neither sensor ever arrives.
+
+    Args:
+        Phi: hover dynamics (12 x 12).
+        W: process noise (12 x 12).
+        uwb: arrival rate of uwb, in [0, 1].
+        camera: arrival rate of the camera, in [0, 1].
+
+    Raises:
+        InputError: if a rate lies outside [0, 1].
+    """
+    u, c = check_rate(uwb, "arrival rate of uwb"), check_rate(camera, "arrival rate of camera")
+    return lower_bound(Phi[np.ix_(TRANSLATION, TRANSLATION)], translation_noise(W), 1.0 - (1.0 - u) * (1.0 - c))

@@ -1,0 +1,103 @@
+"""The expected Riccati equation when arrivals follow a Markov chain: bursts (Gilbert-Elliott) and slow sensors.
+
+The chain's mode i decides the patterns' probabilities. With X_j the mean of P_k while the mode is j, concavity gives
+
+    X_j(k+1) <= sum_i Pr(mode before = i | mode now = j) g_i(X_i(k)),   g_i(X) = sum_p Pr(p | i) g_p(X)
+
+so the fixed point of these coupled equations bounds each mode's mean of P from above, and sum_j pi_j X_j the mean over
+all. They are the filtering equations of a Markov jump linear system (O. L. V. Costa, M. D. Fragoso, R. P. Marques,
+"Discrete-Time Markov Jump Linear Systems", Springer 2005, chapter 5) in conditional form; stability of the scalar case:
+M. Huang, S. Dey, "Stability of Kalman filtering with Markovian packet losses", Automatica 43(4), 2007.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.arrivals.arrivals import Model
+from ortilo_drake.theory.arrivals.expected_riccati import (
+    ROTATION,
+    TRANSLATION,
+    coupled_lower_bound,
+    solve_coupled,
+    translation_noise,
+)
+
+_RARE = 1e-14  # a mode visited less often is not visited
+
+
+class ArrivalChain(NamedTuple):
+    """A Markov chain of modes, each with probabilities of the arrival patterns; only modes that recur.
+
+    Attributes:
+        T: Pr(mode j next | mode i now) (M, M).
+        probabilities: of the patterns in each mode (M, P).
+        stationary: share of time in each mode, pi = pi T (M).
+        backward: Pr(mode before = i | mode now = j) = pi_i T_ij / pi_j (M, M).
+    """
+
+    T: np.ndarray
+    probabilities: np.ndarray
+    stationary: np.ndarray
+    backward: np.ndarray
+
+
+def arrival_chain(T: np.ndarray, probabilities: np.ndarray, start: int = 0) -> ArrivalChain:
+    """Return the chain restricted to the modes in which it stays for ever, coming from one mode.
+
+    Args:
+        T: Pr(mode j next | mode i now) (M, M).
+        probabilities: of the patterns in each mode (M, P).
+        start: the mode it starts in.
+
+    Raises:
+        InputError: if a row of T is no probability distribution.
+    """
+    T = np.array(T, dtype=float)
+    if not np.all(T >= 0.0) or not np.allclose(T.sum(axis=1), 1.0, rtol=0.0, atol=1e-9):
+        raise InputError("Markov chain: the rows of T must be at least 0 and sum to 1")
+    # The mean of T^k over time, row `start`; (I + T) / 2 has the same and is never periodic.
+    limit = (np.eye(len(T)) + T) / 2.0
+    for _ in range(60):
+        limit = limit @ limit
+        limit /= limit.sum(axis=1, keepdims=True)
+    kept = limit[start] > _RARE
+    T, pi = T[np.ix_(kept, kept)], limit[start, kept] / limit[start, kept].sum()
+    backward = (pi[:, None] * T / pi[None, :]).T
+    backward = np.ascontiguousarray(backward / backward.sum(axis=1, keepdims=True))
+    return ArrivalChain(T, np.asarray(probabilities)[kept], pi, backward)
+
+
+def markov_upper_bound(model: Model, chain: ArrivalChain, start: np.ndarray | None = None) -> np.ndarray:
+    """Return X (M, n, n), each mode's bound on the mean of P; average_over_modes gives the bound on E[P].
+
+    Args:
+        model: from expected_riccati.vehicle_model or arrivals.check_model.
+        chain: see arrival_chain.
+        start: where to start the iteration (M, n, n), or None for W.
+
+    Raises:
+        InputError: if there is no fixed point; the modes of A concerned are named.
+    """
+    return solve_coupled(model, chain.probabilities, chain.backward, start, "coupled Riccati equations")
+
+
+def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
+    """Return sum_j pi_j X_j (n, n) of X (M, n, n)."""
+    return np.einsum("m,mij->ij", chain.stationary, X)
+
+
+def markov_translation_lower_bound(model: Model, chain: ArrivalChain) -> np.ndarray:
+    """Return each mode's bound from below on the mean of P of position and velocity (M, 6, 6).
+
+    As expected_riccati.translation_lower_bound, mode by mode: an arrival can at best bring the error back to W_t.
+
+    Args:
+        model: of the vehicle, from expected_riccati.vehicle_model.
+        chain: over arrivals.PATTERN_ROWS.
+    """
+    Phi_t = model.A[np.ix_(TRANSLATION, TRANSLATION)]
+    if np.any(model.A[np.ix_(ROTATION, TRANSLATION)]):
+        raise InputError("lower bound: attitude must not depend on position")
+    return coupled_lower_bound(Phi_t, translation_noise(model.W), chain.probabilities[:, 0], chain.backward)

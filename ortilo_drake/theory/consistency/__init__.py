@@ -1,0 +1,1 @@
+"""Statistics of a filter's errors and innovations."""

@@ -1,0 +1,1 @@
+"""Jump-linear systems: mean-square stability and second moments."""

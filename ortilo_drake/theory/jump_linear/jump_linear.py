@@ -1,0 +1,126 @@
+"""Second moments of a jump-linear system: a matrix drawn anew every tick.
+
+    z_{k+1} = A_k(p_k) z_k + n_k,   Pr(p_k = p | mode i) = chance[i, p],   Pr(mode j next | mode i) = transition[i, j]
+
+with n white of covariance N_k, and A_k, N_k of period T in k. S_i = E[z z^T 1{mode = i}] obeys, tick by tick,
+
+    S_j' = sum_i transition[i, j] (sum_p chance[i, p] A(p) S_i A(p)^T + pi_i N),   pi' = pi transition      (*)
+
+The system is mean-square stable if and only if the linear part of (*) over one period has spectral radius < 1:
+O. L. V. Costa, M. D. Fragoso and R. P. Marques, "Discrete-Time Markov Jump Linear Systems" (Springer, 2005), theorems
+3.9 and 3.33. With one mode its matrix is sum_p Pr(p) A(p) kron A(p). That matrix is never made for large systems.
+"""
+
+import contextlib
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
+
+from ortilo_drake.model.typed_yaml import InputError
+
+DENSE = 100  # up to this many unknowns the operator's matrix is made and all its eigenvalues found
+NEAR = 4  # eigenvalues asked of ARPACK: slow modes of several axes lie close together
+MARGIN = 1e-7  # a radius closer to 1 than this counts as not stable; clustered eigenvalues are found to about 1e-8
+
+
+class JumpLinear(NamedTuple):
+    """A jump-linear system of period T with P patterns and M modes.
+
+    Attributes:
+        A: the matrices (T, P, n, n).
+        N: covariance of the noise that enters in each tick (T, n, n).
+        chance: probability of each pattern in each mode (M, P).
+        transition: of the modes from one tick to the next (M, M).
+    """
+
+    A: np.ndarray
+    N: np.ndarray
+    chance: np.ndarray
+    transition: np.ndarray
+
+
+def stationary(transition: np.ndarray) -> np.ndarray:
+    """Return pi (M) with pi = pi transition, sum 1, for a chain with one recurrent class."""
+    M = len(transition)
+    equations = np.vstack([transition.T - np.eye(M), np.ones(M)])
+    return np.linalg.lstsq(equations, np.append(np.zeros(M), 1.0), rcond=None)[0]
+
+
+@njit(cache=True)
+def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return the linear part of (*) with a tick's A (P, n, n) applied to S (M, n, n)."""
+    after = np.zeros(S.shape)
+    for i in range(S.shape[0]):
+        within = np.zeros(S.shape[1:])
+        for p in range(A.shape[0]):
+            if chance[i, p] != 0.0:
+                within += chance[i, p] * (A[p] @ S[i] @ A[p].T)
+        for j in range(S.shape[0]):
+            after[j] += transition[i, j] * within
+    return after
+
+
+@njit(cache=True)
+def over_a_period(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return the linear part of (*) over a period, A (T, P, n, n), applied to S (M, n, n)."""
+    for k in range(A.shape[0]):
+        S = over_a_tick(A[k], chance, transition, S)
+    return S
+
+
+def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
+    """Return the spectral radius of the second moment's operator, as growth per tick (the T-th root).
+
+    By Perron and Frobenius on the cone of positive semidefinite matrices it is itself an eigenvalue, with a symmetric
+    eigenvector, so the operator is taken on symmetric S alone. Its eigenvalues come from ARPACK (Arnoldi iteration);
+    where they lie too close together for it, or are no more than largest_dense, from the operator's matrix.
+    """
+    M, n, T = len(system.transition), system.A.shape[-1], len(system.A)
+    upper = np.triu_indices(n)
+    size = M * len(upper[0])
+    parts = np.ascontiguousarray(system.A), system.chance, system.transition
+
+    def apply(s: np.ndarray) -> np.ndarray:
+        S = np.zeros((M, n, n))
+        S[:, upper[0], upper[1]] = S[:, upper[1], upper[0]] = s.reshape(M, -1)
+        return over_a_period(*parts, S)[:, upper[0], upper[1]].ravel()
+
+    if size > largest_dense:
+        start = np.tile(np.eye(n)[upper], M)
+        operator = LinearOperator((size, size), matvec=apply, dtype=float)
+        with contextlib.suppress(ArpackError):
+            found = eigs(operator, k=NEAR, ncv=60, v0=start, maxiter=20, tol=1e-9, return_eigenvectors=False)
+            return float(np.max(np.abs(found))) ** (1.0 / T)
+    values = np.linalg.eigvals(np.column_stack([apply(e) for e in np.eye(size)]))
+    return float(np.max(np.abs(values))) ** (1.0 / T)
+
+
+def steady_second_moment(system: JumpLinear, accuracy: float = 1e-9) -> np.ndarray:
+    """Return E[z z^T] in the steady state at each tick of the period (T, n, n).
+
+    It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral
+    radius, is below the accuracy relative to the trace.
+
+    Raises:
+        InputError: if the system is not mean-square stable.
+    """
+    radius = mean_square_radius(system)
+    if not radius < 1.0 - MARGIN:
+        raise InputError(f"second moment: grows by {radius:.6f} a tick, so there is no steady one")
+    A = np.ascontiguousarray(system.A)
+    n, T = A.shape[-1], len(A)
+    S = np.zeros((len(system.transition), n, n))
+    pi = stationary(system.transition)
+    phases = np.zeros((T, n, n))
+    noise = np.einsum("ij,i,kab->kjab", system.transition, pi, system.N)
+    to_come = radius**T / (1.0 - radius**T)
+    while True:
+        before = S
+        for k in range(T):
+            phases[k] = S.sum(axis=0)
+            S = over_a_tick(A[k], system.chance, system.transition, S) + noise[k]
+        change = np.abs(np.diagonal(S - before, axis1=1, axis2=2)).sum(axis=0)
+        if np.all(change * max(to_come, 1.0) <= accuracy * np.diagonal(S, axis1=1, axis2=2).sum(axis=0)):
+            return phases

@@ -1,0 +1,121 @@
+"""Loop margins at the plant's input: how wrong gain, phase or timing of one control may be before the loop is lost.
+
+The loop is the sampled one that flies: hover model under a zero-order hold, steady predictor, integrator and LQ gain
+(input_loop). For one channel with the others closed, L scalar and stable when closed (Nyquist; Franklin, Powell,
+Workman, Digital Control of Dynamic Systems, chapter 7):
+
+- gain margins: the nearest factors above and below 1 at which 1 + k L(e^{j omega}) = 0, where L is real and negative;
+- phase margin: the least |arg(-L)| where |L| = 1;
+- delay margin: the least (arg(-L) mod 2 pi) / omega there. A delay of d whole ticks is z^-d = e^{-j omega d}, so for
+  whole ticks it is exact: the loop bears floor(ticks) more and not one beyond;
+- disk margin: alpha = 2 / max |S - T|. Every factor f with |f - 1| / |f + 1| < alpha / 2, gain and phase together, is
+  borne (Seiler, Packard, Gahinet, IEEE Control Systems 40, 2020, symmetric disk).
+
+For all channels at once S = (I + L)^-1 and T = I - S; peaks are of the largest singular value, the disk margin bears
+factors that differ from channel to channel. Singular values compare newtons with newton metres, so they depend on the
+units where the filter couples the axes (a V with correlations does). They are those of R^1/2 L R^-1/2, R the servo's
+own weight of the controls: the scaling in which the return difference of a full-state LQ loop has none below 1
+(B. D. O. Anderson, J. B. Moore, Optimal Control: Linear Quadratic Methods, 1990; in continuous time).
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.theory.margins.loop_response import OpenLoop, grid, peak, response, roots
+from ortilo_drake.theory.riccati.riccati import number
+
+SILENT = 1e-12  # |L| below this at every frequency: nothing is fed back
+
+
+def disk_margin(difference: float) -> dict[str, float | None]:
+    """Return alpha, the gain factors and the phase [rad] it allows by themselves, from max |S - T|."""
+    alpha = 2.0 / difference
+    return {
+        "alpha": alpha,
+        "gain_low": (2.0 - alpha) / (2.0 + alpha) if alpha < 2.0 else 0.0,
+        "gain_high": (2.0 + alpha) / (2.0 - alpha) if alpha < 2.0 else None,
+        "phase": 2.0 * math.atan(alpha / 2.0),
+    }
+
+
+def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tuple[float, float]]:
+    """Return (factor k, frequency) with 1 + k L = 0 for every crossing of the negative real axis, ends included."""
+    frequencies = [*roots(loop, omega, L, "phase"), math.pi]
+    if np.linalg.cond(np.eye(len(loop.A)) - loop.A) < 1e10:
+        frequencies.append(0.0)
+    values = response(loop, np.array(frequencies))[:, 0, 0].real
+    return [(-1.0 / value, w) for value, w in zip(values, frequencies, strict=True) if value < -SILENT]
+
+
+def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
+    """Return the margins of a stable loop of one channel; None where there is no such limit.
+
+    Args:
+        loop: one channel's.
+        h: tick [s].
+
+    Returns:
+        'gain_up', 'gain_down' (factors) with their frequencies 'gain_up_at', 'gain_down_at' [rad/s]; 'phase' [rad] and
+        'phase_at'; 'delay' [s], 'delay_ticks' and 'delay_at'; 'crossovers' [rad/s], where |L| = 1; 'sensitivity' and
+        'complementary', the peaks of |S| and |T|; 'disk', what disk_margin returns.
+    """
+    omega = grid()
+    L = response(loop, omega)[:, 0, 0]
+    crossings = gain_crossings(loop, omega, L)
+    up = min((c for c in crossings if c[0] > 1.0), default=None)
+    down = max((c for c in crossings if c[0] < 1.0), default=None)
+    crossovers = np.array(roots(loop, omega, L, "gain"))
+    angles = np.angle(-response(loop, crossovers)[:, 0, 0]) if len(crossovers) else np.zeros(0)
+    phase = int(abs(angles).argmin()) if len(crossovers) else None
+    ticks = np.mod(angles, 2.0 * math.pi) / crossovers
+    delay = int(ticks.argmin()) if len(crossovers) else None
+
+    def scalar(w: float) -> complex:
+        return complex(response(loop, np.array([w]))[0, 0, 0])
+
+    return {
+        "gain_up": number(up[0]) if up else None,
+        "gain_up_at": number(up[1] / h) if up else None,
+        "gain_down": number(down[0]) if down else None,
+        "gain_down_at": number(down[1] / h) if down else None,
+        "phase": float(abs(angles[phase])) if phase is not None else None,
+        "phase_at": float(crossovers[phase] / h) if phase is not None else None,
+        "delay": float(ticks[delay] * h) if delay is not None else None,
+        "delay_ticks": float(ticks[delay]) if delay is not None else None,
+        "delay_at": float(crossovers[delay] / h) if delay is not None else None,
+        "crossovers": [float(w / h) for w in crossovers],
+        "sensitivity": peak(lambda w: abs(1.0 / (1.0 + scalar(w))), omega, abs(1.0 / (1.0 + L)))[0],
+        "complementary": peak(lambda w: abs(1.0 - 1.0 / (1.0 + scalar(w))), omega, abs(L / (1.0 + L)))[0],
+        "disk": disk_margin(peak(lambda w: abs(2.0 / (1.0 + scalar(w)) - 1.0), omega, abs((1.0 - L) / (1.0 + L)))[0]),
+    }
+
+
+def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> dict[str, Any]:
+    """Return the peaks of the largest singular values of S and T, where they are [rad/s], and the disk margin.
+
+    Args:
+        loop: the loop of all controls.
+        h: tick [s].
+        R: diagonal of the servo's weight of the controls.
+    """
+    loop = loop._replace(B=loop.B / np.sqrt(R), C=np.sqrt(R)[:, np.newaxis] * loop.C)
+    eye = np.eye(loop.B.shape[1])
+    omega = grid()
+
+    def largest(weight_S: float, weight_I: float) -> tuple[float, float]:
+        def values(w: np.ndarray) -> np.ndarray:
+            S = np.linalg.inv(eye + response(loop, w))
+            return np.linalg.norm(weight_S * S + weight_I * eye, 2, axis=(1, 2))
+
+        return peak(lambda w: float(values(np.array([w]))[0]), omega, values(omega))
+
+    S, T, difference = largest(1.0, 0.0), largest(-1.0, 1.0), largest(2.0, -1.0)
+    return {
+        "sensitivity": S[0],
+        "sensitivity_at": S[1] / h,
+        "complementary": T[0],
+        "complementary_at": T[1] / h,
+        "disk": disk_margin(difference[0]),
+    }

@@ -1,0 +1,1 @@
+"""Modes, controllability and observability of linear systems."""

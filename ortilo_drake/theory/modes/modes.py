@@ -1,0 +1,156 @@
+"""Modes of a matrix, those that no control reaches and those that no output sees, with the states they live in.
+
+The vehicle at hover is four chains of integrators (x and y of four, z and yaw of two), so every eigenvalue of Phi is
+1 and defective: computed as an eigenvalue of a general matrix it is known to eps^(1/4) only, and rank tests with it or
+with powers of Phi go wrong. So the hidden subspace comes first, by staircase.py, and then the eigenvalues of Phi on it;
+those that rounding has split are put together, and their mean is sharp again.
+
+Theorem (Popov, Belevitch, Hautus). (Phi, C) is observable at z iff [Phi - z I; C] has full column rank n; detectable
+iff that holds at every eigenvalue on or outside the unit circle. (Phi, Gamma) is controllable or stabilisable iff
+(Phi^T, Gamma^T) is observable or detectable. M. L. J. Hautus, 1969.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import schur
+
+from ortilo_drake.model.signals import N_X, N_XBAR, STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.modes.staircase import rank, rescale, unobservable_subspace
+
+CLUSTERS = (2e-3, 1e-6, 0.0)  # how near eigenvalues are that may be one, split by rounding; the widest that fits
+STATE_SHARE = 1e-6  # a unit vector's component above this counts
+ON_THE_CIRCLE = 1e-6  # |z| down to 1 less this counts as not decaying
+DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
+INTEGRAL_NAMES = ("i_x", "i_y", "i_z")
+
+
+class Mode(NamedTuple):
+    """An eigenvalue of a matrix, or of that part of it which no output sees or no control reaches.
+
+    Attributes:
+        eigenvalue: z.
+        blocks: sizes of its Jordan blocks in that part, the largest first.
+        states: the states in which the part's generalised eigenspace has a component.
+    """
+
+    eigenvalue: complex
+    blocks: tuple[int, ...]
+    states: tuple[str, ...]
+
+    @property
+    def multiplicity(self) -> int:
+        """Dimension of the generalised eigenspace."""
+        return sum(self.blocks)
+
+    @property
+    def deficiency(self) -> int:
+        """By how much [A - z I; C] falls short of full rank: eigenvectors in the kernel of C, one a block."""
+        return len(self.blocks)
+
+    def __str__(self) -> str:
+        """Return 'eigenvalue 1 (2 times) in psi, psi_dot'."""
+        z = self.eigenvalue
+        shown = f"{z.real:.6g}{z.imag:+.6g}i" if z.imag else f"{z.real:.6g}"
+        times = f" ({self.multiplicity} times)" if self.multiplicity > 1 else ""
+        return f"eigenvalue {shown}{times} in {', '.join(self.states)}"
+
+
+def names_of(n: int) -> tuple[str, ...]:
+    """Return the names of the states: the vehicle's, with the integral's, twice with it in the loop, or numbers."""
+    believed = tuple(f"{name}_hat" for name in STATE_NAMES)
+    named = (STATE_NAMES, (*STATE_NAMES, *INTEGRAL_NAMES), (*STATE_NAMES, *believed, *INTEGRAL_NAMES))
+    numbers = tuple(f"state {k}" for k in range(n))
+    return dict(zip((N_X, N_XBAR, N_X + N_XBAR), named, strict=True)).get(n, numbers)
+
+
+def jordan_blocks(N: np.ndarray) -> tuple[int, ...]:
+    """Return the sizes of the Jordan blocks of N at eigenvalue 0: of size k or more, rank N^(k-1) - rank N^k."""
+    ranks = [rank(np.linalg.matrix_power(N, k)) for k in range(len(N) + 1)]
+    at_least = -np.diff(ranks)
+    return tuple(int(np.sum(at_least > j)) for j in range(at_least[0]))
+
+
+def unseen_modes(
+    A: np.ndarray,
+    C: np.ndarray,
+    names: tuple[str, ...] | None = None,
+    radius: float = 1.0 - ON_THE_CIRCLE,
+    scale: np.ndarray | None = None,
+) -> list[Mode]:
+    """Return the modes of (A, C) with |z| >= radius that no output sees, the farthest from 0 first.
+
+    None means detectable, with a radius of 0 observable.
+
+    Args:
+        A: dynamics (n x n).
+        C: outputs (p x n), p may be 0.
+        names: of the states; by default names_of(n).
+        radius: modes within it are left out.
+        scale: units of the states (n), such as tick_scaling(h).
+    """
+    A, C = rescale(A, C, scale)
+    names = names or names_of(len(A))
+    N = unobservable_subspace(A, C)
+    hidden = N.T @ A @ N
+    left = list(schur(hidden, output="complex")[0].diagonal()) if N.size else []
+    found = []
+    while left:
+        farthest = max(left, key=lambda z: (round(abs(z), 6), z.imag))
+        for width in CLUSTERS:
+
+            def belongs(z: complex, center: complex = farthest, width: float = width) -> bool:
+                return abs(z - center) <= width
+
+            T, Z, k = schur(hidden, output="complex", sort=belongs)
+            z = complex(np.mean(T.diagonal()[:k]))  # far more accurate than the members of a split cluster
+            blocks = jordan_blocks(T[:k, :k] - z * np.eye(k))
+            if sum(blocks) == k:  # otherwise they are several eigenvalues, not one
+                break
+        left = [w for w in left if not belongs(w)]
+        share = np.linalg.norm(N @ Z[:, :k], axis=1)
+        states = tuple(name for name, part in zip(names, share, strict=True) if part > STATE_SHARE)
+        found.append(Mode(complex(np.round(z, DIGITS) + 0.0), blocks, states))  # + 0 makes -0 a 0
+    return [mode for mode in found if abs(mode.eigenvalue) >= radius]
+
+
+def modes(A: np.ndarray, scale: np.ndarray | None = None) -> list[Mode]:
+    """Return all modes of A: those that no output would see if there were none."""
+    return unseen_modes(A, np.zeros((0, len(A))), radius=0.0, scale=scale)
+
+
+def unreached_modes(
+    A: np.ndarray,
+    B: np.ndarray,
+    names: tuple[str, ...] | None = None,
+    radius: float = 1.0 - ON_THE_CIRCLE,
+    scale: np.ndarray | None = None,
+) -> list[Mode]:
+    """Return the modes of (A, B) with |z| >= radius that no control reaches: those of (A^T, B^T) that no output sees.
+
+    None means stabilisable, with a radius of 0 controllable. Their states are those that enter the combination of
+    states which goes its own way. Arguments as unseen_modes.
+    """
+    return unseen_modes(A.T, B.T, names, radius, None if scale is None else 1.0 / scale)
+
+
+def check_pair(
+    Phi: np.ndarray, Gamma: np.ndarray, what: str, names: tuple[str, ...] | None = None, scale: np.ndarray | None = None
+) -> None:
+    """Raise InputError naming the modes that do not decay and that no control reaches, if (Phi, Gamma) has any."""
+    if hidden := unreached_modes(Phi, Gamma, names, scale=scale):
+        raise InputError(f"{what}: (Phi, Gamma) is not stabilisable, no control reaches {listed(hidden)}")
+
+
+def check_detectable(
+    Phi: np.ndarray, C: np.ndarray, what: str, names: tuple[str, ...] | None = None, scale: np.ndarray | None = None
+) -> None:
+    """Raise InputError naming the modes that do not decay and that no output sees, if (Phi, C) has any."""
+    if hidden := unseen_modes(Phi, C, names, scale=scale):
+        raise InputError(f"{what}: (Phi, C) is not detectable, no measurement sees {listed(hidden)}")
+
+
+def listed(modes: list[Mode]) -> str:
+    """Return modes as an error names them."""
+    return "; ".join(map(str, modes))

@@ -1,0 +1,1 @@
+"""Discrete algebraic Riccati equations: solvers, checks, conditioning."""

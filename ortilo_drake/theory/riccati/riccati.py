@@ -1,0 +1,145 @@
+"""The discrete-time algebraic Riccati equation by four independent solvers, and what a solution is worth.
+
+    A^T X A - X - (A^T X B + N) (R + B^T X B)^-1 (B^T X A + N^T) + Q = 0                                   (DARE)
+
+The filter's equation is the same by duality: A = Phi^T, B = C^T, Q = W, R = V.
+
+- drake: Schur method (DiscreteAlgebraicRiccatiEquation); ends the process (SystemExit) on what it refuses.
+- scipy: QZ of the extended pencil (solve_discrete_are); may return a solution that does not stabilise.
+- doubling: structured doubling, doubling.py.
+- recursion: the paper's own, S <- Q + Phi^T S Phi - Phi^T S Gamma (Gamma^T S Gamma + R)^-1 Gamma^T S Phi.
+
+RAW holds them as they are; SOLVERS the same behind require_well_posed, all with one signature and the same errors. All
+refuse complex matrices (InputError), for which the equation reads otherwise.
+"""
+
+import math
+import warnings
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from pydrake.math import DiscreteAlgebraicRiccatiEquation
+from scipy.linalg import LinAlgWarning, solve_discrete_are
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.riccati.doubling import doubling
+from ortilo_drake.theory.riccati.riccati_problem import (
+    is_positive_definite,
+    real_matrices,
+    regularise,
+    require_well_posed,
+    riccati_step,
+    symmetrise,
+)
+
+Solver = Callable[..., np.ndarray]
+
+
+def number(x: float | None) -> float | None:
+    """Return x as JSON takes it: None for NaN and infinity."""
+    return float(x) if x is not None and math.isfinite(x) else None
+
+
+def by_drake(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray | None = None) -> np.ndarray:
+    """Return X by Drake; SystemExit on what Drake refuses. It wants R > 0 and Q >= 0 without any rounding."""
+    A, B, Q, R, *cross = real_matrices(A=A, B=B, Q=Q, R=R, **({} if N is None else {"N": N}))
+    return DiscreteAlgebraicRiccatiEquation(A, B, Q, R, *cross)
+
+
+def by_scipy(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray | None = None) -> np.ndarray:
+    """Return X by SciPy; LinAlgError where it finds no finite solution."""
+    A, B, Q, R, *cross = real_matrices(A=A, B=B, Q=Q, R=R, **({} if N is None else {"N": N}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)  # check says what the solution is worth
+        return solve_discrete_are(A, B, Q, R, s=cross[0] if cross else None)
+
+
+def by_recursion(
+    A: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    N: np.ndarray | None = None,
+    tolerance: float = 1e-14,
+    limit: int = 100_000,
+) -> np.ndarray:
+    """Return X by the paper's recursion from 0, which grows towards it as the closed loop's radius squared a step.
+
+    It stops when a step changes X by less than the tolerance, relatively, or when rounding lets it come no nearer. The
+    limit is enough for closed loops of a radius up to about 1 - 1.5e-4.
+
+    Raises:
+        InputError: if it is still on its way after that many steps, or overflows.
+    """
+    A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
+    X, least, waited = np.zeros(Q.shape), np.inf, 0
+    if not is_positive_definite(R):
+        X = regularise(A, B, Q, R, N).X_0
+    with np.errstate(all="ignore"):
+        for _ in range(limit):
+            X_next = riccati_step(A, B, Q, R, N, X)
+            change, size = float(np.linalg.norm(X_next - X)), float(np.linalg.norm(X_next))
+            X = X_next
+            if not np.isfinite(size):
+                raise InputError("recursion: overflows: the equation has no stabilising solution")
+            waited = 0 if change < least else waited + 1
+            least = min(least, change)
+            if change <= tolerance * size or (waited >= 100 and change <= 1e-11 * size):
+                return X
+    raise InputError(f"recursion: still changes X by {change / size:.2g} of itself after {limit} steps")
+
+
+RAW: dict[str, Solver] = {"drake": by_drake, "scipy": by_scipy, "doubling": doubling, "recursion": by_recursion}
+
+
+def gain(A: np.ndarray, B: np.ndarray, R: np.ndarray, X: np.ndarray, N: np.ndarray | None = None) -> np.ndarray:
+    """Return L = (R + B^T X B)^-1 (B^T X A + N^T) (m x n)."""
+    return np.linalg.solve(R + B.T @ X @ B, B.T @ X @ A + (0.0 if N is None else N.T))
+
+
+def solve(
+    A: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    N: np.ndarray | None = None,
+    *,
+    solver: str = "doubling",
+    names: tuple[str, ...] | None = None,
+    dual: bool = False,
+) -> np.ndarray:
+    """Return the stabilising solution X >= 0 (n x n) by one solver.
+
+    Args:
+        A: dynamics (n x n).
+        B: inputs (n x m).
+        Q: weight of the states (n x n), symmetric, >= 0.
+        R: weight of the inputs (m x m), symmetric, >= 0; > 0 for Drake.
+        N: cross weight (n x m).
+        solver: 'drake', 'scipy', 'doubling' or 'recursion'.
+        names: of the states, for errors.
+        dual: whether it is a filter's equation, for errors.
+
+    Raises:
+        InputError: if the problem is ill-posed, before solving and the same for every solver, naming the modes; or if
+            the solver fails on a well-posed one, or what it returns does not stabilise.
+    """
+    if solver not in RAW:
+        raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")
+    A, B, Q, R = real_matrices(A=A, B=B, Q=Q, R=R)
+    cross = require_well_posed(A, B, Q, R, N, names, dual)
+    if solver == "drake" and not is_positive_definite(symmetrise(R)):
+        raise InputError("R: Drake takes positive definite ones only: use another solver")
+    try:
+        X = RAW[solver](A, B, Q, R, cross if cross.any() else None)
+    except (SystemExit, RuntimeError, np.linalg.LinAlgError) as error:
+        raise InputError(f"Riccati equation: {solver} fails on a well-posed problem: {error}") from None
+    z = np.linalg.eigvals(A - B @ gain(A, B, R, X, cross))
+    if not abs(z).max() < 1.0:
+        worst = z[abs(z).argmax()]
+        raise InputError(f"Riccati equation: {solver} leaves the closed loop an eigenvalue {worst:.6g}, not inside 1")
+    return symmetrise(X)
+
+
+SOLVERS: dict[str, Solver] = {name: partial(solve, solver=name) for name in RAW}

@@ -1,0 +1,79 @@
+"""What each solver does by itself on Riccati equations that have no solution to return."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.riccati.riccati import RAW, gain, number
+from ortilo_drake.theory.riccati.riccati_check import residual
+from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
+
+RECURSION_LIMIT = 2000  # steps; enough to see that it has no limit
+
+
+def _column(*entries: float) -> np.ndarray:
+    return np.array(entries)[:, None]
+
+
+# Each is (A, B, Q, R). In 'hidden' cases the first state is neither weighed nor coupled; in 'stuck' ones nothing moves
+# it; the turn by 90 degrees has its eigenvalues +-i on the circle.
+ILL_POSED: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {
+    "hidden on the circle": (np.diag([1.0, 0.5]), _column(1.0, 1.0), np.diag([0.0, 1.0]), np.eye(1)),
+    "hidden outside": (np.diag([2.0, 0.5]), _column(1.0, 1.0), np.diag([0.0, 1.0]), np.eye(1)),
+    "stuck on the circle": (np.diag([1.0, 0.5]), _column(0.0, 1.0), np.eye(2), np.eye(1)),
+    "stuck outside": (np.diag([2.0, 0.5]), _column(0.0, 1.0), np.eye(2), np.eye(1)),
+    "unweighted turn": (np.array([[0.0, 1.0], [-1.0, 0.0]]), _column(0.0, 1.0), np.zeros((2, 2)), np.eye(1)),
+    "Q indefinite": (0.5 * np.eye(2), _column(1.0, 1.0), np.diag([1.0, -1.0]), np.eye(1)),
+    "R indefinite": (np.diag([0.5, 0.7]), np.eye(2), np.eye(2), np.diag([1.0, -1.0])),
+    "Q not symmetric": (np.diag([0.5, 0.2]), np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]), np.eye(2)),
+    "B of another height": (np.diag([0.5, 0.2]), np.eye(3), np.eye(2), np.eye(2)),
+    "NaN": (np.diag([0.5, np.nan]), np.eye(2), np.eye(2), np.eye(2)),
+}
+
+
+def _try(solver: str, A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> dict[str, Any]:
+    limit = {"limit": RECURSION_LIMIT} if solver == "recursion" else {}
+    try:
+        X = RAW[solver](A, B, Q, R, **limit)
+    except SystemExit as error:  # Drake's, which 'except Exception' would let through
+        return {"outcome": "ends the process", "message": str(error)}
+    except (InputError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+        return {"outcome": "raises", "message": f"{type(error).__name__}: {error}"}
+    if not np.isfinite(X).all():
+        return {"outcome": "returns NaN", "message": ""}
+    with np.errstate(all="ignore"):  # X may be as large as a float can be
+        radius = float(abs(np.linalg.eigvals(A - B @ gain(A, B, R, X))).max())
+        definite = bool(np.linalg.eigvalsh(X)[0] >= -1e-12 * abs(X).max())
+        left = residual(A, B, Q, R, X)
+    kind = ("stabilising" if radius < 1.0 - 1e-9 else "not stabilising") + ("" if definite else ", indefinite")
+    return {
+        "outcome": f"returns a solution: {kind}" if left < 1e-6 else "returns what is no solution",
+        "message": "",
+        "spectral_radius": number(radius),
+        "residual": number(left),
+        "X": X.tolist(),
+    }
+
+
+def what_solvers_do(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> dict[str, Any]:
+    """Return what each raw solver does with a problem, and what solve says of it.
+
+    Args:
+        A: dynamics.
+        B: inputs.
+        Q: weight of the states.
+        R: weight of the inputs.
+
+    Returns:
+        'error': the message of require_well_posed, None if the problem is well-posed; and by solver the 'outcome'
+        ('ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution',
+        'returns NaN') with its 'message', and for what it returns 'spectral_radius' of the closed loop, 'residual'
+        and 'X'.
+    """
+    try:
+        require_well_posed(A, B, Q, R)
+        error = None
+    except InputError as problem:
+        error = str(problem)
+    return {"error": error} | {solver: _try(solver, A, B, Q, R) for solver in RAW}

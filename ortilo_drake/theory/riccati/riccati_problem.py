@@ -1,0 +1,164 @@
+"""When a discrete-time algebraic Riccati equation has the solution that is wanted, and what to say when not.
+
+    A^T X A - X - (A^T X B + N) (R + B^T X B)^-1 (B^T X A + N^T) + Q = 0                                   (DARE)
+
+has a unique stabilising solution X >= 0, the limit of the recursion from X = 0, if [[Q, N], [N^T, R]] >= 0, (A, B) is
+stabilisable and (A_1, Q_1) is detectable (Lancaster and Rodman, Algebraic Riccati Equations, 1995, chapters 12 to 16),
+where A_1 = A - B R^-1 N^T and Q_1 = Q - N R^-1 N^T. Undetectable modes on the unit circle are eigenvalues of the
+symplectic pencil there, so no stabilising solution exists; with undetectable modes outside, there is one, but neither
+is it the least cost nor does the recursion reach it.
+
+A singular R >= 0 is moved out of the way: for every symmetric X_0, Y = X - X_0 solves the DARE of
+R + B^T X_0 B, N + A^T X_0 B and Q + A^T X_0 A - X_0. A few steps of the recursion from 0 give an X_0 for which the
+first is positive definite and the last still positive semidefinite, as the recursion only grows.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.modes.modes import listed, unreached_modes, unseen_modes
+
+EPS = float(np.finfo(float).eps)
+
+
+class Regular(NamedTuple):
+    """The DARE of Y = X - X_0 without cross term: A^T Y A - Y - A^T Y B (R + B^T Y B)^-1 B^T Y A + Q = 0, R > 0."""
+
+    A: np.ndarray
+    B: np.ndarray
+    Q: np.ndarray
+    R: np.ndarray
+    X_0: np.ndarray
+
+
+def real_matrices(**matrices: Any) -> list[np.ndarray]:
+    """Return matrices as floats; InputError, by name, for one that is complex or holds no numbers.
+
+    A complex one is refused also where its imaginary part is 0: the equations here are those of real matrices.
+    """
+    found = []
+    for name, M in matrices.items():
+        M = np.asarray(M)
+        if M.dtype.kind not in "biuf":
+            what = "is complex" if M.dtype.kind == "c" else f"holds {M.dtype}"
+            raise InputError(f"{name}: {what}: must be a matrix of real numbers")
+        found.append(M.astype(float))
+    return found
+
+
+def symmetrise(X: np.ndarray) -> np.ndarray:
+    """Return (X + X^T) / 2."""
+    return (X + X.T) / 2.0
+
+
+def is_positive_definite(R: np.ndarray) -> bool:
+    """Return whether R > 0 beyond rounding."""
+    eigenvalues = np.linalg.eigvalsh(R)
+    return bool(eigenvalues[0] > len(R) * EPS * abs(eigenvalues).max())
+
+
+def riccati_step(
+    A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray, X: np.ndarray
+) -> np.ndarray:
+    """Return Q + A^T X A - (A^T X B + N) (R + B^T X B)^+ (B^T X A + N^T), one step of the paper's recursion."""
+    XA, M = X @ A, R + B.T @ X @ B
+    F = B.T @ XA + N.T
+    try:
+        L = np.linalg.solve(M, F)
+    except np.linalg.LinAlgError:
+        L = np.linalg.pinv(M, hermitian=True) @ F
+    return symmetrise(Q + A.T @ XA - F.T @ L)
+
+
+def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> Regular:
+    """Return the equivalent problem with R > 0 and N = 0; X_0 = 0 where R > 0 already.
+
+    Raises:
+        InputError: if n steps of the recursion leave R + B^T X B singular: some control is free and does nothing.
+    """
+    X_0 = np.zeros_like(Q)
+    for _ in range(len(A) + 2):
+        R_1 = symmetrise(R + B.T @ X_0 @ B)
+        if is_positive_definite(R_1):
+            N_1 = N + A.T @ X_0 @ B
+            L = np.linalg.solve(R_1, N_1.T)
+            return Regular(A - B @ L, B, symmetrise(Q + A.T @ X_0 @ A - X_0 - N_1 @ L), R_1, X_0)
+        F = B.T @ X_0 @ A + N.T
+        X_0 = symmetrise(Q + A.T @ X_0 @ A - F.T @ np.linalg.pinv(R_1, hermitian=True) @ F)
+    raise InputError("R: R + B^T X B stays singular: some control has no weight and moves nothing that has one")
+
+
+def _require_shapes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> None:
+    if A.ndim != 2 or A.shape[0] == 0 or A.shape[0] != A.shape[1]:
+        raise InputError(f"A: shape {A.shape}: must be square")
+    n = len(A)
+    if B.ndim != 2 or B.shape[0] != n or B.shape[1] == 0:
+        raise InputError(f"B: shape {B.shape}: must have the {n} rows of A and at least one column")
+    m = B.shape[1]
+    for name, M, shape in (("Q", Q, (n, n)), ("R", R, (m, m)), ("N", N, (n, m))):
+        if M.shape != shape:
+            raise InputError(f"{name}: shape {M.shape}: must be {shape}")
+    for name, M in (("A", A), ("B", B), ("Q", Q), ("R", R), ("N", N)):
+        if not np.isfinite(M).all():
+            raise InputError(f"{name}: holds NaN or infinity: must be finite")
+
+
+def _require_weights(Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> None:
+    for name, M in (("Q", Q), ("R", R)):
+        size = np.linalg.norm(M, 2)
+        if np.linalg.norm(M - M.T, 2) > 1e-10 * size:
+            raise InputError(f"{name}: differs from its transpose by {abs(M - M.T).max():.3g}: must be symmetric")
+        least = np.linalg.eigvalsh(symmetrise(M))[0]
+        if least < -1e-12 * size:
+            raise InputError(f"{name}: eigenvalue {least:.6g}: must be positive semidefinite")
+    if N.any():
+        R_plus = np.linalg.pinv(R, hermitian=True)
+        free = np.linalg.norm(N - N @ R_plus @ R, 2)
+        least = np.linalg.eigvalsh(symmetrise(Q - N @ R_plus @ N.T))[0]
+        if free > 1e-10 * np.linalg.norm(N, 2) or least < -1e-10 * np.linalg.norm(Q, 2):
+            raise InputError(f"N: [[Q, N], [N^T, R]] is indefinite (Schur complement {least:.6g}): must be at least 0")
+
+
+def require_well_posed(
+    A: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    N: np.ndarray | None = None,
+    names: tuple[str, ...] | None = None,
+    dual: bool = False,
+) -> np.ndarray:
+    """Return N (zeros where None) of a DARE that has a stabilising solution X >= 0; see the module.
+
+    Args:
+        A: dynamics (n x n).
+        B: inputs (n x m).
+        Q: weight of the states (n x n).
+        R: weight of the inputs (m x m).
+        N: cross weight (n x m).
+        names: of the states, for errors.
+        dual: whether it is a filter's, posed by A = Phi^T, B = C^T, Q = W, R = V: errors then speak of those.
+
+    Raises:
+        InputError: naming the matrix, or the modes that are not reached or not seen.
+    """
+    N = np.zeros(np.shape(B)) if N is None else N
+    A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=N)
+    _require_shapes(A, B, Q, R, N)
+    _require_weights(Q, R, N)
+    if modes := unreached_modes(A, B, names):
+        what = "(Phi, C) is not detectable: no sensor sees" if dual else "(A, B) is not stabilisable: no control moves"
+        raise InputError(f"Riccati equation: {what} {listed(modes)}: no stabilising solution exists")
+    regular = regularise(A, B, Q, R, N)
+    if modes := unseen_modes(regular.A, regular.Q, names):
+        what = "(Phi, W) is not stabilisable: no noise drives" if dual else "(A, Q) is not detectable: no weight sees"
+        circle = any(abs(mode.eigenvalue) < 1.0 + 1e-6 for mode in modes)
+        why = (
+            "on the unit circle, an eigenvalue of the symplectic pencil, so no stabilising solution exists"
+            if circle
+            else "outside the unit circle, so the recursion's limit does not stabilise"
+        )
+        raise InputError(f"Riccati equation: {what} {listed(modes)}, {why}")
+    return N

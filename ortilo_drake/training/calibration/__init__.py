@@ -1,0 +1,1 @@
+"""What the rendered camera and its detector do, measured for the projected camera."""

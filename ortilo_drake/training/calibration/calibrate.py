@@ -1,0 +1,143 @@
+"""Measuring the rendered camera and its detector on flights, for the projected camera to draw from.
+
+Rates and errors are conditioned on what the projected camera knows of a landmark (world/sensors/landmark_view.py), so
+what else matters to the detector (light, background, furniture in front) counts as chance.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.onboard.detector.detector_network import OWN_ONNX, load_detector
+from ortilo_drake.scenario import Detector, load_scenario
+from ortilo_drake.training.calibration.measured_errors import box_errors
+from ortilo_drake.training.calibration.measured_rates import detection_rates
+from ortilo_drake.training.calibration.persistence import persistence
+from ortilo_drake.training.calibration.sightings import Sightings, look, sightings
+from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
+
+SCENARIO, GIVEN_ERRORS = "imu_uwb_yolo", ("camera=projected", "projected_camera.errors.kind=parametric")
+OWN_DETECTOR = Detector()
+LEAST_FOUND = 500  # for a calibration to mean anything
+HEADER = """\
+# What was measured of the rendered camera and our own detector, for the projected camera: ortilo detector calibrate.
+# The meaning of each table is told in world/sensors/camera_calibration.py; lengths in m and px, times in s.
+"""
+
+
+def false_boxes(s: Sightings, classes: tuple[str, ...]) -> dict[str, Any]:
+    """Return the fields of FalseBoxes."""
+    if not len(s.false):
+        return {"mean": 0.0, "classes": {}, "width": [10.0, 20.0], "height": [10.0, 20.0]}
+    box, steps = s.false[:, 3:], np.linspace(0.0, 1.0, 6)
+    sides = box[:, 2:] - box[:, :2]
+    return {
+        "mean": min(len(s.false) / s.pictures, 5.0),
+        "classes": {name: float(np.mean(s.false[:, 2] == c)) for c, name in enumerate(classes)},
+        "width": np.maximum(np.quantile(sides[:, 0], steps), 0.5),
+        "height": np.maximum(np.quantile(sides[:, 1], steps), 0.5),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return numbers with four digits and lists in place of arrays."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(item) for item in value]
+    return float(f"{value:.4g}") if isinstance(value, float | np.floating) else value
+
+
+def estimate(
+    s: Sightings, classes: tuple[str, ...], size: tuple[int, int], interval: float, source: dict[str, Any]
+) -> CameraCalibration:
+    """Return the calibration that sightings tell of.
+
+    Args:
+        s: the sightings.
+        classes: the room's classes.
+        size: width and height of the image [px].
+        interval: time between pictures [s].
+        source: the fields of Source.
+
+    Raises:
+        InputError: if too few landmarks were found.
+    """
+    if s.found.sum() < LEAST_FOUND:
+        raise InputError(f"seeds: {int(s.found.sum())} landmarks found, fewer than {LEAST_FOUND}: fly more")
+    found, rate = detection_rates(s, classes)
+    errors, scores = box_errors(s, size)
+    data = {
+        "source": source,
+        "found": found,
+        "errors": errors,
+        **persistence(s, rate, scores, interval),
+        "false_boxes": false_boxes(s, classes),
+    }
+    return validate(CameraCalibration, _plain(data), "calibration")
+
+
+def calibrate(
+    seeds: Iterable[int],
+    out: Path,
+    progress: Callable[[int, int], None] | None = None,
+    detector: Detector = OWN_DETECTOR,
+) -> CameraCalibration:
+    """Fly, render every picture, look at it with a detector, and write what was measured of it.
+
+    The flights are the camera scenario's with a camera of given errors: where the vehicle flies hardly depends on the
+    camera, and so a calibration does not depend on the one before.
+
+    Args:
+        seeds: a flight each.
+        out: the file to write.
+        progress: called with the pictures done and their number.
+        detector: the network; by default our own.
+
+    Raises:
+        InputError: if there is no EGL, a file of the detector is wrong, too little is found, or the file cannot be
+            written.
+    """
+    seeds = list(seeds)
+    if not seeds:
+        raise InputError("seeds: none given")
+    scenario = load_scenario(SCENARIO, GIVEN_ERRORS)
+    room, every, width = scenario.load_room(), scenario.camera_link.every, scenario.rendered_camera.width
+    camera = room.camera.scaled_to(width)
+    size = camera.width, camera.height
+    detect = load_detector(detector, room, size)
+    simulator = FlightSimulator(scenario)
+    states = [simulator.fly(seed)["truth"].values[::every] for seed in seeds]
+    total, done = sum(map(len, states)), 0
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        if progress:
+            progress(done, total)
+
+    s = sightings(room, width, [(x, look(room, width, x, detect, count)) for x in states])
+    source = {
+        "scenario": SCENARIO,
+        "seeds": seeds,
+        "pictures": s.pictures,
+        "landmarks_found": int(s.found.sum()),
+        "detector": "sha256 " + hashlib.sha256(Path(detector.weights or OWN_ONNX).read_bytes()).hexdigest()[:16],
+        "width": width,
+    }
+    calibration = estimate(s, room.classes, size, every * scenario.h, source)
+    write_calibration(calibration, out)
+    return calibration
+
+
+def write_calibration(calibration: CameraCalibration, out: Path) -> None:
+    """Write a calibration file."""
+    text = yaml.safe_dump(calibration.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
+    write_text(out, HEADER + text)

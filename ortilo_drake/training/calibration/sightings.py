@@ -1,0 +1,159 @@
+"""What the detector made of every landmark in every picture of a flight: the sightings that a calibration counts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+from scipy.optimize import linear_sum_assignment
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.onboard.detector.detector import Boxes
+from ortilo_drake.onboard.detector.yolo_boxes import overlap
+from ortilo_drake.world.scenery.rendering import camera_in_body, make_scene_graph, render_cameras
+from ortilo_drake.world.scenery.scene import scene_items
+from ortilo_drake.world.sensors.landmark_view import (
+    BOX,
+    INSIDE,
+    LANDMARK,
+    VIEW_SIZE,
+    VISIBLE,
+    landmark_views,
+    surroundings,
+)
+
+LIMITS = np.array([25.0, 1.0])  # landmarks farther away [m], or of which less is in the image [px], are not looked at
+LEAST_OVERLAP = 0.3  # IoU of a box and the landmark that it is of; boxes of little things err by much of their size
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Landmarks in the pictures of flights, found or not, and false boxes.
+
+    Attributes:
+        picture: number of the picture, over all flights (n).
+        flight: number of its flight (n).
+        label: class of the landmark (n).
+        view: see landmark_view.py (n, 8).
+        seen: box that was found of it (u_min, v_min, u_max, v_max) [px], NaN if none was (n, 4).
+        false: flight, picture, class and box of the others (m, 7).
+        pictures: number of pictures.
+    """
+
+    picture: np.ndarray
+    flight: np.ndarray
+    label: np.ndarray
+    view: np.ndarray
+    seen: np.ndarray
+    false: np.ndarray
+    pictures: int
+
+    @property
+    def found(self) -> np.ndarray:
+        """Which were found (n)."""
+        return np.isfinite(self.seen[:, 0])
+
+
+def cut_boxes(boxes: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return boxes (n, 4) cut at the border of an image of that width and height [px]."""
+    return np.clip(boxes, -0.5, np.array([*size, *size]) - 0.5)
+
+
+def match_landmarks(
+    labels: np.ndarray, boxes: np.ndarray, truth_labels: np.ndarray, truth: np.ndarray, visible: np.ndarray
+) -> np.ndarray:
+    """Return the landmark that each box is of, -1 for none (k).
+
+    Boxes and landmarks of a class are paired so that the sum of IoU is greatest. One behind another of its class is as
+    good a match to the pixel as the one in front, so what is seen of it counts a little.
+
+    Args:
+        labels: classes of the boxes (k).
+        boxes: the boxes (k, 4).
+        truth_labels: classes of the landmarks in the picture (m).
+        truth: their boxes, cut at the image's border (m, 4).
+        visible: the share of each that nothing hides (m).
+    """
+    gain = np.zeros((len(labels), len(truth)))
+    for k in range(len(labels)):
+        for i in range(len(truth)):
+            if labels[k] == truth_labels[i]:
+                both, either = overlap(boxes[k], truth[i])
+                if both > LEAST_OVERLAP * either:
+                    gain[k, i] = both / either + 0.2 * visible[i]
+    of = np.full(len(labels), -1)
+    for k, i in zip(*linear_sum_assignment(-gain), strict=True):
+        if gain[k, i] > 0.0:
+            of[k] = i
+    return of
+
+
+def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes]]]) -> Sightings:
+    """Return the sightings of flights, each given as states (k, 12) and what the detector found at each.
+
+    Args:
+        room: the room flown in.
+        width: image width [px].
+        flights: the flights.
+    """
+    camera, around = room.camera.scaled_to(width), surroundings(room)
+    size = camera.width, camera.height
+    rows, seen, false, picture = [], [], [np.empty((0, 7))], 0
+    for flight, (states, found) in enumerate(flights):
+        for x, (labels, _, boxes) in zip(states, found, strict=True):
+            views = landmark_views(x, around, camera.constants, LIMITS)
+            classes = room.landmark_labels[views[:, LANDMARK].astype(int)]
+            of = match_landmarks(labels, boxes, classes, cut_boxes(views[:, BOX], size), views[:, VISIBLE])
+            box = np.full((len(views), 4), np.nan)
+            box[of[of >= 0]] = boxes[of >= 0]
+            rows.append(np.column_stack([np.full(len(views), picture), np.full(len(views), flight), classes, views]))
+            seen.append(box)
+            others = of < 0
+            place = np.tile([float(flight), float(picture)], (int(others.sum()), 1))
+            false.append(np.column_stack([place, labels[others], boxes[others]]))
+            picture += 1
+    table = np.concatenate(rows).reshape(-1, 3 + VIEW_SIZE)
+    return Sightings(
+        picture=table[:, 0].astype(int),
+        flight=table[:, 1].astype(int),
+        label=table[:, 2].astype(int),
+        view=table[:, 3:],
+        seen=np.concatenate(seen),
+        false=np.concatenate(false),
+        pictures=picture,
+    )
+
+
+def is_whole(view: np.ndarray) -> np.ndarray:
+    """Return which landmarks (n) the image's border does not cut."""
+    return view[:, INSIDE] > 1.0 - 1e-9
+
+
+def look(
+    room: Room, width: int, states: np.ndarray, detect: Callable[[np.ndarray], Boxes], done: Callable[[], None]
+) -> list[Boxes]:
+    """Return what a detector finds in the pictures at states (k, 12), in the flights' own light.
+
+    Args:
+        room: the room.
+        width: image width [px].
+        states: states of the vehicle.
+        detect: the detector.
+        done: called after each picture.
+
+    Raises:
+        InputError: if there is no EGL.
+    """
+    camera = room.camera.scaled_to(width)
+    (color, _), X_BC = render_cameras(camera), camera_in_body(camera)
+    scene_graph = make_scene_graph(scene_items(room))
+    query, world = (
+        scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext()),
+        scene_graph.world_frame_id(),
+    )
+    found = []
+    for x in states:
+        X_WB = RigidTransform(RollPitchYaw(x[3:6]), x[:3])
+        found.append(detect(query.RenderColorImage(color, world, X_WB @ X_BC).data[..., :3]))
+        done()
+    return found

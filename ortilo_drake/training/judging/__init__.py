@@ -1,0 +1,1 @@
+"""How good the detector is: average precision, judged on pictures it never saw."""

@@ -1,0 +1,96 @@
+"""Judging a detector on labelled pictures it has never seen."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.detector import Boxes
+from ortilo_drake.onboard.landmarks.landmark_association import BORDER
+from ortilo_drake.training.judging.average_precision import average_precision, match
+from ortilo_drake.training.pictures.labels import BOX, CLASS, LEAST, Frames, is_to_be_found
+
+Detect = Callable[[np.ndarray], Boxes]
+CENTER = {"median": 0.5, "p95": 0.95}  # what is told of the centres' errors
+
+
+def whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return which boxes (n, 4) the image's border does not cut."""
+    low, high = BORDER - 0.5, np.array([width, height]) - BORDER - 0.5
+    return np.all(boxes[:, :2] > low, axis=1) & np.all(boxes[:, 2:] < high, axis=1)
+
+
+def evaluate(
+    detect: Detect,
+    frames: Frames,
+    classes: tuple[str, ...],
+    threshold: float,
+    least: tuple[float, float] = LEAST,
+) -> dict[str, Any]:
+    """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
+
+    Args:
+        detect: the detector, with a threshold far below the one it flies with, so that precision is known at all
+            recalls.
+        frames: pictures and labels.
+        classes: the labels' names.
+        threshold: the score it flies with, for centres, recall and false boxes.
+        least: what need not be found, see is_to_be_found.
+
+    Returns:
+        Plain data; AP is None for a class of which there is no object, the errors of the centres are None if no object
+        is found whole.
+
+    Raises:
+        InputError: if the pictures show nothing to be found.
+    """
+    _, height, width, _ = frames.images.shape
+    found_all, errors, faults = [], [], []
+    objects = np.zeros(len(classes), dtype=int)
+    hits = false = 0
+    for image, truth in zip(frames.images, frames.labels, strict=True):
+        labels, scores, boxes = detect(image)
+        found = match(labels, scores, boxes, truth, least=least)
+        found_all += [(int(c), float(s), i) for c, s, i in zip(labels, scores, found, strict=True) if i != -2]
+        needed = is_to_be_found(truth, least)
+        for c in truth[needed, CLASS]:
+            objects[int(c)] += 1
+        flown = scores >= threshold
+        good = flown & (found >= 0)
+        hits += int(good.sum())
+        wrong = int((flown & (found == -1)).sum())
+        false += wrong
+        faults.append(wrong + int(needed.sum()) - int(good.sum()))
+        seen, true = boxes[good], truth[found[good], BOX].astype(float)
+        clear = whole(seen, width, height) & whole(true, width, height)
+        errors += list(np.linalg.norm((seen[:, :2] + seen[:, 2:] - true[:, :2] - true[:, 2:])[clear] / 2, axis=1))
+    if not objects.any():
+        raise InputError(f"pictures: {len(frames.images)} given, none shows an object to be found")
+    ap = {}
+    for c, name in enumerate(classes):
+        rows = [(s, i >= 0) for k, s, i in found_all if k == c]
+        scores, true = np.array([s for s, _ in rows]), np.array([t for _, t in rows], dtype=bool)
+        ap[name] = average_precision(scores, true, int(objects[c]))
+    return {
+        "map50": float(np.nanmean(list(ap.values()))),
+        "ap50": {name: None if np.isnan(value) else value for name, value in ap.items()},
+        "center_error_px": {name: float(np.quantile(errors, q)) if errors else None for name, q in CENTER.items()},
+        "recall": hits / max(int(objects.sum()), 1),
+        "false_boxes_per_image": false / len(frames.images),
+        "objects": int(objects.sum()),
+        "images": len(frames.images),
+        "worst": [int(i) for i in np.argsort(-np.array(faults), kind="stable")[:12]],
+    }
+
+
+def milliseconds_per_frame(detect: Detect, images: np.ndarray, repeats: int = 100) -> float:
+    """Return the median time of a picture, scaling and boxes included [ms]."""
+    detect(images[0])
+    times = []
+    for k in range(repeats):
+        started = time.perf_counter()
+        detect(images[k % len(images)])
+        times.append(time.perf_counter() - started)
+    return 1e3 * float(np.median(times))

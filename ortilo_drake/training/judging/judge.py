@@ -1,0 +1,86 @@
+"""The whole judgement of a detector: both test sets, its speed, and the pictures it does worst on."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.onboard.detector.detector_network import load_detector, own_backend
+from ortilo_drake.scenario import Detector
+from ortilo_drake.training.judging.evaluate import Detect, evaluate, milliseconds_per_frame
+from ortilo_drake.training.pictures.labels import BOX, LEAST_CLEAR, Frames, is_to_be_found
+from ortilo_drake.training.pictures.sets import KINDS, set_folder
+from ortilo_drake.training.pictures.shards import load_frames
+
+
+def draw_boxes(
+    image: np.ndarray, found: tuple[np.ndarray, ...], truth: np.ndarray, classes: tuple[str, ...]
+) -> np.ndarray:
+    """Return the picture twice as large with detections (yellow) and what was to be found (green), BGR."""
+    drawn = cv2.resize(image[..., ::-1], None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+
+    def box(edges: np.ndarray, color: tuple[int, int, int], text: str) -> None:
+        u_min, v_min, u_max, v_max = (int(v) for v in np.round(2.0 * (edges + 0.5)))
+        cv2.rectangle(drawn, (u_min, v_min), (u_max, v_max), color, 1)
+        cv2.putText(drawn, text, (u_min + 2, v_min + 10), cv2.FONT_HERSHEY_SIMPLEX, 0.35, color, 1, cv2.LINE_AA)
+
+    for row in truth[is_to_be_found(truth)]:
+        box(row[BOX], (60, 220, 60), "")
+    for label, score, edges in zip(*found, strict=True):
+        box(edges, (0, 230, 255), f"{classes[int(label)]} {score:.2f}")
+    return drawn
+
+
+def _worst_figure(
+    detect: Detect, sets: dict[str, tuple[Frames, list[int]]], classes: tuple[str, ...], path: Path
+) -> None:
+    rows = []
+    for frames, worst in sets.values():
+        drawn = [draw_boxes(frames.images[i], detect(frames.images[i]), frames.labels[i], classes) for i in worst[:8]]
+        drawn += [np.zeros_like(drawn[0])] * (-len(drawn) % 4)
+        rows += [np.hstack(drawn[k : k + 4]) for k in range(0, len(drawn), 4)]
+    write_bytes(path, cv2.imencode(".png", np.vstack(rows))[1].tobytes())
+
+
+def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> dict[str, Any]:
+    """Return what `ortilo detector evaluate --json` writes.
+
+    Args:
+        settings: the network and the score it flies with.
+        room: gives the classes.
+        pictures: where the test sets are.
+        lowest: score from which detections count in a precision-recall curve.
+        worst: a PNG to draw the pictures with most faults to.
+
+    Raises:
+        InputError: if the pictures or the network's files are wrong, or both sets are not of one size.
+    """
+    sets = {kind: load_frames(set_folder(pictures, "test", kind)) for kind in KINDS}
+    sizes = {frames.images.shape[1:3] for frames in sets.values()}
+    if len(sizes) > 1:
+        raise InputError(f"{pictures}: pictures of different sizes (height, width): {sorted(sizes)}")
+    height, width = sizes.pop()
+    cv2.setNumThreads(1)
+    all_boxes = validate(Detector, settings.model_dump() | {"threshold": lowest}, "detector")
+    detect = load_detector(all_boxes, room, (width, height))
+    results = {kind: evaluate(detect, frames, room.classes, settings.threshold) for kind, frames in sets.items()}
+    clear = {
+        kind: evaluate(detect, frames, room.classes, settings.threshold, LEAST_CLEAR)["map50"]
+        for kind, frames in sets.items()
+    }
+    flown = load_detector(settings, room, (width, height))
+    if worst is not None:
+        _worst_figure(flown, {kind: (sets[kind], results[kind]["worst"]) for kind in KINDS}, room.classes, worst)
+    return {
+        "map50": {kind: result["map50"] for kind, result in results.items()},
+        "map50_clear": clear,  # of objects in clearer view alone
+        "center_error_px": {kind: result["center_error_px"]["median"] for kind, result in results.items()},
+        "ms_per_frame": milliseconds_per_frame(flown, sets["paper_room"].images),
+        "backend": "torch" if settings.cfg else own_backend(settings.backend),
+        "threshold": settings.threshold,
+        "sets": results,
+    }

@@ -1,0 +1,1 @@
+"""Training of the detector's network, from augmentation to the exported weights."""

@@ -1,0 +1,42 @@
+"""From trained weights to what the package ships: our own file and ONNX, which both hold the same numbers."""
+
+import io
+from pathlib import Path
+
+import torch
+
+from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.onboard.detector.darknet_file import read_network
+from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
+
+
+def fold(network: DarknetNetwork) -> None:
+    """Make each batch normalisation part of the convolution before it, in place; the outputs stay."""
+    for layer in network.convolutions():
+        if layer.norm is not None:
+            layer.convolution = torch.nn.utils.fuse_conv_bn_eval(layer.convolution, layer.norm)
+            layer.norm = None
+
+
+def export(source: Path, onnx: Path) -> None:
+    """Write the network of a .safetensors file as ONNX, for one RGB picture (1, 3, height, width) in [0, 1].
+
+    Raises:
+        InputError: if the source is damaged or a file cannot be written.
+    """
+    network, _ = read_network(source)
+    network.eval()
+    fold(network)
+    images = torch.zeros(1, 3, network.cfg.net.height, network.cfg.net.width)
+    names = [f"head{k}" for k in range(len(network.cfg.heads))]
+    made = io.BytesIO()
+    torch.onnx.export(
+        network,
+        (images,),
+        made,  # type: ignore[arg-type]  # the exporter without dynamo writes to memory as well
+        dynamo=False,
+        opset_version=17,
+        input_names=["image"],
+        output_names=names,
+    )
+    write_bytes(onnx, made.getvalue())

@@ -1,0 +1,152 @@
+"""Training the detector: seeded, resumable, with its loss curve kept."""
+
+import io
+import json
+import math
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ortilo_drake.flight.files import write_bytes, write_text
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.darknet_layers import Yolo
+from ortilo_drake.onboard.detector.darknet_network import Convolution, DarknetNetwork
+from ortilo_drake.training.network.augment import augment
+from ortilo_drake.training.network.loss import yolo_loss
+from ortilo_drake.training.pictures.labels import BOX, CLASS, VISIBLE, Frames, is_to_be_found
+
+LEARNING_RATE, WEIGHT_DECAY, WARM_UP = 2.0e-3, 1.0e-3, 500
+AVERAGING = 0.998  # of the weights that are kept
+BATCH = 32  # pictures a step
+RARE = -6.0  # logit of an object in a cell, before training
+
+
+def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
+    """Return augmented pictures (n, 3, h, w) in [0, 1], boxes (center, size), classes and which are to be found."""
+    images, boxes, classes, keep = [], [], [], []
+    for i in chosen:
+        labels = frames.labels[i]
+        image, box = augment(frames.images[i], labels[:, BOX].astype(float), rng)
+        labels = labels.copy()
+        labels[:, BOX] = box
+        side = np.minimum(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1])
+        gone = (labels[:, CLASS] < 0) | (labels[:, VISIBLE] <= 0.02) | (side < 1.0)
+        images.append(image)
+        # From the image's corner, not from the first pixel's centre.
+        boxes.append(np.column_stack([(box[:, :2] + box[:, 2:]) / 2 + 0.5, np.maximum(box[:, 2:] - box[:, :2], 1e-3)]))
+        classes.append(np.where(gone, -1, labels[:, CLASS]))
+        keep.append(is_to_be_found(labels))
+    pixels = torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float().div_(255.0)
+    noise = torch.from_numpy(rng.uniform(0.0, 0.03, len(chosen)).astype(np.float32)).view(-1, 1, 1, 1)
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    pixels = (pixels + noise * torch.randn(pixels.shape, generator=generator)).clamp_(0.0, 1.0)
+    as_tensor = [torch.from_numpy(np.array(x)) for x in (boxes, classes, keep)]
+    return pixels.contiguous(memory_format=torch.channels_last), as_tensor[0].float(), as_tensor[1], as_tensor[2]
+
+
+def initialize(network: DarknetNetwork) -> None:
+    """Have every head believe at first that objects are rare, else the empty cells drown the others."""
+    for layer, after in zip(network.layers, network.cfg.layers[1:], strict=False):
+        if isinstance(after, Yolo) and isinstance(layer, Convolution) and layer.convolution.bias is not None:
+            bias = layer.convolution.bias.data.view(len(after.anchors), -1)
+            bias[:, 4] = RARE
+
+
+def train(
+    network: DarknetNetwork,
+    frames: Frames,
+    epochs: int,
+    seed: int,
+    folder: Path,
+    progress: Callable[[int, int, float], None] | None = None,
+    batch: int = BATCH,
+) -> list[dict[str, float]]:
+    """Train a network in place on labelled pictures; return the loss of each epoch.
+
+    After every epoch weights, averaged weights and the optimiser's state are kept in folder/checkpoint.pt, from which
+    an interrupted training goes on as if it had not been. The network ends with the averaged weights.
+
+    Args:
+        network: the network, its weights as initialised.
+        frames: pictures and labels.
+        epochs: passes over them.
+        seed: of the order of pictures and of their augmentation.
+        folder: for checkpoint and loss curve (losses.json).
+        progress: called with epoch, step and the running loss.
+        batch: pictures a step.
+
+    Raises:
+        InputError: if there are too few pictures, or the checkpoint is damaged or of another training.
+    """
+    count, width = len(frames.images), frames.images.shape[2]
+    if count < batch:
+        raise InputError(f"pictures: {count} given, a step of training needs {batch}")
+    pictures = zlib.crc32(np.ascontiguousarray(frames.labels).tobytes())
+    of = {"seed": seed, "epochs": epochs, "pictures": pictures, "count": count, "batch": batch}
+    steps = epochs * (count // batch)
+    network.train().to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs miss it
+    decayed = [p for p in network.parameters() if p.ndim > 1]
+    plain = [p for p in network.parameters() if p.ndim <= 1]
+    groups = [{"params": decayed, "weight_decay": WEIGHT_DECAY}, {"params": plain, "weight_decay": 0.0}]
+    optimizer = torch.optim.AdamW(groups, lr=LEARNING_RATE)
+    average = {key: value.detach().clone() for key, value in network.state_dict().items()}
+    history: list[dict[str, float]] = []
+    checkpoint = folder / "checkpoint.pt"
+    if checkpoint.exists():
+        try:
+            kept = torch.load(checkpoint, weights_only=True)
+            same = kept["of"] == of
+            if same:
+                network.load_state_dict(kept["network"])
+                optimizer.load_state_dict(kept["optimizer"])
+                average, history = kept["average"], kept["history"]
+        except Exception as error:  # pickle, zipfile and torch raise a dozen kinds for damaged files
+            reason = " ".join(str(error).split())[:120]
+            raise InputError(f"{checkpoint}: not a checkpoint of this network: {reason}") from None
+        if not same:
+            raise InputError(f"{checkpoint}: is of a training with {kept['of']}, not {of}: take another folder")
+    anchors = tuple(torch.as_tensor(a, dtype=torch.float32) for a in (head.anchors for head in network.cfg.heads))
+    for epoch in range(len(history), epochs):
+        rng = np.random.default_rng([seed, epoch])
+        order = rng.permutation(count)
+        sums = np.zeros(4)
+        for step in range(count // batch):
+            k = epoch * (count // batch) + step
+            rate = (
+                LEARNING_RATE
+                * min(1.0, (k + 1) / WARM_UP)
+                * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * k / steps)))
+            )
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+            images, boxes, classes, keep = batch_of(frames, order[step * batch : (step + 1) * batch], rng)
+            with torch.autocast("cpu", dtype=torch.bfloat16):
+                heads = network(images)
+            loss, parts = yolo_loss(heads, anchors, boxes, classes, keep, width)
+            optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(network.parameters(), 20.0)
+            optimizer.step()
+            with torch.no_grad():
+                a = min(AVERAGING, (k + 1) / (k + 10))
+                for key, value in network.state_dict().items():
+                    if value.is_floating_point():
+                        average[key].lerp_(value, 1.0 - a)
+                    else:
+                        average[key].copy_(value)
+            sums += [float(loss.detach()), *parts.tolist()]
+            if progress:
+                progress(epoch, step, sums[0] / (step + 1))
+        names = ("loss", "box", "object", "class")  # the last three before their weights
+        history.append(dict(zip(names, (sums / (count // batch)).tolist(), strict=True)))
+        state = {"of": of, "network": network.state_dict(), "optimizer": optimizer.state_dict()}
+        packed = io.BytesIO()
+        torch.save({**state, "average": average, "history": history}, packed)
+        write_bytes(checkpoint, packed.getvalue())
+        write_text(folder / "losses.json", json.dumps(history, indent=2) + "\n")
+    network.load_state_dict(average)
+    network.eval()
+    return history

@@ -1,0 +1,1 @@
+"""Pictures with boxes to learn from: random rooms, appearance, labels, sets."""

@@ -1,0 +1,117 @@
+"""Auto-labelled pictures: every landmark's class, box and visible share, exact to the renderer."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import ReadObjToTriangleSurfaceMesh, SceneGraph
+from pydrake.math import RigidTransform
+
+from ortilo_drake.model.room import CameraModel, Room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.training.pictures.appearance import Recolored, random_background, random_lamps
+from ortilo_drake.training.pictures.labels import DISTANCE, LABEL_SIZE, MAX_OBJECTS, Frames
+from ortilo_drake.training.pictures.random_rooms import random_pose, random_room
+from ortilo_drake.training.pictures.silhouette import silhouette_pixels
+from ortilo_drake.world.scenery.rendering import make_scene_graph, render_cameras
+from ortilo_drake.world.scenery.scene import mesh_file, scene_items
+
+NEAR = 0.2  # a landmark with a point nearer than this has no label [m]
+
+
+@cache
+def _mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mesh's vertices (n, 3) and triangles (m, 3)."""
+    mesh = ReadObjToTriangleSurfaceMesh(path)
+    triangles = [[triangle.vertex(k) for k in range(3)] for triangle in mesh.triangles()]
+    return np.array(mesh.vertices()), np.array(triangles)
+
+
+def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return every landmark's mesh: vertices in W (n, 3) and triangles (m, 3).
+
+    Raises:
+        InputError: if a class has no mesh.
+    """
+    found = []
+    for item in scene_items(room):
+        if item.group == "landmarks":
+            if not mesh_file(item.kind).exists():
+                raise InputError(f"{mesh_file(item.kind)}: missing: no mesh of '{item.kind}' to label by")
+            vertices, triangles = _mesh(mesh_file(item.kind))
+            found.append(((item.X_WG @ (vertices * item.shape.scale3()).T).T, triangles))
+    return found
+
+
+class Studio:
+    """A room with its renderer, to take labelled pictures in."""
+
+    def __init__(
+        self, room: Room, classes: tuple[str, ...], camera: CameraModel, rng: np.random.Generator | None = None
+    ):
+        items = scene_items(room)
+        light: dict[str, Any] = {}
+        if rng is not None:
+            recolored = Recolored(rng)
+            items = [recolored.item(item) for item in items]
+            light = {"lamps": random_lamps(rng), "background": random_background(rng)}
+        self._room, self._camera = room, camera
+        self._classes = [float(classes.index(landmark.label)) for landmark in room.landmarks]
+        self._meshes = landmark_meshes(room)
+        self._color, _ = render_cameras(camera)
+        self._graph = make_scene_graph(items, **light)
+        self._query = self._graph.get_query_output_port().Eval(self._graph.CreateDefaultContext())
+        self._world = SceneGraph.world_frame_id()
+
+    def picture(self, X_WC: RigidTransform) -> tuple[np.ndarray, np.ndarray]:
+        """Return the picture (height, width, 3) and its labels (MAX_OBJECTS, 8) from a pose."""
+        image = self._query.RenderColorImage(self._color, self._world, X_WC).data[..., :3].copy()
+        label = self._query.RenderLabelImage(self._color, self._world, X_WC).data.ravel()
+        count = len(self._meshes)
+        seen = np.bincount(label[(label >= 0) & (label < count)], minlength=count)
+        rows = []
+        f, c = self._camera.focal_length, np.array(self._camera.center)
+        size = np.array([self._camera.width, self._camera.height])
+        for i, (vertices, triangles) in enumerate(self._meshes):
+            p_CV = X_WC.inverse() @ vertices.T
+            if np.min(p_CV[2]) < NEAR:
+                continue
+            uv = (f * p_CV[:2] / p_CV[2] + c[:, np.newaxis]).T
+            low, high = np.clip(uv.min(axis=0), -0.5, size - 0.5), np.clip(uv.max(axis=0), -0.5, size - 0.5)
+            whole = silhouette_pixels(uv, triangles, *size) if np.all(low < high) else 0
+            if whole == 0:
+                continue
+            visible = min(1.0, seen[i] / whole)
+            distance = np.linalg.norm(self._room.landmark_positions[i] - X_WC.translation())
+            rows.append([self._classes[i], *low, *high, visible, i, distance])
+        rows.sort(key=lambda row: row[DISTANCE])
+        labels = np.full((MAX_OBJECTS, LABEL_SIZE), -1.0, dtype=np.float32)
+        labels[: len(rows[:MAX_OBJECTS])] = np.array(rows[:MAX_OBJECTS]).reshape(-1, LABEL_SIZE)
+        return image, labels
+
+
+def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> Frames:
+    """Return the labelled pictures of one scene.
+
+    Args:
+        kind: 'paper_room' (the surveyed room, other light and textures) or 'random_rooms' (another room as well).
+        seed: seed of the set.
+        scene: number of the scene in the set; each has its own stream of chance.
+        frames: number of pictures.
+        width: image width [px].
+    """
+    rng = np.random.default_rng([seed, scene, ("paper_room", "random_rooms").index(kind)])
+    scenario = load_scenario("imu_uwb_yolo")
+    base = scenario.load_room()
+    room = base if kind == "paper_room" else random_room(base, rng)
+    path = None
+    if kind == "paper_room":
+        trajectory = plan(scenario.planner, base, scenario.vehicle)
+        times = np.linspace(trajectory.start_time(), trajectory.end_time(), 400)
+        path = np.array([np.ravel(trajectory.value(t))[:3] for t in times])
+    studio = Studio(room, base.classes, base.camera.scaled_to(width), rng)
+    pictures = [studio.picture(random_pose(room, rng, path if rng.random() < 0.7 else None)) for _ in range(frames)]
+    return Frames(np.array([image for image, _ in pictures]), np.array([labels for _, labels in pictures]))

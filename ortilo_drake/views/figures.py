@@ -1,0 +1,131 @@
+"""Figures: trajectories in the room, errors, arrivals."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon, Rectangle
+
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.model.room import Room
+from ortilo_drake.scenario import PositionBlackout, Scenario
+from ortilo_drake.views.pictures import save_picture
+
+DRAWN = ["truth", "reference", "due", "arrival"]  # what trajectory_figure and arrival_figure read of a flight
+# Okabe and Ito's colours, told apart by everyone.
+COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00"}
+TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
+STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.dpi": 130,
+}
+
+
+def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
+    """Draw the room from above: walls, stands, anchors, landmarks and the UWB blackouts in x."""
+    for x, y, _, yaw, half_x, half_y, _ in room.wall_boxes:
+        corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
+        R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        axes.add_patch(Polygon(corners @ R.T + [x, y], facecolor="#b9a08c", edgecolor="#8a725f", lw=0.4))
+    for x, y, radius, _ in room.stand_cylinders:
+        axes.add_patch(Circle((x, y), radius, facecolor="#d9d9d9", edgecolor="#999999", lw=0.4))
+    for blackout in scenario.uwb.link.blackouts:
+        if isinstance(blackout, PositionBlackout) and blackout.axis == "x":
+            low, high = room.interior.min[1], room.interior.max[1]
+            width = blackout.end - blackout.start
+            axes.add_patch(Rectangle((blackout.start, low), width, high - low, color="#0072B2", alpha=0.10, lw=0))
+            axes.text(blackout.start + width / 2, high - 0.35, "no UWB", ha="center", va="top", fontsize=7)
+    axes.plot(*room.anchor_positions[:, :2].T, "^", color="#009E73", ms=6, label="anchor", ls="")
+    axes.plot(*room.landmark_positions[:, :2].T, "*", color="#CC79A7", ms=7, label="landmark", ls="")
+    axes.set_xlim(room.interior.min[0] - 0.6, room.interior.max[0] + 0.6)
+    axes.set_ylim(room.interior.min[1] - 0.6, room.interior.max[1] + 0.6)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (east) [m]")
+    axes.set_ylabel("y (north) [m]")
+
+
+def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
+    """Draw the true paths of many flights in the room beside the planned one (the paper's figure).
+
+    Args:
+        flights: the flights by scenario; the first of each is drawn strong.
+        path: the image file.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 4.4), layout="constrained")
+        axes = figure.add_subplot()
+        first = next(iter(flights.values()))[0]
+        draw_room(axes, scenario_of(first).load_room(), scenario_of(first))
+        for name, rows in flights.items():
+            for k, flight in reversed(list(enumerate(rows))):
+                strong = k == 0
+                axes.plot(
+                    *flight["truth"].values[:, :2].T,
+                    color=COLOR.get(name, "#0072B2"),
+                    lw=1.6 if strong else 0.5,
+                    alpha=1.0 if strong else 0.35,
+                    label=TITLE.get(name, name) if strong else None,
+                )
+        axes.plot(*first["reference"].values[:, :2].T, "k--", lw=1.0, label="desired")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
+        return save_picture(figure, path)
+
+
+def flight_figure(flight: xr.Dataset, path: Path) -> Path:
+    """Draw one flight: its path in the room, its errors in 3-sigma bands and the arrivals over time."""
+    scenario = scenario_of(flight)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8.2), layout="constrained")
+        grid = figure.add_gridspec(5, 1, height_ratios=[5, 1.2, 1.2, 1.2, 0.9])
+        room_axes = figure.add_subplot(grid[0])
+        draw_room(room_axes, scenario.load_room(), scenario)
+        room_axes.plot(*flight["reference"].values[:, :2].T, "k--", lw=1.0, label="planned")
+        room_axes.plot(*flight["truth"].values[:, :2].T, color="#D55E00", lw=1.6, label="true")
+        room_axes.plot(*flight["estimate"].values[:, :2].T, color="#0072B2", lw=0.9, label="estimated")
+        room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
+        room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
+        time = flight["time"].values
+        error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
+        sigma = np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
+        for i, axis in enumerate(AXES):
+            axes = figure.add_subplot(grid[1 + i])
+            axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
+            axes.plot(time, error[:, i], color="k", lw=0.8)
+            axes.set_ylabel(f"error {axis} [m]")
+            axes.tick_params(labelbottom=False)
+        draw_arrivals(figure.add_subplot(grid[4]), flight)
+        for axes in figure.axes[1:]:
+            axes.set_xlim(time[0], time[-1])
+        return save_picture(figure, path)
+
+
+def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
+    """Draw a tick where each position fix was used, and a faint one where it was due and is missing."""
+    time = flight["time"].values
+    for row, sensor in enumerate(("camera", "uwb")):
+        due = flight["due"].sel(sensor=sensor).values
+        used = flight["arrival"].sel(sensor=sensor).values
+        axes.eventplot(time[due & ~used], lineoffsets=row, linelengths=0.25, colors="0.75", linewidths=0.6)
+        axes.eventplot(time[used], lineoffsets=row, linelengths=0.8, colors=COLOR[sensor], linewidths=0.6)
+    axes.set_yticks([0, 1], ["camera", "UWB"])
+    axes.set_ylim(-0.6, 1.6)
+    axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
+
+
+def arrival_figure(flights: dict[str, xr.Dataset], path: Path) -> Path:
+    """Draw the arrivals of one flight of each scenario over time."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(10, 1.5 * len(flights) + 0.4), layout="constrained")
+        for k, (name, flight) in enumerate(flights.items()):
+            axes = figure.add_subplot(len(flights), 1, k + 1)
+            draw_arrivals(axes, flight)
+            axes.set_xlim(0, float(flight["time"].values[-1]))
+            axes.set_title(f"{TITLE.get(name, name)}, seed {flight.attrs['seed']}", loc="left")
+        return save_picture(figure, path)

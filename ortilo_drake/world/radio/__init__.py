@@ -1,0 +1,1 @@
+"""The radio links of sensors, pictures and commands: rate, loss, blackouts, delay."""

@@ -1,0 +1,142 @@
+"""The radio link that carries the control packets to the rotors: loss and delay.
+
+One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at the rate of the state of a two-state
+Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; what is in flight arrives.
+In a tick in which nothing arrives the rotors either hold the last command that did or fall back to hover.
+
+The sender hears nothing back, as over UDP: filter and servo take every command for applied at once. L. Schenato,
+"To zero or to hold control inputs with lossy links?", IEEE Trans. Automatic Control 54 (2009), compares the two
+strategies.
+"""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.signals import N_U
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario import CommandLink as CommandLinkSettings
+from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.world.noise import stream_id, uniforms
+from ortilo_drake.world.radio.link import chain_after
+from ortilo_drake.world.seeded_system import SeededSystem
+
+_BAD = 0  # the state: whether the chain is bad, the command held, then the ring of packets in flight
+_HELD = slice(1, 1 + N_U)
+_FLYING = 1 + N_U
+_PACKET = 1 + N_U  # a packet in flight: 1 if it was sent, and the command
+
+
+@njit(cache=True)
+def is_lost(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
+    """Return whether the packet sent at tick k is lost; loss as loss_parameters returns it."""
+    return uniforms(seed, stream, k, 1)[0] < loss[3 if bad else 2]
+
+
+@njit(cache=True)
+def applied_command(
+    k: int,
+    state: np.ndarray,
+    u: np.ndarray,
+    loss: np.ndarray,
+    fallback: np.ndarray,
+    holds: bool,
+    seed: int,
+    stream: np.uint64,
+) -> np.ndarray:
+    """Return the control that acts over tick k (4).
+
+    Args:
+        k: tick.
+        state: the link's state, see CommandLink.
+        u: the command sent at tick k (4); not read where the link delays.
+        loss: see world/radio/link.py, loss_parameters (4).
+        fallback: the command at hover (4).
+        holds: whether a lost packet leaves the last command in force, or hover.
+        seed: seed of all noise.
+        stream: number of this noise stream.
+    """
+    d = (state.shape[0] - _FLYING) // _PACKET
+    if d == 0:
+        if not is_lost(k, state[_BAD] == 1.0, loss, seed, stream):
+            return u.copy()
+    else:
+        row = _FLYING + (k % d) * _PACKET
+        if state[row] == 1.0:
+            return state[row + 1 : row + _PACKET].copy()
+    return state[_HELD].copy() if holds else fallback.copy()
+
+
+@njit(cache=True)
+def link_after(
+    k: int,
+    state: np.ndarray,
+    u: np.ndarray,
+    applied: np.ndarray,
+    loss: np.ndarray,
+    seed: int,
+    stream: np.uint64,
+) -> np.ndarray:
+    """Return the link's state at tick k + 1. Arguments as applied_command; applied is what that returned."""
+    after = state.copy()
+    bad = state[_BAD] == 1.0
+    after[_BAD] = 1.0 if chain_after(k, bad, loss, seed, stream) else 0.0
+    after[_HELD] = applied
+    d = (state.shape[0] - _FLYING) // _PACKET
+    if d:
+        row = _FLYING + (k % d) * _PACKET  # read in this tick, so free
+        after[row] = 0.0 if is_lost(k, bad, loss, seed, stream) else 1.0
+        after[row + 1 : row + _PACKET] = u
+    return after
+
+
+class CommandLink(SeededSystem):
+    """Carries the control packets to the rotors, late, and some never.
+
+    Ports:
+        control (4): the command u of this tick, f_T absolute.
+        applied (4, output): the control that acts over this tick; without a delay it depends on control.
+
+    State (discrete, updated each tick): whether the loss chain is bad, which it is not at the start; the control that
+    acted over the last tick, hover at the start; and d rows (sent, command) of packets in flight, none at the start.
+
+    Args:
+        settings: loss, strategy and delay.
+        vehicle: whose hover thrust the link falls back to.
+        seed: seed of all noise; the stream is 'link/command'.
+        h: tick [s].
+    """
+
+    def __init__(self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float):
+        super().__init__(seed)
+        self.set_name("command_link")
+        self._loss, self._holds = loss_parameters(settings.loss), settings.when_lost == "hold"
+        self._hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
+        self._stream, self._h = stream_id("link/command"), h
+        self._control = self.DeclareVectorInputPort("control", N_U)
+        self._unread = np.zeros(N_U)
+        self._is_late = settings.delay > 0
+        start = np.zeros(_FLYING + settings.delay * _PACKET)
+        start[_HELD] = self._hover
+        self.DeclareDiscreteState(start)
+        self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
+        needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
+        if not self._is_late:
+            needs.add(self._control.ticket())
+        self._applied = self.DeclareVectorOutputPort("applied", N_U, self._calc_applied, prerequisites_of_calc=needs)
+
+    def _calc_applied(self, context: Context, output: BasicVector) -> None:
+        k = tick_of(context.get_time(), self._h)
+        u = self._unread if self._is_late else self._control.Eval(context)
+        state, seed = context.get_discrete_state().value(), self.seed_in(context)
+        output.SetFromVector(applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream))
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        k = tick_of(context.get_time(), self._h)
+        state, u, applied = (
+            context.get_discrete_state().value(),
+            self._control.Eval(context),
+            self._applied.Eval(context),
+        )
+        values.set_value(link_after(k, state, u, applied, self._loss, self.seed_in(context), self._stream))

@@ -1,0 +1,182 @@
+"""The radio link that carries one sensor's messages to the vehicle: rate, loss, blackouts and delay.
+
+At tick k a message is sent if it is due (k a multiple of the divider), outside every blackout, and not
+lost. Loss is the Gilbert-Elliott model: a Markov chain with a good and a bad state steps once a tick, and a
+message is lost with the probability of its state (E. N. Gilbert, "Capacity of a burst-noise channel", 1960;
+E. O. Elliott, 1963); independent (Bernoulli) loss is the same with one probability in both. A message sent
+at tick k with a delay of d ticks arrives at tick k + d; d = 0 is the same tick.
+"""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.signals import ARRIVED, N_X, STAMP
+from ortilo_drake.scenario import Link
+from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.world.noise import stream_id, uniforms
+from ortilo_drake.world.seeded_system import SeededSystem
+
+NOT_SENT = -1
+_TIME = 3  # a blackout's axis, after x, y, z
+_LOST, _DELAY, _CHAIN = 0, 1, 2  # what each uniform number of a tick decides
+
+
+@njit(cache=True)
+def delay_of_message(
+    k: int,
+    p_WB: np.ndarray,
+    bad: bool,
+    loss: np.ndarray,
+    blackouts: np.ndarray,
+    delays: tuple[int, int],
+    seed: int,
+    stream: np.uint64,
+) -> int:
+    """Return the delay d [ticks] of the message due at tick k, or NOT_SENT.
+
+    Args:
+        k: tick.
+        p_WB: the vehicle's true position, at least (3).
+        bad: whether the chain is in its bad state.
+        loss: see loss_parameters (4).
+        blackouts: see blackout_rows (n, 3).
+        delays: fixed delay and greatest additional delay [ticks].
+        seed: seed of all noise.
+        stream: number of this noise stream.
+    """
+    for i in range(blackouts.shape[0]):
+        axis = int(blackouts[i, 0])
+        where = float(k) if axis == _TIME else p_WB[axis]
+        if blackouts[i, 1] <= where < blackouts[i, 2]:
+            return NOT_SENT
+    u = uniforms(seed, stream, k, 2)
+    if u[_LOST] < loss[3 if bad else 2]:
+        return NOT_SENT
+    return delays[0] + int(u[_DELAY] * (delays[1] + 1))
+
+
+@njit(cache=True)
+def chain_after(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
+    """Return whether the chain is bad at tick k + 1, from what it is at tick k."""
+    u = uniforms(seed, stream, k, 3)[_CHAIN]
+    return u >= loss[1] if bad else u < loss[0]
+
+
+@njit(cache=True)
+def put_in_flight(flying: np.ndarray, arrival: int, message: np.ndarray) -> None:
+    """Put a message (n) among those in flight, rows (tick of arrival, message) (D, 1 + n).
+
+    The ring has a row for each of the next D ticks, D the greatest delay. Two messages that arrive in one
+    tick: the newer stamp stays, the other is dropped, for the port carries one.
+    """
+    row = flying[arrival % flying.shape[0]]
+    if row[0] == arrival and row[2] > message[1]:
+        return
+    row[0] = arrival
+    row[1:] = message
+
+
+def blackout_rows(settings: Link, h: float) -> np.ndarray:
+    """Return the blackouts as rows (axis, start, end): axes 0 to 2 in metres, 3 the time in whole ticks."""
+
+    def tick_from(time: float) -> int:
+        return int(np.ceil(time / h - 1e-6))  # a time that is a tick up to rounding is that tick
+
+    rows = [
+        (_TIME, tick_from(blackout.start), tick_from(blackout.end))
+        if blackout.kind == "time"
+        else ("xyz".index(blackout.axis), blackout.start, blackout.end)
+        for blackout in settings.blackouts
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+class SensorLink(SeededSystem):
+    """Carries a sensor's messages to the vehicle, some of them late, some never.
+
+    Pulls: the message port is evaluated only in a tick that sends, so a sensor does no work in between.
+    Blackouts and loss strike at sending; what is in flight arrives. A message keeps its stamp. Of several
+    that arrive in one tick the newest stamp is delivered. Without delay and Gilbert-Elliott loss the link
+    has no state and no events.
+
+    Ports:
+        message (n): the sensor's message of this tick.
+        state (12): x of the vehicle, the truth; for blackouts by position.
+        delivered (n, output): the message that arrives in this tick, or zeros.
+
+    State (discrete, updated each tick), each only where needed:
+        chain (1): 1 while the Gilbert-Elliott chain is bad; it starts good.
+        flying (D (1 + n)): messages in flight, rows (tick of arrival, message), D the greatest delay.
+
+    Args:
+        sensor: the sensor's name; the noise stream is 'link/<sensor>'.
+        size: n.
+        settings: rate, loss, blackouts, delay.
+        seed: seed of all noise.
+        h: tick [s].
+    """
+
+    def __init__(self, sensor: str, size: int, settings: Link, seed: int, h: float):
+        super().__init__(seed)
+        self.set_name(f"{sensor}_link")
+        self._every, self._delays = settings.every, (settings.delay, settings.random_delay)
+        self._loss, self._blackouts = loss_parameters(settings.loss), blackout_rows(settings, h)
+        self._by_position = bool(np.any(self._blackouts[:, 0] != _TIME))
+        self._nowhere = np.zeros(N_X)
+        self._stream, self._h = stream_id(f"link/{sensor}"), h
+        self._message = self.DeclareVectorInputPort("message", size)
+        self._state = self.DeclareVectorInputPort("state", N_X)
+
+        self._chain = self._flying = None
+        if settings.loss.kind == "gilbert_elliott":
+            self._chain = self.DeclareDiscreteState(1)
+        most = sum(self._delays)
+        if most:
+            self._flying = self.DeclareDiscreteState(np.tile([-1.0] + [0.0] * size, most))
+            self._flying_shape = (most, 1 + size)
+        if self._chain is not None or self._flying is not None:
+            self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
+
+        needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
+        if settings.delay == 0:
+            needs |= {self._message.ticket(), self._state.ticket()}
+        self.DeclareVectorOutputPort("delivered", size, self._calc_delivered, prerequisites_of_calc=needs)
+
+    def _delay(self, context: Context, k: int) -> int:
+        if k % self._every:
+            return NOT_SENT
+        x = self._state.Eval(context) if self._by_position else self._nowhere
+        bad = self._chain is not None and context.get_discrete_state(self._chain)[0] == 1.0
+        seed = self.seed_in(context)
+        return delay_of_message(k, x, bad, self._loss, self._blackouts, self._delays, seed, self._stream)
+
+    def _calc_delivered(self, context: Context, output: BasicVector) -> None:
+        k = tick_of(context.get_time(), self._h)
+        output.SetZero()
+        newest = -np.inf
+        if self._delays[0] == 0 and self._delay(context, k) == 0:
+            message = self._message.Eval(context)
+            if message[ARRIVED]:
+                newest = message[STAMP]
+                output.SetFromVector(message)
+        if self._flying is not None:
+            flying = context.get_discrete_state(self._flying).value().reshape(self._flying_shape)
+            landed = flying[k % len(flying)]
+            if landed[0] == k and landed[1 + STAMP] > newest:
+                output.SetFromVector(landed[1:])
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        k = tick_of(context.get_time(), self._h)
+        if self._flying is not None:
+            d = self._delay(context, k)
+            if d > 0:
+                message = self._message.Eval(context)
+                if message[ARRIVED]:
+                    flying = discrete_state.get_mutable_value(self._flying)
+                    put_in_flight(flying.reshape(self._flying_shape), k + d, message)
+        if self._chain is not None:
+            bad = context.get_discrete_state(self._chain)[0] == 1.0
+            after = chain_after(k, bad, self._loss, self.seed_in(context), self._stream)
+            discrete_state.get_mutable_value(self._chain)[0] = after

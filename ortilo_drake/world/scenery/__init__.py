@@ -1,0 +1,1 @@
+"""The room that the cameras render and Meshcat shows."""

@@ -1,0 +1,158 @@
+"""Drake's VTK renderer on a room, without a screen."""
+
+import ctypes
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    DepthRange,
+    DepthRenderCamera,
+    GeometryInstance,
+    LightParameter,
+    MakeRenderEngineVtk,
+    Mesh,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    RenderLabel,
+    Rgba,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context
+from pydrake.systems.sensors import CameraInfo
+
+from ortilo_drake.model.pinhole import R_BC
+from ortilo_drake.model.room import CameraModel
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.world.scenery.scene import SceneItem
+
+_EGL_PLATFORM_DEVICE = 0x313F  # EGL_PLATFORM_DEVICE_EXT
+RENDERER = "vtk"
+NEAREST, FARTHEST = 0.05, 40.0  # what the camera draws [m]
+BACKGROUND = (0.78, 0.80, 0.82)  # where there is nothing: above the walls
+
+# Three weak lamps far away, so that no side of a wall is black; every lamp costs time.
+LAMPS = ((0.85, (1.0, 0.55, -0.9)), (0.65, (-1.0, 0.35, -0.5)), (0.70, (0.2, -1.0, -0.6)))
+
+
+def lamp(intensity: float, direction: Sequence[float], color: Sequence[float] = (1.0, 1.0, 1.0)) -> LightParameter:
+    """Return a lamp far away that shines in a direction in W."""
+    return LightParameter(
+        type="directional",
+        frame="world",
+        direction=np.array(direction),
+        intensity=intensity,
+        color=Rgba(*color),
+    )
+
+
+def room_lamps() -> list[LightParameter]:
+    """Return the lamps of every flight."""
+    return [lamp(intensity, direction) for intensity, direction in LAMPS]
+
+
+def check_egl() -> None:
+    """Check that a picture can be drawn without a screen; the renderer itself would crash.
+
+    Raises:
+        InputError: saying what to install.
+    """
+    if not _egl_works():
+        raise InputError(
+            "camera: 'rendered' draws with EGL, which is missing here or has no driver: install it (Debian, Ubuntu: "
+            "apt-get install libegl1 libgl1-mesa-dri) or fly with --camera projected"
+        )
+
+
+@cache
+def _egl_works() -> bool:
+    """Return whether EGL starts on the first device that it lists, as the renderer does."""
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return False
+    pointer = ctypes.c_void_p
+    egl.eglGetProcAddress.restype = pointer
+
+    def function(name: bytes, *types: type) -> Callable[..., Any] | None:
+        address = egl.eglGetProcAddress(name)
+        return ctypes.CFUNCTYPE(*types)(address) if address else None
+
+    query = function(b"eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, pointer, pointer)
+    display_of = function(b"eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)
+    device, count = pointer(), ctypes.c_int(0)
+    if query is None or display_of is None:
+        return False
+    if not query(1, ctypes.byref(device), ctypes.byref(count)) or count.value == 0:
+        return False
+    display = display_of(_EGL_PLATFORM_DEVICE, device, None)
+    egl.eglInitialize.argtypes = (pointer, pointer, pointer)
+    return bool(display) and bool(egl.eglInitialize(display, None, None))
+
+
+def make_scene_graph(
+    items: Iterable[SceneItem],
+    lamps: Sequence[LightParameter] | None = None,
+    background: Sequence[float] = BACKGROUND,
+) -> SceneGraph:
+    """Return a SceneGraph with a renderer in which the items stand; a landmark's label is its number.
+
+    Args:
+        items: what there is to see.
+        lamps: the light; by default room_lamps().
+        background: colour where there is nothing.
+
+    Raises:
+        InputError: if there is no EGL.
+    """
+    check_egl()
+    scene_graph = SceneGraph()
+    parameters = RenderEngineVtkParams(
+        backend="EGL", lights=list(lamps or room_lamps()), default_clear_color=np.array(background)
+    )
+    scene_graph.AddRenderer(RENDERER, MakeRenderEngineVtk(parameters))
+    source = scene_graph.RegisterSource("room")
+    for k, item in enumerate(items):
+        instance = GeometryInstance(item.X_WG, item.shape, f"{item.kind}/{k}")
+        properties = PerceptionProperties()
+        label = RenderLabel(item.landmark) if item.landmark >= 0 else RenderLabel.kDontCare
+        properties.AddProperty("label", "id", label)
+        if not isinstance(item.shape, Mesh):  # a mesh brings its own
+            properties.AddProperty("phong", "diffuse", item.rgba)
+        instance.set_perception_properties(properties)
+        scene_graph.RegisterAnchoredGeometry(source, instance)
+    return scene_graph
+
+
+def move_landmarks(scene_graph: SceneGraph, context: Context, positions: np.ndarray) -> None:
+    """Move the landmarks of a scene to p_W (n, 3) [m], turned as they are, in a context of the SceneGraph."""
+    inspector = scene_graph.model_inspector()
+    for geometry in inspector.GetAllGeometryIds():
+        landmark = int(inspector.GetPerceptionProperties(geometry).GetProperty("label", "id"))
+        if landmark < len(positions):
+            source = next(s for s in inspector.GetAllSourceIds() if inspector.BelongsToSource(geometry, s))
+            X_WG = RigidTransform(inspector.GetPoseInFrame(geometry).rotation(), positions[landmark])
+            # SceneGraph.ChangeShape moves it for queries but not in the picture.
+            instance = GeometryInstance(X_WG, inspector.GetShape(geometry), f"landmark/{landmark}")
+            instance.set_perception_properties(PerceptionProperties(inspector.GetPerceptionProperties(geometry)))
+            scene_graph.RemoveGeometry(context, source, geometry)
+            scene_graph.RegisterGeometry(context, source, inspector.world_frame_id(), instance)
+
+
+def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderCamera]:
+    """Return Drake's colour (and label) and depth cameras of a camera model; pixels count alike in both."""
+    # VTK counts from the pixel's edge, we from its centre: half a pixel, as a test against OpenCV shows.
+    center = [c + 0.5 for c in camera.center]
+    info = CameraInfo(camera.width, camera.height, camera.focal_length, camera.focal_length, *center)
+    core = RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, FARTHEST), RigidTransform())
+    return ColorRenderCamera(core), DepthRenderCamera(core, DepthRange(NEAREST, FARTHEST))
+
+
+def camera_in_body(camera: CameraModel) -> RigidTransform:
+    """Return X_BC, the camera on the vehicle."""
+    return RigidTransform(RotationMatrix(R_BC), camera.position)

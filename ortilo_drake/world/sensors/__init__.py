@@ -1,0 +1,1 @@
+"""The sensors: from the true state to a stamped message."""

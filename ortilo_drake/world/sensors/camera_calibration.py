@@ -1,0 +1,157 @@
+"""What was measured of the rendered camera and its detector, as a file.
+
+All tables are linear between their knots and constant beyond; farther than the last distance nothing is found. A
+landmark at distance d, of which the share a is in the
+image and the share s is hidden by nothing, is found with the probability
+
+    P = found(class, d) inside(a) visible(s)
+
+and its box, cut at the image's border and b px wide (high), errs along u (v) by
+
+    center  e = m_c(b) g(s) g'(a) q_c(z),    width (height)  e = m_s(b) g(s) g'(a) q_s(z),
+
+m the mean size of the error, g its growth on hidden and g' on cut landmarks, q the error's quantile (in units of m)
+that belongs to that of a standard normal number z. Successive pictures are alike, and so are their errors:
+z = sqrt(w) z_slow + sqrt(1 - w) z_white, see projected_camera.py.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, NonNegativeFloat, PositiveInt, model_validator
+
+from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yaml
+from ortilo_drake.scenario.link import Probability
+from ortilo_drake.scenario.sensors import MeasuredErrors
+
+CALIBRATION = Path(__file__).with_name("camera_calibration.yaml")
+OTHER = "other"  # the class of landmarks that were not measured
+
+Rates = tuple[Probability, ...]
+Values = tuple[float, ...]
+Sizes = tuple[Positive, ...]
+
+
+class Source(Frozen):
+    """Where a calibration comes from: flights of a scenario, the pictures in them, and the detector's digest."""
+
+    scenario: str
+    seeds: tuple[int, ...]
+    pictures: PositiveInt
+    landmarks_found: PositiveInt
+    detector: str
+    width: Annotated[int, Field(ge=16, le=8192)]
+
+
+class Found(Frozen):
+    """Detection rates: by distance [m] for each class; factors by the share inside the image and by that not hidden."""
+
+    distance: Values
+    rate: dict[str, Rates]
+    inside: Values
+    inside_factor: Rates
+    visible: Values
+    visible_factor: Rates
+
+
+class BoxErrors(Frozen):
+    """Errors of found boxes.
+
+    Mean sizes [px] by the box's width or height [px]; growth by the shares not hidden and inside the image, and by the
+    latter the factor of an edge at the image's border; and quantiles of the centre's u and v and of width and height,
+    in mean sizes, at those of a standard normal number.
+    """
+
+    size: Values
+    center: Sizes
+    extent: Sizes
+    visible_growth: Sizes
+    inside_growth: Sizes
+    border_factor: tuple[NonNegativeFloat, ...]
+    normal: Values
+    quantiles: dict[str, Values]
+
+
+class Slow(Frozen):
+    """The share of an error's variance that changes slowly, and how slowly: time between its nodes [s]."""
+
+    share: Probability
+    period: Positive
+
+
+class FalseBoxes(Frozen):
+    """False boxes: mean number a picture, share of each class, widths and heights [px] at equal steps of chance."""
+
+    mean: Annotated[float, Field(ge=0.0, le=5.0)]
+    classes: dict[str, Probability]
+    width: Sizes
+    height: Sizes
+
+
+QUANTILES = ("center_u", "center_v", "width", "height")
+
+
+class CameraCalibration(Frozen):
+    """The errors of a camera and its detector."""
+
+    source: Source
+    found: Found
+    errors: BoxErrors
+    slow_errors: Slow
+    slow_misses: Slow
+    false_boxes: FalseBoxes
+
+    @model_validator(mode="after")
+    def _tables_fit(self) -> "CameraCalibration":
+        found, errors = self.found, self.errors
+        if OTHER not in found.rate:
+            raise ValueError(f"found.rate: no rates for '{OTHER}' classes")
+        if tuple(sorted(errors.quantiles)) != tuple(sorted(QUANTILES)):
+            raise ValueError(f"errors.quantiles: {sorted(errors.quantiles)}: must be {sorted(QUANTILES)}")
+        tables = [
+            ("found.distance", found.distance, [(f"found.rate.{name}", rate) for name, rate in found.rate.items()]),
+            (
+                "found.inside",
+                found.inside,
+                [
+                    ("found.inside_factor", found.inside_factor),
+                    ("errors.inside_growth", errors.inside_growth),
+                    ("errors.border_factor", errors.border_factor),
+                ],
+            ),
+            (
+                "found.visible",
+                found.visible,
+                [("found.visible_factor", found.visible_factor), ("errors.visible_growth", errors.visible_growth)],
+            ),
+            ("errors.size", errors.size, [("errors.center", errors.center), ("errors.extent", errors.extent)]),
+            ("errors.normal", errors.normal, [(f"errors.quantiles.{k}", q) for k, q in errors.quantiles.items()]),
+            (
+                "false_boxes.width",
+                range(len(self.false_boxes.width)),
+                [("false_boxes.height", self.false_boxes.height)],
+            ),
+        ]
+        for name, knots, columns in tables:
+            if len(knots) < 2 or any(b <= a for a, b in pairwise(knots)):
+                raise ValueError(f"{name}: {list(knots)}: needs two knots or more, rising")
+            for column, values in columns:
+                if len(values) != len(knots):
+                    raise ValueError(f"{column}: {len(values)} values for the {len(knots)} of {name}")
+        return self
+
+
+def load_calibration(settings: MeasuredErrors) -> CameraCalibration:
+    """Return the calibration that the settings name.
+
+    Raises:
+        InputError: if its file is missing or wrong.
+    """
+    path = CALIBRATION if settings.file == "rendered" else Path(settings.file)
+    if not exists(path):
+        raise InputError(
+            f"projected_camera.errors.file: {path}: no such camera calibration (ortilo detector calibrate)"
+        )
+    return load_yaml(CameraCalibration, path)

@@ -1,0 +1,156 @@
+"""What the camera has of each landmark: distance, box, how much of it is in the image and how much nothing hides.
+
+The very numbers that a detector's rates and errors are measured by (training/calibration/calibrate.py) and drawn by
+(projected_camera.py), so they hold no chance.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import NEAR, Camera, extent_box, in_body_frame
+from ortilo_drake.model.room import Room
+from ortilo_drake.world.sensors.line_of_sight import crosses_box, crosses_cylinder
+
+# Columns of a view. The box is the landmark's whole box, not cut at the image's border [px].
+LANDMARK, DISTANCE, BOX, INSIDE, VISIBLE = 0, 1, slice(2, 6), 6, 7
+VIEW_SIZE = 8
+
+# Where an extent is looked at, as shares of its half sizes: its centre and points towards its corners.
+_SAMPLES = np.array([[0.0, 0.0, 0.0], *[[x, y, z] for x in (-0.7, 0.7) for y in (-0.7, 0.7) for z in (-0.7, 0.7)]])
+
+
+class Surroundings(NamedTuple):
+    """Landmarks and what may hide them, as compiled functions take them.
+
+    Attributes:
+        positions: p_W of the landmarks [m] (n, 3).
+        outlines: their outlines, see pinhole.py (n, m, 3).
+        sizes: their extents along W's axes [m] (n, 3).
+        boxes: what hides, turned boxes, see line_of_sight.py, and their radius in plan [m] (k, 8).
+        cylinders: what hides, cylinders on the floor (l, 4).
+    """
+
+    positions: np.ndarray
+    outlines: np.ndarray
+    sizes: np.ndarray
+    boxes: np.ndarray
+    cylinders: np.ndarray
+
+
+def surroundings(room: Room) -> Surroundings:
+    """Return a room's landmarks, walls and stands.
+
+    Furniture is left out: the boxes that are known of it hide more than the things themselves do.
+    """
+    return Surroundings(
+        room.landmark_positions,
+        room.landmark_outlines,
+        room.landmark_sizes,
+        np.column_stack([room.wall_boxes, np.hypot(room.wall_boxes[:, 4], room.wall_boxes[:, 5])]),
+        room.stand_cylinders,
+    )
+
+
+@njit(cache=True)
+def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
+    """Return the share of landmark i's sample points that the camera at p_WC (3, in W) sees."""
+    p_WL, size = room.positions[i], room.sizes[i]
+    points = p_WL + 0.5 * size * _SAMPLES
+    hidden, n_hidden = np.zeros(points.shape[0], dtype=np.bool_), 0
+    # Few obstacles stand near the line of sight, seen in plan: those alone are looked at closely.
+    aside = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
+    dx, dy = p_WL[0] - p_WC[0], p_WL[1] - p_WC[1]
+    length = max(np.sqrt(dx**2 + dy**2), 1e-9)
+    dx, dy = dx / length, dy / length
+    for j in range(room.boxes.shape[0]):
+        ox, oy, reach = room.boxes[j, 0] - p_WC[0], room.boxes[j, 1] - p_WC[1], room.boxes[j, 7] + aside
+        if abs(ox * dy - oy * dx) <= reach and -reach <= ox * dx + oy * dy <= length + reach:
+            for k in range(points.shape[0]):
+                if not hidden[k] and crosses_box(p_WC, points[k], room.boxes[j]):
+                    hidden[k] = True
+                    n_hidden += 1
+    lowest = min(p_WC[2], p_WL[2] - 0.5 * size[2])
+    for j in range(room.cylinders.shape[0]):
+        if room.cylinders[j, 3] <= lowest:  # it ends below every line of sight
+            continue
+        ox, oy, reach = room.cylinders[j, 0] - p_WC[0], room.cylinders[j, 1] - p_WC[1], room.cylinders[j, 2] + aside
+        if abs(ox * dy - oy * dx) <= reach and -reach <= ox * dx + oy * dy <= length + reach:
+            for k in range(points.shape[0]):
+                if not hidden[k] and crosses_cylinder(p_WC, points[k], room.cylinders[j]):
+                    hidden[k] = True
+                    n_hidden += 1
+    return 1.0 - n_hidden / points.shape[0]
+
+
+@register_jitable
+def cut(value: float, size: float) -> float:
+    """Return a pixel coordinate cut at the border of an image of that size."""
+    return min(max(value, -0.5), size - 0.5)
+
+
+@register_jitable
+def view_box(
+    i: int,
+    p_WB: np.ndarray,
+    R_WB: np.ndarray,
+    room: Surroundings,
+    camera: Camera,
+    limits: np.ndarray,
+    box: np.ndarray,
+) -> tuple[float, float]:
+    """Write the whole box of landmark i to box (4); return its distance [m] and the share of it inside the image.
+
+    The share is 0, and the box is nothing, if there is nothing of the landmark in the image.
+
+    Args:
+        i: the landmark.
+        p_WB: the body's origin in W (3).
+        R_WB: the body's attitude (3 x 3).
+        room: the landmarks.
+        camera: the camera.
+        limits: largest distance [m]; least width and height of the part in the image [px], above 0.
+        box: to be written.
+    """
+    p_BL = in_body_frame(room.positions[i, 0], room.positions[i, 1], room.positions[i, 2], p_WB, R_WB)
+    q_x, q_y, q_z = p_BL[0] - camera.p_BC[0], p_BL[1] - camera.p_BC[1], p_BL[2] - camera.p_BC[2]
+    distance = np.sqrt(q_x**2 + q_y**2 + q_z**2)
+    if q_x < NEAR or distance > limits[0]:
+        return distance, 0.0
+    # Cheap first: the ball around its extent, as seen in plan, is aside of the image.
+    radius = 0.5 * np.sqrt(room.sizes[i, 0] ** 2 + room.sizes[i, 1] ** 2 + room.sizes[i, 2] ** 2)
+    if camera.f * (abs(q_y) - radius) > (0.5 * camera.image[0] + 2.0) * (q_x + radius):
+        return distance, 0.0
+    if not extent_box(room.positions[i], room.outlines[i], p_WB, R_WB, camera, box):
+        return distance, 0.0
+    width = cut(box[2], camera.image[0]) - cut(box[0], camera.image[0])
+    height = cut(box[3], camera.image[1]) - cut(box[1], camera.image[1])
+    if min(width, height) < limits[1]:
+        return distance, 0.0
+    return distance, width * height / ((box[2] - box[0]) * (box[3] - box[1]))
+
+
+@njit(cache=True)
+def landmark_views(x: np.ndarray, room: Surroundings, camera: Camera, limits: np.ndarray) -> np.ndarray:
+    """Return a row for each landmark that is in the image, in the map's order (k, VIEW_SIZE).
+
+    Args:
+        x: state of the vehicle; position and attitude come first.
+        room: landmarks and what may hide them.
+        camera: the camera.
+        limits: see view_box.
+    """
+    p_WB, R_WB = x[0:3], rotation_matrix(x[3:6])
+    p_WC = p_WB + R_WB @ camera.p_BC
+    n, k = room.positions.shape[0], 0
+    views, box = np.empty((n, VIEW_SIZE)), np.empty(4)
+    for i in range(n):
+        distance, inside = view_box(i, p_WB, R_WB, room, camera, limits, box)
+        if inside > 0.0:
+            views[k, 0], views[k, 1], views[k, 6], views[k, 7] = i, distance, inside, visible_share(p_WC, i, room)
+            views[k, 2:6] = box
+            k += 1
+    return views[:k]

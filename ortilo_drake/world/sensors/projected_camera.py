@@ -1,0 +1,224 @@
+"""A landmark camera without an image: what the detector would return of the rendered picture.
+
+It draws from what was measured of them (camera_calibration.py) or from a few given numbers. A slow noise number of
+tick t, between nodes N ticks apart, is
+
+    ((1 - a) n_k + a n_{k+1}) / sqrt((1 - a)^2 + a^2),   k = t div N,   a = (t mod N) / N,
+
+standard normal in every tick, and a pure function of the tick.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+from pydrake.systems.framework import BasicVector, Context
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
+from ortilo_drake.scenario import ProjectedCamera as ProjectedCameraSettings
+from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.world.noise import normals, stream_id, uniforms
+from ortilo_drake.world.seeded_system import SeededSystem
+from ortilo_drake.world.sensors.camera_calibration import load_calibration
+from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
+
+_MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
+STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera errors, slow")
+
+
+@register_jitable
+def persistent_normals(
+    seed: int, white: np.uint64, nodes: np.uint64, tick: int, n: int, share: float, spacing: int
+) -> np.ndarray:
+    """Return n standard normal numbers that belong to a tick, a share of their variance changing slowly.
+
+    Args:
+        seed: seed of all noise.
+        white: number of the stream of what is new every tick.
+        nodes: number of the stream of the slow part's nodes.
+        tick: the tick.
+        n: how many.
+        share: of the variance.
+        spacing: of the nodes [ticks].
+    """
+    z = normals(seed, white, tick, n)
+    if share > 0.0:
+        a = (tick % spacing) / spacing
+        before, after = normals(seed, nodes, tick // spacing, n), normals(seed, nodes, tick // spacing + 1, n)
+        scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
+        for j in range(n):
+            z[j] = np.sqrt(1.0 - share) * z[j] + scale * ((1.0 - a) * before[j] + a * after[j])
+    return z
+
+
+@register_jitable
+def _write_row(message: np.ndarray, row: int, label: float, score: float, box: np.ndarray) -> None:
+    start = PAYLOAD + row * DETECTION_SIZE
+    message[start], message[start + 1] = label, score
+    message[start + 2 : start + 6] = box
+
+
+@njit(cache=True)
+def poisson(u: float, mean: float, largest: int) -> int:
+    """Return the Poisson number of a mean that belongs to u in [0, 1), by inversion; at most largest."""
+    term = np.exp(-mean)
+    total, k = term, 0
+    while u >= total and k < largest:
+        k += 1
+        term *= mean / k
+        total += term
+    return k
+
+
+@njit(cache=True)
+def detections_message(
+    x: np.ndarray,
+    room: Surroundings,
+    labels: np.ndarray,
+    camera: Camera,
+    tables: Tables,
+    seed: int,
+    streams: np.ndarray,
+    false_stream: np.uint64,
+    time: float,
+    h: float,
+) -> np.ndarray:
+    """Return the detections message at state x: the landmarks found, in the map's order, then false boxes.
+
+    Args:
+        x: state (12).
+        room: landmarks and what may hide them.
+        labels: the landmarks' classes (n).
+        camera: the camera.
+        tables: rates and errors, see camera_calibration.py.
+        seed: seed of all noise.
+        streams: numbers of the noise streams of each landmark, see STREAMS (n, 4); its noise is the same whatever
+            else is seen.
+        false_stream: number of the stream of false boxes.
+        time: t_k [s].
+        h: tick [s].
+    """
+    message = np.zeros(DETECTIONS_SIZE)
+    message[0], message[1] = 1.0, time
+    message[PAYLOAD::DETECTION_SIZE] = -1.0
+    tick, image, row = tick_of(time, h), camera.image, 0
+    p_WB, R_WB = x[0:3], rotation_matrix(x[3:6])
+    p_WC = p_WB + R_WB @ camera.p_BC
+    box, whole = np.empty(4), np.empty(4)
+    for i in range(labels.size):
+        distance, inside = view_box(i, p_WB, R_WB, room, camera, tables.limits, whole)
+        if inside == 0.0 or row == MAX_DETECTIONS:
+            continue
+        rate = look_up(tables.found, 1 + int(labels[i]), distance) * look_up(tables.inside, 1, inside)
+        if rate == 0.0:
+            continue
+        share, spacing = tables.slow[1, 0], int(tables.slow[1, 1])
+        z_miss = persistent_normals(seed, streams[i, 0], streams[i, 1], tick, 1, share, spacing)[0]
+        chance = 0.5 * math.erfc(-z_miss / math.sqrt(2.0))
+        if chance >= rate:
+            continue
+        visible = visible_share(p_WC, i, room)
+        rate *= look_up(tables.visible, 1, visible)
+        if chance >= rate or visible < tables.limits[2]:
+            continue
+        share, spacing = tables.slow[0, 0], int(tables.slow[0, 1])
+        z = persistent_normals(seed, streams[i, 2], streams[i, 3], tick, 4, share, spacing)
+        at_border = look_up(tables.inside, 3, inside)
+        growth = look_up(tables.visible, 2, visible) * look_up(tables.inside, 2, inside)
+        for axis in range(2):
+            low, high = cut(whole[axis], image[axis]), cut(whole[2 + axis], image[axis])
+            center = growth * look_up(tables.errors, 1, high - low) * look_up(tables.quantiles, 1 + axis, z[axis])
+            extent = growth * look_up(tables.errors, 2, high - low) * look_up(tables.quantiles, 3 + axis, z[2 + axis])
+            for side, edge, error in ((0, low, center - 0.5 * extent), (2, high, center + 0.5 * extent)):
+                # An edge at the border has errors of its own.
+                factor = 1.0 if edge == whole[side + axis] else at_border
+                box[side + axis] = cut(edge + factor * error, image[axis])
+        if box[0] < box[2] and box[1] < box[3]:
+            _write_row(message, row, labels[i], 1.0 - 0.5 * chance / rate, box)
+            row += 1
+    n_false = poisson(uniforms(seed, false_stream, tick, 1)[0], tables.false_classes[0], _MAX_FALSE)
+    if n_false > 0:
+        u = uniforms(seed, false_stream, tick, 1 + 6 * n_false)[1:].reshape((n_false, 6))
+        for k in range(min(n_false, MAX_DETECTIONS - row)):
+            for axis in range(2):
+                center = u[k, 1 + axis] * image[axis] - 0.5
+                half = 0.5 * look_up(tables.false_sizes, 1 + axis, u[k, 3 + axis])
+                box[axis], box[2 + axis] = cut(center - half, image[axis]), cut(center + half, image[axis])
+            label = np.searchsorted(tables.false_classes[1:-1], u[k, 0], side="right")
+            _write_row(message, row, float(label), 0.25 + 0.5 * u[k, 5], box)
+            row += 1
+    return message
+
+
+class ProjectedCamera(SeededSystem):
+    """A memoryless camera and detector in one, of measured or given errors.
+
+    Of more than MAX_DETECTIONS boxes the last are left out. Scores are uniform, on (1/2, 1] for landmarks and
+    on [1/4, 3/4) for false boxes.
+
+    Ports:
+        state (12): x of the vehicle.
+        detections (DETECTIONS_SIZE, output): the message, see model/signals.py; there in every tick.
+
+    Parameters of the Context, beside the seed:
+        landmarks (3 n): p_W of their centres row by row [m]; the room's by default.
+        p_BC (3): where the camera is [m]; the room's by default.
+
+    Args:
+        settings: image width and errors.
+        room: landmarks, walls, stands and the camera.
+        seed: seed of all noise.
+        h: tick [s].
+
+    Raises:
+        InputError: if the file of measured errors is missing or wrong.
+    """
+
+    def __init__(self, settings: ProjectedCameraSettings, room: Room, seed: int, h: float):
+        super().__init__(seed)
+        self.set_name("projected_camera")
+        camera = room.camera.scaled_to(settings.width).constants
+        if isinstance(settings.errors, ParametricErrors):
+            tables = parametric_tables(settings.errors, room.classes, camera.image)
+        else:
+            tables = measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
+        streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
+        self._room, self._camera, self._tables = surroundings(room), camera, tables
+        self._labels = room.landmark_labels
+        self._landmarks = self.DeclareNumericParameter(BasicVector(room.landmark_positions.ravel()))
+        self._p_BC = self.DeclareNumericParameter(BasicVector(camera.p_BC))
+        self._streams = (
+            np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
+            stream_id("camera false boxes"),
+        )
+        self._h = h
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        self.DeclareVectorOutputPort(
+            "detections",
+            DETECTIONS_SIZE,
+            self._calc_detections,
+            prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
+        )
+
+    def set_landmarks_in(self, context: Context, positions: np.ndarray) -> None:
+        """Set where the landmarks are, p_W (n, 3) [m], in a context of this system."""
+        context.get_mutable_numeric_parameter(self._landmarks).SetFromVector(positions.ravel())
+
+    def set_camera_in(self, context: Context, p_BC: np.ndarray) -> None:
+        """Set where on the vehicle the camera is, p_BC (3) [m], in a context of this system."""
+        context.get_mutable_numeric_parameter(self._p_BC).SetFromVector(p_BC)
+
+    def _calc_detections(self, context: Context, output: BasicVector) -> None:
+        x, seed, time = self._state.Eval(context), self.seed_in(context), context.get_time()
+        positions = context.get_numeric_parameter(self._landmarks).CopyToVector().reshape(-1, 3)
+        room = self._room._replace(positions=positions)
+        camera = self._camera._replace(p_BC=context.get_numeric_parameter(self._p_BC).CopyToVector())
+        output.SetFromVector(
+            detections_message(x, room, self._labels, camera, self._tables, seed, *self._streams, time, self._h)
+        )

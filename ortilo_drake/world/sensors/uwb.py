@@ -1,0 +1,125 @@
+"""Ultra-wideband ranging to the room's anchors (paper, section III-A)."""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X, uwb_size
+from ortilo_drake.scenario import Uwb
+from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.seeded_system import SeededSystem
+from ortilo_drake.world.sensors.line_of_sight import walls_crossed
+
+
+@njit(cache=True)
+def uwb_message(
+    x: np.ndarray,
+    anchors: np.ndarray,
+    bias: np.ndarray,
+    boxes: np.ndarray,
+    settings: np.ndarray,
+    seed: int,
+    stream: np.uint64,
+    time: float,
+    h: float,
+) -> np.ndarray:
+    """Return the uwb message: ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
+
+    d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal. A range is there if d_i is
+    within the greatest distance and w_i within the greatest number of walls; else it is 0. None is below 0.
+
+    Args:
+        x: state (12); the antenna is B's origin.
+        anchors: p_WA_i (n, 3).
+        bias: b_i of each anchor [m] (n).
+        boxes: the walls that act on a range (m, 7).
+        settings: s_0 [m], s_1, bias b of each wall [m], greatest number of walls, greatest distance [m].
+        seed: seed of all noise.
+        stream: number of this noise stream.
+        time: t_k [s].
+        h: tick [s].
+    """
+    n = anchors.shape[0]
+    message = np.zeros(2 + 2 * n)
+    message[0] = 1.0
+    message[1] = time
+    p_WB = x[:3]
+    v = normals(seed, stream, tick_of(time, h), n)  # each anchor has its own, also where no range is there
+    for i in range(n):
+        a = anchors[i]
+        d = np.sqrt((p_WB[0] - a[0]) ** 2 + (p_WB[1] - a[1]) ** 2 + (p_WB[2] - a[2]) ** 2)
+        if d > settings[4]:
+            continue
+        w = walls_crossed(p_WB, a, boxes)
+        if w > settings[3]:
+            continue
+        message[2 + i] = max(d + bias[i] + settings[2] * w + (settings[0] + settings[1] * d) * v[i], 0.0)
+        message[2 + n + i] = 1.0
+    return message
+
+
+def ranging_settings(settings: Uwb) -> np.ndarray:
+    """Return the settings as uwb_message takes them (5)."""
+    noise, walls = settings.noise, settings.walls
+    s_0, s_1 = (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
+    bias = walls.per_wall if walls.kind == "bias" else 0.0
+    most_walls = 0.0 if walls.kind == "block" else np.inf
+    return np.array([s_0, s_1, bias, most_walls, settings.max_distance])
+
+
+class UwbRanging(SeededSystem):
+    """A memoryless UWB receiver at B's origin.
+
+    Ports:
+        state (12): x of the vehicle.
+        uwb (2 + 2 n, output): the uwb message, see model/signals.py; in every tick, each range by its flag.
+
+    Parameters of the Context, beside the seed:
+        anchors (3 n): p_WA_i row by row [m]; the room's by default.
+        bias (n): of each anchor's ranges [m], 0 by default.
+
+    Args:
+        settings: noise, walls, greatest distance.
+        room: its n anchors and its walls.
+        seed: seed of all noise.
+        h: tick [s].
+    """
+
+    def __init__(self, settings: Uwb, room: Room, seed: int, h: float):
+        super().__init__(seed)
+        self.set_name("uwb")
+        n = len(room.anchors)
+        self._anchors = self.DeclareNumericParameter(BasicVector(room.anchor_positions.ravel()))
+        self._bias = self.DeclareNumericParameter(BasicVector(np.zeros(n)))
+        self._boxes = room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
+        self._settings = ranging_settings(settings)
+        self._stream, self._h = stream_id("uwb"), h
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        self.DeclareVectorOutputPort(
+            "uwb",
+            uwb_size(n),
+            self._calc_uwb,
+            prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
+        )
+
+    def set_anchors_in(self, context: Context, anchors: np.ndarray, bias: np.ndarray) -> None:
+        """Set where the anchors stand, p_WA_i (n, 3), and their biases (n) [m] in a context of this system."""
+        context.get_mutable_numeric_parameter(self._anchors).SetFromVector(anchors.ravel())
+        context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
+
+    def _calc_uwb(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(
+            uwb_message(
+                self._state.Eval(context),
+                context.get_numeric_parameter(self._anchors).CopyToVector().reshape(-1, 3),
+                context.get_numeric_parameter(self._bias).CopyToVector(),
+                self._boxes,
+                self._settings,
+                self.seed_in(context),
+                self._stream,
+                context.get_time(),
+                self._h,
+            )
+        )

@@ -1,0 +1,89 @@
+"""The two halves, met at the ticks, against the closed loop that Drake simulates in one piece."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from pydrake.trajectories import PiecewisePolynomial
+
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.scenario import Scenario, load_scenario
+
+LATE = (
+    "camera_link={every: 3, delay: 1, random_delay: 2, loss: {kind: bernoulli, probability: 0.2}}",
+    "command_link={delay: 1, loss: {kind: bernoulli, probability: 0.1}}",
+)
+
+
+def same_flight(scenario: Scenario) -> xr.Dataset:
+    """Fly a scenario both ways, and return the flight if it is the same bit for bit."""
+    whole, halves = fly(scenario), fly_lockstep(scenario, in_this_process(scenario))
+    del whole.attrs["real_time_factor"]
+    xr.testing.assert_identical(whole, halves)
+    for name in whole.data_vars:
+        np.testing.assert_array_equal(whole[name].values, halves[name].values)
+    return halves
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("imu_uwb", ()),
+        pytest.param("imu_uwb_yolo", ("camera=projected",), marks=pytest.mark.long),
+        ("imu_uwb_yolo", ("camera=projected", *LATE)),
+        ("paper_imu_uwb", ()),
+        ("rotors", ("planner={kind: hover, duration: 4.0}",)),
+    ],
+)
+def test_halves_fly_the_closed_loop_bit_for_bit(name: str, settings: tuple[str, ...]) -> None:
+    same_flight(load_scenario(name, settings))
+
+
+@pytest.mark.long
+@pytest.mark.egl
+@pytest.mark.parametrize("settings", [(), LATE[:1]])
+def test_rendered_halves_fly_the_closed_loop_bit_for_bit(settings: tuple[str, ...]) -> None:
+    flight = same_flight(load_scenario("imu_uwb_yolo", ("settle=0", "planner={kind: hover, duration: 4}", *settings)))
+    assert flight["arrival"].sel(sensor="camera").sum() > 20
+
+
+def test_a_lost_flight_ends_at_the_same_tick() -> None:
+    flight = same_flight(load_scenario("imu_uwb", ("world.disturbance.torque_sd=0.6",)))
+    assert flight.attrs["lost"] != "null"
+
+
+def test_another_path_is_flown_from_the_tick_at_which_it_was_given() -> None:
+    onboard = OnboardHalf(load_scenario("imu_uwb", ("planner={kind: hover, duration: 9.0}",)))
+    for _ in range(3):
+        onboard.advance()
+    t, before = onboard.context.get_time(), onboard.outputs()
+    assert before["reference"].tolist() == [0.0, 0.0, 1.5] + [0.0] * 6
+    line = PiecewisePolynomial.FirstOrderHold([t, t + 10.0], np.array([[0.0, 1.0], [0.0, 2.0], [1.5, 1.5]]))
+    onboard.fly_path(line)
+    after = onboard.outputs()
+    assert onboard.path is line
+    assert onboard.context.get_time() == t
+    np.testing.assert_allclose(after["reference"], [0.0, 0.0, 1.5, 0.1, 0.2, 0.0, 0.0, 0.0, 0.0], atol=1e-15)
+    assert not np.array_equal(after["control"], before["control"])
+    np.testing.assert_array_equal(after["control"], onboard.answer())
+    np.testing.assert_array_equal(after["estimate"], before["estimate"])
+    onboard.advance()
+    np.testing.assert_allclose(onboard.outputs()["reference"][:2], [0.1 / 30.0, 0.2 / 30.0], atol=1e-15)
+
+
+def test_the_same_path_given_again_in_flight_changes_no_bit() -> None:
+    scenario = load_scenario("imu_uwb", ("settle=0",))
+    world, once, again = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
+    for _ in range(90):
+        messages = world.sample()
+        again.fly_path(again.path)
+        for onboard in (once, again):
+            onboard.take(messages)
+        outputs = once.outputs()
+        for name, value in again.outputs().items():
+            np.testing.assert_array_equal(value, outputs[name])
+        for onboard in (once, again):
+            onboard.advance()
+        np.testing.assert_array_equal(again.state(), once.state())
+        world.advance(outputs["control"])

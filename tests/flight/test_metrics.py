@@ -1,0 +1,223 @@
+"""What a flight is judged by, against plain loops and closed forms on made-up flights."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import chi2
+
+from ortilo_drake.flight.metrics import (
+    arrival_rates,
+    estimation_mse,
+    fix_errors,
+    nis,
+    path_distance_mse,
+    path_mse,
+    position_nees,
+    reference_distance,
+    summary,
+)
+from ortilo_drake.scenario import load_scenario
+
+SENSORS = ["uwb", "camera", "imu"]
+STATES_SEEN = {"uwb": (0, 1, 2), "camera": (0, 1, 2), "imu": (3, 4, 5)}
+
+
+def made_up_flight(n: int = 60, seed: int = 0) -> xr.Dataset:
+    """Return a Dataset of random numbers with random, positive definite covariances."""
+    rng = np.random.default_rng(seed)
+
+    def covariances(*shape: int) -> np.ndarray:
+        A = rng.normal(size=shape)
+        return A @ np.swapaxes(A, -1, -2) + 0.1 * np.eye(shape[-1])
+
+    arrival = rng.random((n, 3)) < [0.4, 0.3, 0.9]
+    innovation = np.where(np.repeat(arrival, 3, axis=1), rng.normal(size=(n, 9)), np.nan)
+    return xr.Dataset(
+        {
+            "truth": (("tick", "state"), rng.normal(size=(n, 12))),
+            "estimate": (("tick", "xbar"), rng.normal(size=(n, 15))),
+            "covariance": (("tick", "xbar", "xbar_column"), covariances(n, 15, 15)),
+            "reference": (("tick", "axis"), rng.normal(size=(n, 3))),
+            "innovation": (("tick", "output"), innovation),
+            "measurement": (("tick", "output"), 2.0 * innovation),
+            "measurement_covariance": (("tick", "sensor", "row", "column"), covariances(n, 3, 3, 3)),
+            "arrival": (("tick", "sensor"), arrival),
+            "due": (("tick", "sensor"), np.ones((n, 3), dtype=bool)),
+        },
+        coords={"sensor": SENSORS},
+        attrs={
+            "scenario": load_scenario("imu_uwb").model_dump_json(),
+            "seed": 0,
+            "lost": "null",
+            "real_time_factor": 1.0,
+        },
+    )
+
+
+def flight_along(reference: np.ndarray, actual: np.ndarray) -> xr.Dataset:
+    flight = made_up_flight(len(reference))
+    flight["reference"].values[:] = reference
+    flight["truth"].values[:, :3] = actual
+    return flight
+
+
+def test_fix_errors_are_the_distances_of_the_fixes_that_were_used() -> None:
+    n = 40
+    rng = np.random.default_rng(3)
+    truth, arrival = np.zeros((n, 12)), rng.random((n, 3)) < 0.5
+    truth[:, :3] = rng.normal(size=(n, 3))
+    off = rng.normal(size=(n, 6))
+    measurement = np.full((n, 9), np.nan)
+    for k in range(2):
+        there = arrival[:, k]
+        measurement[there, 3 * k : 3 * k + 3] = (truth[:, :3] + off[:, 3 * k : 3 * k + 3])[there]
+    flight = xr.Dataset(
+        {
+            "truth": (("tick", "state"), truth),
+            "measurement": (("tick", "output"), measurement),
+            "arrival": (("tick", "sensor"), arrival),
+        },
+        coords={"sensor": ["uwb", "camera", "imu"]},
+    )
+    found = fix_errors(flight)
+    for k, sensor in enumerate(("uwb", "camera")):
+        distances = sorted(np.sqrt((off[arrival[:, k], 3 * k : 3 * k + 3] ** 2).sum(axis=1)))
+        middle = len(distances) // 2
+        expected = distances[middle] if len(distances) % 2 else (distances[middle - 1] + distances[middle]) / 2
+        assert found[sensor]["median"] == pytest.approx(expected)
+        assert distances[int(0.95 * (len(distances) - 1))] <= found[sensor]["p95"] <= distances[-1]
+    nothing = flight.assign(arrival=(("tick", "sensor"), np.zeros((n, 3), dtype=bool)))
+    assert fix_errors(nothing) == {}
+
+
+def test_estimation_mse_is_the_mean_over_ticks_of_each_squared_error() -> None:
+    flight = made_up_flight()
+    x, xhat = flight["truth"].values, flight["estimate"].values
+    expected = {a: sum((xhat[k, i] - x[k, i]) ** 2 for k in range(60)) / 60 for i, a in enumerate("xyz")}
+    assert estimation_mse(flight) == pytest.approx(expected, rel=1e-12)
+
+
+def test_position_nees_and_nis_equal_plain_loops() -> None:
+    flight = made_up_flight()
+    P, V = flight["covariance"].values, flight["measurement_covariance"].values
+    for k, value in enumerate(position_nees(flight)):
+        e = flight["estimate"].values[k, :3] - flight["truth"].values[k, :3]
+        assert value == pytest.approx(e @ np.linalg.inv(P[k][:3, :3]) @ e, rel=1e-9)
+    for s, sensor in enumerate(SENSORS):
+        rows = np.flatnonzero(flight["arrival"].values[:, s])
+        found = nis(flight, sensor)
+        assert len(found) == len(rows) > 5
+        for k, value in zip(rows, found, strict=True):
+            H = np.eye(15)[list(STATES_SEEN[sensor])]
+            e = flight["innovation"].values[k, 3 * s : 3 * s + 3]
+            assert value == pytest.approx(e @ np.linalg.inv(H @ P[k] @ H.T + V[k, s]) @ e, rel=1e-9)
+
+
+def test_nees_of_errors_drawn_from_the_covariance_is_chi_square_with_three_degrees() -> None:
+    flight = made_up_flight(4000)
+    rng = np.random.default_rng(5)
+    P = flight["covariance"].values[:, :3, :3]
+    errors = np.array([np.linalg.cholesky(block) @ rng.normal(size=3) for block in P])
+    flight["estimate"].values[:, :3] = flight["truth"].values[:, :3] + errors
+    nees = position_nees(flight)
+    assert nees.mean() == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / 4000))
+    share = np.mean(nees > chi2.ppf(0.95, 3))
+    assert share == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 * 0.95 / 4000))
+
+
+def test_the_authors_path_error_of_a_sideways_offset_is_its_square() -> None:
+    x = np.linspace(0.0, 20.0, 401)
+    planned = np.column_stack([x, 0.05 * x**2, np.full_like(x, 1.5)])
+    assert path_mse(flight_along(planned, planned + [0.0, 0.2, 0.7])) == pytest.approx(0.04, rel=1e-9)
+    assert path_mse(flight_along(planned, planned)) == pytest.approx(0.0, abs=1e-24)
+
+
+def test_the_authors_path_error_knows_no_time_and_no_height() -> None:
+    x = np.linspace(0.0, 20.0, 401)
+    planned = np.column_stack([x, np.sin(x), np.full_like(x, 1.5)])
+    late = planned[np.maximum(np.arange(401) - 30, 0)] + [0.0, 0.0, 1.0]  # a second late and a metre too high
+    assert path_mse(flight_along(planned, late)) == pytest.approx(0.0, abs=1e-24)
+
+
+def test_the_authors_path_error_interpolates_the_planned_path_at_the_actual_x() -> None:
+    x = np.linspace(0.0, 10.0, 101)
+    planned = np.column_stack([x, 0.3 * x, np.full_like(x, 1.5)])
+    planned = np.vstack([planned, np.tile(planned[-1], (50, 1))])  # the time to settle at the goal
+    rng = np.random.default_rng(2)
+    actual = planned + np.column_stack([rng.uniform(-0.5, 0.0, 151), rng.normal(0.0, 0.1, 151), np.zeros(151)])
+    inside = np.clip(actual[:, 0], 0.0, 10.0)  # before its start the path has its first y
+    expected = sum((y - 0.3 * at) ** 2 for y, at in zip(actual[:, 1], inside, strict=True)) / 151
+    assert path_mse(flight_along(planned, actual)) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["back", "still", "sideways"])
+def test_there_is_no_authors_path_error_where_x_does_not_run_forward(kind: str) -> None:
+    s = np.linspace(0.0, 1.0, 50)
+    x = {"back": 1.0 - np.abs(2.0 * s - 1.0), "still": np.zeros(50), "sideways": np.zeros(50)}[kind]
+    y = {"back": s, "still": np.zeros(50), "sideways": s}[kind]
+    planned = np.column_stack([x, y, np.full(50, 1.5)])
+    flight = flight_along(planned, planned + 0.1)
+    assert np.isnan(path_mse(flight))
+    assert summary(flight)["path_mse"] is None
+
+
+def test_distance_to_the_path_is_the_least_over_all_planned_points() -> None:
+    flight = made_up_flight(80)
+    planned, actual = flight["reference"].values, flight["truth"].values[:, :3]
+    expected = np.mean([min(np.sum((p - r) ** 2) for r in planned) for p in actual])
+    assert path_distance_mse(flight) == pytest.approx(expected, rel=1e-12)
+
+
+def test_distance_to_a_straight_path_is_the_offset_across_it() -> None:
+    s = np.linspace(0.0, 5.0, 501)
+    planned = np.column_stack([0.6 * s, 0.8 * s, np.full_like(s, 1.5)])
+    across = 0.3 * np.array([-0.8, 0.6, 0.0]) + [0.0, 0.0, 0.4]
+    assert path_distance_mse(flight_along(planned, planned + across)) == pytest.approx(0.25, rel=1e-9)
+
+
+def test_distance_to_the_reference_is_taken_tick_by_tick() -> None:
+    flight = made_up_flight(20)
+    planned, actual = flight["reference"].values, flight["truth"].values[:, :3]
+    expected = [np.sqrt(sum((actual[k, i] - planned[k, i]) ** 2 for i in range(3))) for k in range(20)]
+    np.testing.assert_allclose(reference_distance(flight), expected, rtol=1e-12)
+    assert summary(flight)["max_reference_distance"] == pytest.approx(max(expected))
+
+
+def test_arrival_rates_are_fixes_used_over_ticks_due() -> None:
+    flight = made_up_flight(30)
+    due, arrival = np.zeros((30, 3), dtype=bool), np.zeros((30, 3), dtype=bool)
+    due[::3, 0] = True
+    arrival[[0, 3, 6, 12, 15, 21, 27], 0] = True
+    flight["due"].values[:], flight["arrival"].values[:] = due, arrival
+    assert arrival_rates(flight) == {"uwb": 0.7, "camera": None}
+
+
+def test_a_sensor_that_is_due_but_never_arrives_has_rate_zero() -> None:
+    flight = made_up_flight(30)
+    flight["arrival"].values[:, 1] = False
+    assert arrival_rates(flight)["camera"] == 0.0
+    assert "camera" not in summary(flight)["nis"]
+
+
+def test_the_summary_holds_every_figure_and_is_plain_json() -> None:
+    flight = made_up_flight()
+    found = summary(flight)
+    assert found["mse"] == estimation_mse(flight)
+    assert found["nees"] == pytest.approx(np.mean(position_nees(flight)))
+    assert found["nis"] == {s: pytest.approx(np.mean(nis(flight, s))) for s in SENSORS}
+    assert found["path_distance_mse"] == path_distance_mse(flight)
+    for axis in "xyz":
+        assert found["efficiency"][axis] == pytest.approx(found["mse"][axis] / found["floor"][axis])
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_a_diverged_flight_has_a_summary_too() -> None:
+    flight = made_up_flight()
+    flight["truth"].values[-1] = np.nan
+    flight["estimate"].values[-2:] = np.nan
+    flight.attrs["lost"] = json.dumps({"time": 2.0, "cause": "diverged"})
+    found = summary(flight)
+    json.dumps(found, allow_nan=False)
+    assert found["lost"] == {"time": 2.0, "cause": "diverged"}

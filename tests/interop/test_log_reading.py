@@ -1,0 +1,287 @@
+"""A log read back: the same Dataset, the same ticks, whatever cut it short; and one clear line for all else."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from logged_flights import SETTINGS, flight, scenario, ticks
+from mcap.writer import Writer
+
+from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.lost import find_loss
+from ortilo_drake.interop.log import reader as log_reader
+from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_messages, read_ticks
+from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter
+from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC
+from ortilo_drake.interop.ros.ros_sensors import image_message, image_of
+from ortilo_drake.interop.ros.ros_types import definition, from_cdr, message_maker, to_cdr, typestore
+from ortilo_drake.model.signals import STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+
+
+def write(path, flown=None, sent=None):
+    with LogWriter(path, flown or scenario()) as log:
+        for tick in ticks() if sent is None else sent:
+            log.write_tick(*tick)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("logs") / "flight")
+
+
+def without_speed(data):
+    data = data.copy()
+    del data.attrs["real_time_factor"]
+    return data
+
+
+def assert_same(found, expected):
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        assert found[name].dtype == value.dtype
+        np.testing.assert_array_equal(found[name], value)
+
+
+def test_dataset_is_the_flights(folder):
+    xr.testing.assert_identical(read_log(folder), without_speed(flight()))
+    xr.testing.assert_identical(read_log(folder / "flight.mcap"), read_log(folder))
+    assert log_scenario(folder) == scenario()
+
+
+def test_ticks_are_the_flights(folder):
+    for (k, messages, outputs), tick in zip(read_messages(folder), ticks(), strict=True):
+        assert k == tick.k
+        assert_same(messages, tick.messages)
+        assert_same(outputs, tick.outputs)
+
+
+def test_onboard_log_knows_no_truth(tmp_path):
+    path = write(tmp_path / "onboard", sent=[(t.k, None, t.messages, t.outputs) for t in ticks()[:20] if t.k != 7])
+    data = read_log(path)
+    assert data.truth.isnull().all()
+    assert json.loads(data.attrs["lost"]) is None
+    assert data.sizes["tick"] == 20
+    assert data.estimate[7].isnull().all()
+    np.testing.assert_array_equal(data.estimate[8:], flight().estimate[8:20])
+    assert all(tick.state is None for tick in read_ticks(path))
+
+
+@pytest.mark.parametrize("bad", [{3: 1.2}, {0: np.nan}, {2: 99.0}])
+def test_lost_flight_ends_as_the_flights_does(tmp_path, bad):
+    sent = [t._replace(state=t.state.copy()) for t in ticks()[:40]]
+    for tick in sent[25:]:
+        for i, value in bad.items():
+            tick.state[i] = value
+    data = read_log(write(tmp_path / "lost", sent=sent))
+    states = np.array([t.state for t in sent])
+    lost = find_loss(states, scenario().h, scenario().load_room(), scenario().vehicle)
+    rows = np.array([np.concatenate([t.state, *t.outputs.values()]) for t in sent[:26]])
+    xr.testing.assert_identical(data, flight_dataset(scenario(), np.arange(26) * scenario().h, rows, lost))
+    assert json.loads(data.attrs["lost"])["cause"] == lost.cause
+
+
+KILLED = """
+import itertools, sys, time
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+from logged_flights import SETTINGS
+import numpy as np
+from ortilo_drake.interop.log.writer import LogWriter
+from ortilo_drake.scenario import load_scenario
+scenario = load_scenario("imu_uwb_yolo", SETTINGS)
+state = np.zeros(12)
+sizes = dict(control=4, measurement=39, estimate=15, covariance=225, reference=9)
+outputs = {{name: np.ones(size) for name, size in sizes.items()}}
+with LogWriter(Path({path!r}), scenario) as log:
+    for k in itertools.count():
+        state[9] = k
+        log.write_tick(k, state, {{}}, outputs)
+        print(k, flush=True)
+"""
+
+
+@pytest.mark.processes
+def test_killed_writer_loses_no_more_than_it_says(tmp_path):
+    path = tmp_path / "killed"
+    code = KILLED.format(tests=str(Path(__file__).parent), path=str(path))
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        for line in process.stdout:
+            if int(line) >= 100:
+                break
+        os.kill(process.pid, signal.SIGKILL)
+        written = int((process.stdout.read().split("\n")[-2:] or [""])[0] or line)
+    assert not (path / "metadata.yaml").exists()
+    found = list(read_ticks(path))
+    assert written >= 100
+    assert [tick.k for tick in found] == list(range(len(found)))
+    assert [tick.state[9] for tick in found] == list(range(len(found)))
+    assert (written + 1 - len(found)) * scenario().h <= KEEP_EVERY
+    assert read_log(path).sizes["tick"] >= 1
+
+
+def test_cut_anywhere_a_log_is_a_shorter_one_or_refused(folder, tmp_path):
+    whole, full = (folder / "flight.mcap").read_bytes(), without_speed(flight())
+    lengths: list[int] = []
+    problems: list[str] = []
+    for size in [*range(0, 40, 7), *np.linspace(40, len(whole), 30).astype(int).tolist()]:
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(whole[:size])
+        try:
+            found = read_log(cut)
+        except InputError as error:
+            problems.append(str(error))
+            lengths.append(0)
+        else:
+            lengths.append(found.sizes["tick"])
+            assert found.equals(full.isel(tick=slice(0, lengths[-1])))
+    assert len(problems) > 5
+    assert all("cut" in problem and "\n" not in problem for problem in problems if "not an MCAP" not in problem)
+    assert lengths == sorted(lengths)
+    assert lengths[0] == 0
+    assert lengths[-1] == full.sizes["tick"]
+    assert len(set(lengths)) > 5  # half a second each of three
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damage_is_refused_in_one_line_or_harmless(folder, tmp_path, data):
+    whole = bytearray((folder / "flight.mcap").read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(whole)
+    try:
+        ticks_found, problem = list(read_ticks(broken)), ""
+    except InputError as error:
+        ticks_found, problem = [], str(error)
+    assert not problem or (problem.startswith(str(broken)) and "\n" not in problem)
+    # Chunks carry check sums: what is read is what was written.
+    for found, tick in zip(ticks_found, ticks(), strict=False):
+        assert_same(found.outputs, tick.outputs)
+
+
+@given(values=arrays(np.float64, st.integers(0, 300), elements=st.floats(allow_nan=True, allow_infinity=True)))
+def test_any_vector_keeps_its_bits(values):
+    data = to_cdr(ARRAY_TYPE, {"layout": {"dim": [{"label": "any", "size": len(values)}]}, "data": values})
+    assert from_cdr(ARRAY_TYPE, data).data.tobytes() == values.tobytes()
+
+
+@given(image=arrays(np.uint8, array_shapes(min_dims=2, max_dims=2, max_side=12).map(lambda s: (*s, 4))))
+def test_any_picture_keeps_its_bits(image):
+    for picture in (image, np.concatenate([image[..., :3], np.full_like(image[..., :1], 255)], axis=2)):
+        np.testing.assert_array_equal(image_of(image_message(0.0, picture)[2]["data"]), picture)
+
+
+def test_absent_fields_are_zero_for_every_type():
+    for name in ("sensor_msgs/msg/Range", "vision_msgs/msg/Detection2DArray", "nav_msgs/msg/Odometry"):
+        store = typestore()
+        data = to_cdr(name, {})
+        read = store.deserialize_cdr(data, name)
+        assert (read.header.stamp.sec, read.header.frame_id) == (0, "")
+        assert bytes(store.serialize_cdr(store.deserialize_cdr(data, name), name)) == data
+    hypothesis = message_maker("vision_msgs/msg/ObjectHypothesisWithPose")({})
+    assert hypothesis.pose.covariance.shape == (36,)
+
+
+def test_layout_plots_what_is_logged():
+    layout = json.loads((Path(log_reader.__file__).parent / "foxglove_layout.json").read_text())
+    text = json.dumps(layout)
+    sizes = {"state": 12, "estimate": 15, "covariance": 225, "control": 4, "measurement": 39, "reference": 9}
+    for panel in layout["configById"].values():
+        for path in panel.get("paths", []):
+            name, index = path["value"].removeprefix("/ortilo/").rstrip("]").split(".data[")
+            assert int(index) < sizes[name]
+    assert f'"/ortilo/state.data[{STATE_NAMES.index("phi")}]"' in text
+    for panel in layout["configById"]:
+        assert text.count(f'"{panel}"') == 2  # set up and placed
+
+
+def test_existing_log_is_refused(folder):
+    before = (folder / "flight.mcap").read_bytes()
+    with pytest.raises(InputError, match="exists, a log is never overwritten"), LogWriter(folder, scenario()):
+        pass
+    assert (folder / "flight.mcap").read_bytes() == before
+
+
+def test_bad_places(tmp_path):
+    with pytest.raises(InputError, match=r"without \.mcap"), LogWriter(tmp_path / "a.mcap", scenario()):
+        pass
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"), LogWriter(tmp_path / "file" / "log", scenario()):
+        pass
+    with pytest.raises(InputError, match="no such log"):
+        read_log(tmp_path / "nothing")
+    with pytest.raises(InputError, match=r"holds 0 \.mcap files"):
+        log_file(tmp_path)
+    with pytest.raises(InputError, match="not an MCAP file"):
+        read_log(tmp_path / "file")
+    with LogWriter(tmp_path / "empty", scenario()) as log:
+        pass
+    with pytest.raises(InputError, match="before its first tick"):
+        read_log(log.path)
+
+
+def foreign(path, topic, type_name, fields):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(type_name, "ros2msg", definition(type_name).encode())
+        writer.add_message(writer.register_channel(topic, "cdr", schema), 0, to_cdr(type_name, fields), 0)
+        writer.finish()
+    return path
+
+
+def test_foreign_files_are_refused(tmp_path):
+    string = "std_msgs/msg/String"
+    other = foreign(tmp_path / "other.mcap", "/chatter", string, {"data": "hello"})
+    with pytest.raises(InputError, match="not a log of ortilo-drake"):
+        read_log(other)
+    for data in ("no json", "{}", "[1]", '{"format": 1, "scenario": 3, "software": ""}'):
+        with pytest.raises(InputError, match="not a log of ortilo-drake"):
+            read_log(foreign(tmp_path / "a.mcap", SCENARIO_TOPIC, string, {"data": data}))
+    about = {"format": 2, "scenario": "{}", "software": "ortilo-drake 9"}
+    with pytest.raises(InputError, match="format 2, this version reads 1"):
+        read_log(foreign(tmp_path / "b.mcap", SCENARIO_TOPIC, string, {"data": json.dumps(about)}))
+    about |= {"format": 1, "scenario": '{"seed": -1}'}
+    with pytest.raises(InputError, match="seed"):
+        read_log(foreign(tmp_path / "c.mcap", SCENARIO_TOPIC, string, {"data": json.dumps(about)}))
+
+
+def test_ticks_must_ascend(tmp_path):
+    with LogWriter(tmp_path / "log", scenario()) as log:
+        log.write_tick(*ticks()[3])
+        with pytest.raises(ValueError, match="tick 3 after tick 3"):
+            log.write_tick(*ticks()[3])
+
+
+def test_log_of_a_flight_that_raised_is_complete(tmp_path):
+    def fails():
+        with LogWriter(tmp_path / "log", scenario()) as log:
+            for tick in ticks()[:10]:
+                log.write_tick(*tick)
+            raise RuntimeError("onboard")
+
+    with pytest.raises(RuntimeError, match="onboard"):
+        fails()
+    assert read_log(tmp_path / "log").sizes["tick"] == 10
+    assert (tmp_path / "log" / "metadata.yaml").exists()
+
+
+@pytest.mark.parametrize("rate", [7.3, 30.0, 333.0, 1000.0])
+def test_tick_numbers_come_back_at_any_rate(tmp_path, rate):
+    flown = load_scenario("imu_uwb_yolo", (*SETTINGS, f"control_rate={rate}"))
+    ks = [0, 1, 2, 999, 12345, 3_600_000]
+    path = write(tmp_path / "log", flown, [(k, None, {}, {"control": np.ones(4)}) for k in ks])
+    assert [tick.k for tick in read_ticks(path)] == ks

@@ -1,0 +1,60 @@
+"""The closed forms against Drake's matrices, and the closed loop's modes against those of its parts."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.signal import cont2discrete
+
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import LqServo as ServoSettings
+from ortilo_drake.scenario import Noise, Scenario, World
+from ortilo_drake.studies.linearization.closed_forms import agreement
+from ortilo_drake.studies.linearization.linearize import linearize
+from ortilo_drake.studies.linearization.operating_point import frozen_gain
+from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
+
+H = 1.0 / 30.0
+V = Noise(uwb=(0.01, 0.02, 0.03), camera=(0.02, 0.01, 0.04), imu=(1e-4, 2e-4, 3e-4))
+
+
+def flown(kinematics: str = "small_angle", **servo: object) -> Scenario:
+    return Scenario(
+        world=World(kinematics=kinematics, plant="sampled"),
+        servo=ServoSettings(**servo),
+        filter=FilterSettings(V=V),
+    )
+
+
+def hover_matrices() -> tuple[np.ndarray, np.ndarray]:
+    """The paper's A and B, entered by hand."""
+    A, B = np.zeros((12, 12)), np.zeros((12, 4))
+    A[:6, 6:] = np.eye(6)
+    A[6, 4], A[7, 3] = 9.81, -9.81
+    B[8:, :] = np.diag([1.0 / 2.7, 1.0 / 0.1547563, 1.0 / 0.1658929, 1.0 / 0.2077])
+    return A, B
+
+
+@pytest.mark.parametrize("integrator", ["literal", "hold", "estimate"])
+def test_closed_loop_is_the_matrix_of_the_theory(integrator: str) -> None:
+    scenario = flown(integrator=integrator)
+    K, delta = frozen_gain(scenario)
+    loop = linearize(scenario, "closed_loop")
+    np.testing.assert_allclose(loop.A, closed_loop_matrix(hover_loop(scenario), K, delta), rtol=0.0, atol=1e-13)
+    assert len(loop.states) == 27
+    # By separation its modes are the servo's and the filter's.
+    Phi, Gamma, *_ = cont2discrete((*hover_matrices(), np.eye(12), np.zeros((12, 4))), H)
+    C = np.kron([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.eye(3)) @ np.eye(6, 12)
+    Phibar, Gammabar = block_diag(Phi, np.eye(3)), np.vstack([Gamma, np.zeros((3, 4))])
+    Phibar[12:, :3] = -np.eye(3)
+    L = servo_gain(M100, scenario.servo.weights, H)
+    apart = np.concatenate([np.linalg.eigvals(Phibar - Gammabar @ L), np.linalg.eigvals(Phi - K @ C)])
+    np.testing.assert_allclose(np.poly(loop.A), np.real(np.poly(apart)), rtol=1e-6, atol=1e-3)
+
+
+def test_every_part_agrees_with_its_closed_form() -> None:
+    for settings in ({}, {"form": "paper", "integrator": "literal"}, {"velocities": "truth"}, {"yaw": 0.1}):
+        for part, matrices in agreement(flown(**settings)).items():
+            assert set(matrices) == set("ABCD")
+            assert max(matrices.values()) < 1e-10, (settings, part)

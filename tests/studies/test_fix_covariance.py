@@ -1,0 +1,99 @@
+"""The covariances of fixes at a place are those that fly, and those of the textbook."""
+
+import numpy as np
+import pytest
+
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.studies.loop.fix_covariance import V_at, attitude_covariance, camera_covariance, uwb_covariance
+from ortilo_drake.studies.loop.hover_loop import steady_predictor
+
+STILL = (
+    "camera=projected",
+    "settle=0.0",
+    "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.7, 0.4, 1.5]]}",
+    "uwb.link.blackouts=[]",
+)
+
+
+def scenario_with(*settings: str) -> Scenario:
+    return load_scenario("imu_uwb_yolo", (*STILL, *settings))
+
+
+@pytest.mark.long
+def test_covariances_are_those_of_a_flight_without_errors() -> None:
+    # Ranges and boxes without noise, and a prior for the attitude that is given: the log must agree to rounding.
+    scenario = scenario_with(
+        "uwb.noise={kind: constant, sd: 0.0}",
+        "multilateration.noise={kind: constant, sd: 0.05}",
+        "imu.angle_sd=0.0",
+        "world.disturbance={force_sd: 0.0, torque_sd: 0.0}",
+        "projected_camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
+        "projected_camera.latency=0",
+        "landmark_fix.prior_sd=[0.3, 0.02]",
+    )
+    flight = fly(scenario)
+    checked = 0
+    for k in range(0, flight.sizes["tick"], 15):
+        V, there = V_at(scenario, flight["truth"].values[k])
+        np.testing.assert_array_equal(there, flight["arrival"].values[k])
+        # The estimate that the fix is linearised at is not quite the truth: the feed-forward is that of hover.
+        for s in range(2):
+            flown = flight["measurement_covariance"].values[k, s]
+            np.testing.assert_allclose(V[3 * s : 3 * s + 3, 3 * s : 3 * s + 3], flown, rtol=0.02, atol=1e-6)
+            checked += int(there[s])
+    assert checked >= 10
+
+
+def test_covariances_are_about_those_of_a_flight_with_errors() -> None:
+    scenario = scenario_with("seed=3")
+    flight = fly(scenario)
+    found: dict[int, list[float]] = {0: [], 1: []}
+    for s, latency in ((0, 0), (1, 1)):
+        for k in np.flatnonzero(flight["arrival"].values[:, s]):
+            V, there = V_at(scenario, flight["truth"].values[k - latency])
+            flown = flight["measurement_covariance"].values[k, s]
+            block = V[3 * s : 3 * s + 3, 3 * s : 3 * s + 3]
+            error = float(np.linalg.norm(block - flown) / np.linalg.norm(flown))
+            found[s].append(error if there[s] else np.inf)
+    assert np.median(found[0]) < 0.1  # noise of the ranges is in their weights
+    assert np.median(found[1]) < 0.15  # the filter's own attitude covariance is in the camera's
+
+
+def test_uwb_covariance_is_the_inverse_of_the_information() -> None:
+    scenario = Scenario()
+    p_WB = np.array([3.0, 1.0, 1.5])
+    to_anchors = p_WB - scenario.load_room().anchor_positions
+    distance = np.linalg.norm(to_anchors, axis=1)
+    J = to_anchors / distance[:, None]
+    expected = np.linalg.inv(J.T @ np.diag((0.0075 * distance) ** -2.0) @ J)
+    found = uwb_covariance(scenario, p_WB)
+    assert found is not None
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_constant_V_stands_in_for_the_geometry() -> None:
+    scenario = load_scenario("paper_imu_uwb_yolo", ("camera=projected",))
+    found = uwb_covariance(scenario, np.array([3.0, 1.0, 1.5]))
+    assert found is not None
+    np.testing.assert_array_equal(found, 0.05 * np.eye(3))
+
+
+@pytest.mark.parametrize("x", [np.array([21.0, -3.2, 1.5, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.5, 0.0, 0.0, np.pi])])
+def test_no_landmark_in_sight_is_no_fix(x: np.ndarray) -> None:
+    assert camera_covariance(Scenario(), x) is None
+
+
+def test_too_few_ranges_are_no_fix() -> None:
+    assert uwb_covariance(load_scenario("imu_uwb", ("uwb.max_distance=1.0",)), np.array([3.0, 1.0, 1.5])) is None
+
+
+def test_attitude_covariance_is_that_of_the_steady_filter() -> None:
+    # Attitude and rates alone are a detectable system, whose DARE SciPy solves.
+    scenario = Scenario()
+    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    W = disturbance_W(scenario.vehicle, scenario.h, 0.27, 0.005)
+    part = np.ix_([3, 4, 5, 9, 10, 11], [3, 4, 5, 9, 10, 11])
+    _, P = steady_predictor(Phi[part], np.eye(3, 6), W[part], 1e-4 * np.eye(3))
+    np.testing.assert_allclose(attitude_covariance(scenario), P[:3, :3], rtol=1e-5, atol=1e-12)

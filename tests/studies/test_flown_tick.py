@@ -1,0 +1,75 @@
+"""The closed form against the diagram that flies, and the report of it all."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ortilo_drake.scenario import InputError, Scenario, load_scenario
+from ortilo_drake.studies.linearization.flown_tick import difference_closed_loop
+from ortilo_drake.studies.linearization.linearization_report import linearization_report
+from ortilo_drake.studies.linearization.linearize import PARTS
+from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
+
+
+@pytest.mark.parametrize("late", [0, 1])  # UWB is there on every third tick
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("servo.integrator=estimate",),
+        ("servo.integrator=literal", "servo.form=paper"),
+        ("servo.velocities=truth",),
+        ("filter.V.uwb=[0.05, 0.05, 0.05]", "multilateration.method=nearest_three"),
+    ],
+    ids=["hold", "estimate", "literal", "truth", "constant V"],
+)
+def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, ...], late: int) -> None:
+    # The literal integrator throws the vehicle in the ticks without a fix: a fix far away has another covariance.
+    thrown = "servo.integrator=literal" in settings
+    flown_tick = difference_closed_loop(load_scenario("imu_uwb", settings), late + (300 if thrown else 900))
+    np.testing.assert_array_equal(flown_tick.delta, [1.0 - late, 0.0, 1.0])
+    assert np.max(np.abs(flown_tick.expected)) > 1.0
+    assert np.max(np.abs(flown_tick.K)) > 0.1
+    assert flown_tick.gain_change < (1e-2 if thrown else 1e-10)
+    assert flown_tick.largest_difference < 2e-8
+
+
+def test_the_flown_tick_tells_a_wrong_model() -> None:
+    scenario = load_scenario("imu_uwb")
+    tick = difference_closed_loop(scenario, 300)
+    there = np.array([1.0, 0.0, 1.0])
+    wrong_gain = closed_loop_matrix(hover_loop(scenario), 1.001 * tick.K, there)
+    assert np.max(np.abs(wrong_gain - tick.A)) > 1e-5
+    wrong_integrator = closed_loop_matrix(hover_loop(scenario)._replace(integrator="estimate"), tick.K, there)
+    assert np.max(np.abs(wrong_integrator - tick.A)) > 0.9
+
+
+def test_a_tick_before_a_period_of_the_sensors_is_refused() -> None:
+    with pytest.raises(InputError, match="tick: 2: must be at least 3"):
+        difference_closed_loop(load_scenario("imu_uwb"), 2)
+
+
+def test_a_report_is_json_and_holds_the_must_shows() -> None:
+    report = json.loads(json.dumps(linearization_report(load_scenario("imu_uwb")), allow_nan=False))
+    assert set(report["agreement"]) == {*PARTS, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {
+        "rotors_and_plant"
+    }
+    for part in ("plant", "sampled_plant", "closed_loop"):
+        assert max(report["agreement"][part].values()) < 1e-10
+    assert set(report["flown"]) == {"uwb+imu", "imu"}
+    assert max(report["flown"].values()) < 1e-8
+    assert {name: len(z) for name, z in report["eigenvalues"].items()} == {
+        "plant": 12, "sampled_plant": 12, "servo_loop": 15, "filter": 12, "closed_loop": 27,
+    }  # fmt: skip
+    radius = {name: max(np.hypot(*w) for w in z) for name, z in report["eigenvalues"].items()}
+    assert radius["plant"] == 0.0
+    assert radius["closed_loop"] == pytest.approx(max(radius["servo_loop"], radius["filter"]), abs=1e-9)
+    assert report["unobservable_states"]["uwb"] == ["psi", "psi_dot"]
+    assert report["gramians"]["observability"]["imu"]["condition"] is None
+    assert report["uncontrollable_modes"] == []
+
+
+def test_a_report_without_sensors_is_refused() -> None:
+    with pytest.raises(InputError, match=r"no measurement sees eigenvalue 1 \(12 times\) in x, y, z, phi"):
+        linearization_report(Scenario(sensors=()))

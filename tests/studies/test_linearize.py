@@ -1,0 +1,200 @@
+"""Drake's matrices against SciPy's, Drake's symbols and differences of the compiled equations."""
+
+import numpy as np
+import pytest
+from pydrake.symbolic import Evaluate, Expression, Jacobian, MakeVectorContinuousVariable
+from scipy.signal import cont2discrete
+
+from ortilo_drake.diagrams.linear_loop import make_linear_loop
+from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import servo_control
+from ortilo_drake.scenario import InputError, Noise, Scenario, World, load_scenario
+from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import LqServo as ServoSettings
+from ortilo_drake.studies.linearization.linearize import differentiate_tick, linearize
+from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, operating_point, reference_at
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.rotors import commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
+
+H = 1.0 / 30.0
+INERTIA = np.array(M100.inertia)
+V = Noise(uwb=(0.01, 0.02, 0.03), camera=(0.02, 0.01, 0.04), imu=(1e-4, 2e-4, 3e-4))
+ON_THE_WAY = np.array([3.0, -1.0, 1.5, 0.3, -0.1, 0.05, 0.6, -0.9, 0.4])  # r, r_dot, r_ddot
+
+
+def flown(kinematics: str = "small_angle", **servo: object) -> Scenario:
+    return Scenario(
+        world=World(kinematics=kinematics, plant="sampled"),
+        servo=ServoSettings(**servo),
+        filter=FilterSettings(V=V),
+    )
+
+
+def hover_matrices() -> tuple[np.ndarray, np.ndarray]:
+    """The paper's A and B, entered by hand."""
+    A, B = np.zeros((12, 12)), np.zeros((12, 4))
+    A[:6, 6:] = np.eye(6)
+    A[6, 4], A[7, 3] = 9.81, -9.81
+    B[8:, :] = np.diag([1.0 / 2.7, 1.0 / 0.1547563, 1.0 / 0.1658929, 1.0 / 0.2077])
+    return A, B
+
+
+def differences(f: object, at: np.ndarray, size: float = 1e-5) -> np.ndarray:
+    return np.column_stack([(f(at + d) - f(at - d)) / (2.0 * size) for d in size * np.eye(len(at))])
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+def test_plant_and_sampled_plant_are_the_papers_matrices_and_scipys(kinematics: str) -> None:
+    A, B = hover_matrices()
+    plant = linearize(flown(kinematics), "plant")
+    np.testing.assert_allclose(plant.A, A, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(plant.B, B, rtol=0.0, atol=1e-12)
+    Phi, Gamma, *_ = cont2discrete((A, B, np.eye(12), np.zeros((12, 4))), H)
+    sampled = linearize(flown(kinematics), "sampled_plant")
+    np.testing.assert_allclose(sampled.A, Phi, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(sampled.B, Gamma, rtol=0.0, atol=1e-14)
+    assert (plant.h, sampled.h) == (None, H)
+    for system in (plant, sampled):
+        np.testing.assert_array_equal(system.C, np.eye(12))
+        assert not system.D.any()
+
+
+def test_one_tick_of_autodiff_is_drakes_linearize() -> None:
+    scenario = flown()
+    at_drake = linearize(scenario, "sampled_plant")
+    K, delta = frozen_gain(scenario)
+    diagram = make_linear_loop(scenario, K, delta)
+    context = diagram.CreateDefaultContext()
+    context.SetDiscreteState(0, np.zeros(12))
+    diagram.get_input_port().FixValue(context, np.zeros(9))
+    A, _, C, _ = differentiate_tick(diagram, context)
+    np.testing.assert_array_equal(A[:12, :12], at_drake.A)
+    np.testing.assert_array_equal(C, np.eye(12, 27))
+
+
+@pytest.mark.parametrize(("lag", "sign"), [("up", 1.0), ("down", -1.0)])
+def test_rotors_follow_the_linearisation_on_their_side(lag: str, sign: float) -> None:
+    """Commands that speed all rotors up, or slow all down, and speeds that lag behind them."""
+    M = mixing_matrix(M100)
+    M_inverse, tau = np.linalg.inv(M), np.array(M100.rotor_time_constant)
+    hover, W_0 = np.array([M100.hover_thrust, 0.0, 0.0, 0.0]), M100.hover_rotor_speed
+    system = linearize(flown(), "rotors_and_plant", lag=lag)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        speeds = 1e-3 * rng.uniform(0.0, 1.0, 4) * sign
+        command = M @ ((W_0 + 1e-3 * rng.uniform(1.0, 2.0, 4) * sign) ** 2)
+        W_dot = rotor_acceleration(W_0 + speeds, commanded_speeds(command, M_inverse, 838.0), tau)
+        x_dot = DYNAMICS["small_angle"](np.zeros(12), wrench_of(W_0 + speeds, M), np.zeros(6), M100.mass, INERTIA)
+        expected = system.A @ np.concatenate([np.zeros(12), speeds]) + system.B @ (command - hover)
+        np.testing.assert_allclose(W_dot, expected[12:], rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(x_dot, expected[:12], rtol=1e-5, atol=1e-9)
+
+
+def test_rotors_two_linearisations_differ_in_their_lag_alone() -> None:
+    up, down = (linearize(flown(), "rotors_and_plant", lag=lag) for lag in LAGS)
+    np.testing.assert_allclose(up.A[12:, 12:], -np.eye(4) / 0.0125, rtol=1e-13)
+    np.testing.assert_allclose(down.A[12:, 12:], -np.eye(4) / 0.025, rtol=1e-13)
+    np.testing.assert_array_equal(up.A[:12], down.A[:12])
+
+
+@pytest.mark.parametrize("form", ["paper", "error"])
+@pytest.mark.parametrize("velocities", ["estimate", "truth"])
+def test_servo_is_the_slope_of_the_compiled_law(form: str, velocities: str) -> None:
+    scenario = flown(form=form, velocities=velocities, yaw=0.07)
+    L = servo_gain(M100, scenario.servo.weights, H)
+
+    def u(inputs: np.ndarray) -> np.ndarray:
+        xbar = inputs[:15].copy()
+        if velocities == "truth":
+            xbar[6:12] = inputs[24:]
+        return servo_control(xbar, inputs[15:24], L, M100.mass, 0.07, form == "error")
+
+    servo = linearize(scenario, "servo", ON_THE_WAY)
+    slope = differences(u, np.zeros(30 if velocities == "truth" else 24), 1.0)
+    np.testing.assert_allclose(servo.D, slope, rtol=0.0, atol=1e-12)
+    assert servo.D.shape == (len(servo.outputs), len(servo.inputs))
+    assert servo.h is None
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+def test_operating_point_accelerates_as_planned(kinematics: str) -> None:
+    for yaw in (0.0, 0.1):
+        x, u = operating_point(M100, kinematics, ON_THE_WAY, 0.0 if kinematics == "linear" else yaw)
+        x_dot = DYNAMICS[kinematics](x, u, np.zeros(6), M100.mass, INERTIA)
+        np.testing.assert_allclose(x_dot, [*ON_THE_WAY[3:6], 0, 0, 0, *ON_THE_WAY[6:], 0, 0, 0], rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+def test_plant_on_the_way_has_the_slopes_of_drakes_symbols(kinematics: str) -> None:
+    scenario = flown(kinematics, yaw=0.08)
+    x_0, u_0 = operating_point(M100, kinematics, ON_THE_WAY, 0.08)
+    plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics).ToScalarType[Expression]()
+    context = plant.CreateDefaultContext()
+    x, u = MakeVectorContinuousVariable(12, "x"), MakeVectorContinuousVariable(4, "u")
+    context.SetContinuousState([Expression(v) for v in x])
+    plant.GetInputPort("control").FixValue(context, [Expression(v) for v in u])
+    with np.errstate(invalid="ignore"):  # Drake boxes an Expression's cell in a NaN
+        x_dot = plant.EvalTimeDerivatives(context).CopyToVector()
+    there = dict(zip([*x, *u], [*x_0, *u_0], strict=True))
+    system = linearize(scenario, "plant", ON_THE_WAY)
+    np.testing.assert_allclose(system.A, Evaluate(Jacobian(x_dot, x), there), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(system.B, Evaluate(Jacobian(x_dot, u), there), rtol=0.0, atol=1e-12)
+    if kinematics != "linear":
+        assert np.max(np.abs(system.A - hover_matrices()[0])) > 0.1  # it is not the hover model's
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+def test_sampled_plant_on_the_way_has_the_slopes_of_the_compiled_step(kinematics: str) -> None:
+    x, u = operating_point(M100, kinematics, ON_THE_WAY, 0.0)
+
+    def after(z: np.ndarray) -> np.ndarray:
+        return step(z[:12], z[12:], np.zeros(6), M100.mass, INERTIA, KINEMATICS.index(kinematics), H)
+
+    system = linearize(flown(kinematics), "sampled_plant", ON_THE_WAY)
+    slopes = differences(after, np.concatenate([x, u]))
+    np.testing.assert_allclose(np.hstack([system.A, system.B]), slopes, rtol=0.0, atol=1e-9)
+
+
+def test_closed_loop_on_the_way_has_the_slopes_of_its_tick() -> None:
+    scenario = flown("rigid_body", yaw=0.05)
+    frozen = frozen_gain(scenario)
+    diagram = make_linear_loop(scenario, *frozen)
+    context = diagram.CreateDefaultContext()
+
+    def after(z: np.ndarray) -> np.ndarray:
+        context.SetDiscreteState(0, z[:12])
+        context.SetDiscreteState(1, z[12:27])
+        diagram.get_input_port().FixValue(context, z[27:])
+        values = diagram.EvalUniquePeriodicDiscreteUpdate(context)
+        return np.concatenate([values.value(0), values.value(1)])
+
+    x, _ = operating_point(M100, "rigid_body", ON_THE_WAY, 0.05)
+    loop = linearize(scenario, "closed_loop", ON_THE_WAY, frozen=frozen)
+    slopes = differences(after, np.concatenate([x, x, np.zeros(3), ON_THE_WAY]))
+    np.testing.assert_allclose(np.hstack([loop.A, loop.B]), slopes, rtol=0.0, atol=1e-8)
+
+
+def test_reference_comes_from_the_planned_path() -> None:
+    scenario = load_scenario("imu_uwb")
+    path = plan(scenario.planner, scenario.load_room(), M100)
+    t, size = 8.0, 1e-4
+    before, at, after = (path.value(t + dt)[:, 0] for dt in (-size, 0.0, size))
+    reference = reference_at(path, t)
+    np.testing.assert_array_equal(reference[:3], at)
+    np.testing.assert_allclose(reference[3:6], (after - before) / (2 * size), atol=1e-6)
+    np.testing.assert_allclose(reference[6:], (after - 2 * at + before) / size**2, atol=1e-5)
+    assert linearize(scenario, "plant", reference).A.shape == (12, 12)
+
+
+def test_what_cannot_be_linearised_is_refused() -> None:
+    with pytest.raises(InputError, match="part: 'wing': must be one of plant, rotors_and_plant"):
+        linearize(flown(), "wing")
+    with pytest.raises(InputError, match="lag: 'both': must be one of up, down"):
+        linearize(flown(), "rotors_and_plant", lag="both")
+    for sensors, names in (((), "x, y, z, phi, theta, psi, x_dot"), (("imu",), "x, y, z, x_dot, y_dot, z_dot")):
+        blind = flown().model_copy(update={"sensors": sensors})
+        with pytest.raises(InputError, match=rf"no measurement sees eigenvalue 1 \(\d+ times\) in {names}"):
+            frozen_gain(blind)

@@ -1,0 +1,216 @@
+"""The tube's recursion against published fixed points, SciPy and a Monte Carlo of the linear loop."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, solve_discrete_lyapunov
+
+from ortilo_drake.model.signals import N_U
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
+from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.studies.loop.hover_loop import HoverLoop, closed_loop_matrix, hover_loop, steady_predictor
+from ortilo_drake.studies.tube.course import Course, aim, course_of
+from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube_recursion import propagate
+
+V_PRINTED = np.array([0.05 * np.eye(3), 0.08 * np.eye(3), 0.01 * np.eye(3)])
+ALWAYS = np.zeros((3, 4))
+
+
+def bernoulli(uwb: float, camera: float) -> np.ndarray:
+    return np.array([[0.0, 0.0, 1.0 - uwb, 1.0 - uwb], [0.0, 0.0, 1.0 - camera, 1.0 - camera], [0.0] * 4])
+
+
+def run(
+    loop: HoverLoop, n: int, V: np.ndarray, loss: np.ndarray, d: np.ndarray, r: np.ndarray, there: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    X_0 = block_diag(0.02 * np.eye(12), np.zeros((3, 3)))
+    kind = INTEGRATORS[loop.integrator]
+    return propagate(
+        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there, loss, X_0, d, r, r, kind
+    )  # fmt: skip
+
+
+def at_rest(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.zeros((n, 12)), np.zeros((n, 3)), np.ones((n, 3), dtype=bool)
+
+
+@pytest.mark.parametrize(
+    ("rates", "W", "P_xx", "P_zz"),
+    [
+        ((1.0, 0.0), 1e-4, 0.005744, 0.003656),
+        ((0.5, 0.5), 1e-4, 0.006898, 0.004272),
+        ((0.1, 0.0), 1e-4, 0.046706, 0.021684),
+        ((1.0, 0.0), 1.0, 1.085270, 1.084872),
+    ],
+)
+def test_error_settles_at_the_expected_riccati_fixed_point(
+    rates: tuple[float, float], W: float, P_xx: float, P_zz: float
+) -> None:
+    # Values of the theory page, computed independently of this code.
+    loop = hover_loop(Scenario())._replace(W=W * np.eye(12))
+    _, _, X = run(loop, 3000, V_PRINTED, bernoulli(*rates), *at_rest(3000))
+    assert X[-1, 0, 0] == pytest.approx(P_xx, abs=1e-6)
+    assert X[-1, 2, 2] == pytest.approx(P_zz, abs=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
+def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) -> None:
+    loop = hover_loop(load_scenario("imu_uwb_yolo", (f"servo.integrator={integrator}",)))
+    n = 6000
+    _, M, X = run(loop, n, V_PRINTED, ALWAYS, *at_rest(n))
+    V = block_diag(*V_PRINTED)
+    K, _ = steady_predictor(loop.Phi, loop.C, loop.W, V)
+    everything = np.ones(3)
+    A = closed_loop_matrix(loop, K, everything)
+    noise = np.zeros((27, 9))  # how v enters [x; xhat; i]
+    noise[12:24] = K
+    if integrator != "estimate":
+        noise[24:27] = -selection_matrix(everything)
+    Q = noise @ V @ noise.T
+    Q[:12, :12] += loop.W
+    expected = solve_discrete_lyapunov(A, Q)[:12, :12]
+    np.testing.assert_allclose((X + M[:, :12, :12])[-1], expected, rtol=1e-6, atol=1e-9)
+
+
+def riccati_gains(
+    loop: HoverLoop, n: int, V: np.ndarray, there: np.ndarray, chain: np.ndarray, camera: float
+) -> tuple[list[dict[tuple[int, int, int], np.ndarray]], np.ndarray]:
+    """Gains K (12 x 9) for every tick, state of uwb's chain and arrivals of (uwb, camera), by full-size formulas."""
+    X, mu = [0.02 * np.eye(12), 0.02 * np.eye(12)], np.array([1.0, 0.0])
+    gains = []
+    for k in range(n):
+        of_tick, X_next, mu_next = {}, [np.zeros((12, 12)), np.zeros((12, 12))], mu @ chain
+        for i in range(2):
+            mixed = np.zeros((12, 12))
+            for a in (0, 1):
+                for b in (0, 1):
+                    chance_a = float(a == (1 - i)) if there[k, 0] else float(a == 0)
+                    chance_b = (camera if b else 1.0 - camera) if there[k, 1] else float(b == 0)
+                    rows = np.flatnonzero(np.repeat([a, b, there[k, 2]], 3))
+                    C, V_p = loop.C[rows], V[np.ix_(rows, rows)]
+                    K = np.zeros((12, 9))
+                    K[:, rows] = loop.Phi @ X[i] @ C.T @ np.linalg.inv(C @ X[i] @ C.T + V_p)
+                    F = loop.Phi - K[:, rows] @ C
+                    mixed += chance_a * chance_b * (F @ X[i] @ F.T + loop.W + K @ V @ K.T)
+                    of_tick[i, a, b] = K
+            for j in range(2):
+                X_next[j] += mu[i] * chain[i, j] * mixed
+        X = [X_next[j] / mu_next[j] if mu_next[j] > 0 else X_next[j] for j in range(2)]
+        mu = mu_next
+        gains.append(of_tick)
+    return gains, mu
+
+
+@pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
+def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str) -> None:
+    # uwb in bursts, camera lost independently and due every other tick, an imu; x, xhat and i flown by the equations.
+    rng = np.random.default_rng(5)
+    scenario = load_scenario("imu_uwb_yolo", (f"servo.integrator={integrator}",))
+    loop, n, runs, camera = hover_loop(scenario), 80, 6000, 0.4
+    chain = np.array([[0.8, 0.2], [0.3, 0.7]])
+    loss = np.array([[0.2, 0.3, 0.0, 1.0], [0.0, 0.0, 1.0 - camera, 1.0 - camera], [0.0] * 4])
+    V = block_diag(*(0.01 * V_PRINTED))
+    there = np.ones((n, 3), dtype=bool)
+    there[1::2, 1] = False
+    r = np.cumsum(rng.normal(0.0, 0.002, (n, 3)), axis=0)
+    x_ref = np.hstack([r, np.zeros((n, 9))])
+    d = np.vstack([x_ref[:-1] @ loop.Phi.T - x_ref[1:], np.zeros((1, 12))])
+
+    gains, _ = riccati_gains(loop, n, V, there, chain, camera)
+    W_root = np.linalg.cholesky(loop.W + 1e-18 * np.eye(12))
+    xhat, i = np.zeros((runs, 12)), np.zeros((runs, 3))
+    xhat[:, :3] = r[0]
+    x = xhat + rng.normal(0.0, np.sqrt(0.02), (runs, 12))
+    state = np.zeros(runs, dtype=int)
+    for k in range(n - 1):
+        deviation = x - x_ref[k]
+        a, b = (state == 0) & there[k, 0], (rng.random(runs) < camera) & there[k, 1]
+        y = x @ loop.C.T + rng.standard_normal((runs, 9)) * np.sqrt(np.diag(V))
+        u = -np.hstack([xhat - x_ref[k], i]) @ loop.L.T
+        x_next = x @ loop.Phi.T + u @ loop.Gamma.T + rng.standard_normal((runs, 12)) @ W_root.T
+        xhat_next, i_next = np.empty_like(xhat), i.copy()
+        for key, K in gains[k].items():
+            who = (state == key[0]) & (a == key[1]) & (b == key[2])
+            innovation = y[who] - xhat[who] @ loop.C.T
+            xhat_next[who] = xhat[who] @ loop.Phi.T + u[who] @ loop.Gamma.T + innovation @ K.T
+            delta = np.array([key[1], key[2], 1.0])
+            if integrator == "estimate":
+                i_next[who] += r[k] - xhat[who, :3]
+            elif integrator == "literal" or key[1] or key[2]:
+                i_next[who] += r[k] - y[who] @ (selection_matrix(delta) @ arrival_matrix(delta)).T
+        state = np.where(rng.random(runs) < chain[state, 1], 1, 0)
+        x, xhat, i = x_next, xhat_next, i_next
+    deviation = (x - x_ref[n - 1])[:, :9]
+
+    means, M, X = run(loop, n, 0.01 * V_PRINTED, loss, d, r, there)
+    mean = means[-1, :9]
+    covariance = (X + M[:, :12, :12])[-1, :9, :9] - np.outer(mean, mean)
+    sd = np.sqrt(np.diag(covariance))
+    # Five standard errors; a variance's is sqrt((kurtosis - 1) / runs) of it, its kurtosis taken from the sample.
+    np.testing.assert_allclose(deviation.mean(axis=0), mean, atol=float(5.0 * (sd / np.sqrt(runs)).max()))
+    z = (deviation - mean) / sd
+    allowed = 5.0 * np.sqrt((np.mean(z**4, axis=0) - 1.0) / runs)
+    assert np.all(np.abs(np.mean(z**2, axis=0) - 1.0) < allowed)
+    correlation = covariance / np.outer(sd, sd)
+    assert np.all(np.abs(z.T @ z / runs - correlation) < 5.0 * np.sqrt(np.mean(z**4, axis=0).max() / runs))
+
+
+def test_more_arrivals_never_widen_the_error() -> None:
+    loop = hover_loop(Scenario())
+    n = 400
+    least = [run(loop, n, V_PRINTED, bernoulli(rate, 0.1), *at_rest(n))[2][-1] for rate in (0.0, 0.1, 0.5, 1.0)]
+    for wide, narrow in pairwise(least):
+        assert np.linalg.eigvalsh(wide - narrow).min() > -1e-12
+
+
+def test_aim_is_what_the_servo_aims_at() -> None:
+    scenario = Scenario()
+    reference = np.array([[1.0, 2.0, 1.5, 0.3, 0.1, 0.0, 0.2, -0.1, 0.4]])
+    x_ref, u_ff = aim(scenario, reference)
+    g = 9.81
+    np.testing.assert_allclose(x_ref[0], [1.0, 2.0, 1.5, 0.1 / g, 0.2 / g, 0.0, 0.3, 0.1, 0.0, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(u_ff[0], [scenario.vehicle.mass * 0.4, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_course_is_due_late_and_blacked_out() -> None:
+    scenario = load_scenario(
+        "imu_uwb_yolo",
+        (
+            "camera=projected",
+            "settle=0.0",
+            "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [1.0, 0.6, 1.5]]}",
+            "uwb.link.blackouts=[{kind: position, axis: x, start: 0.4, end: 0.6}]",
+        ),
+    )
+    course = course_of(scenario)
+    ticks = np.arange(len(course.time))
+    seen = (course.r[:, 0] < 0.4) | (course.r[:, 0] >= 0.6)
+    np.testing.assert_array_equal(course.there[:, 0], (ticks % 3 == 0) & seen)
+    assert not course.there[ticks % 3 != 1, 1].any()  # the camera's latency is a tick
+    assert course.there[ticks % 3 == 1, 1].mean() > 0.9
+    assert course.there[:, 2].all()
+
+
+def test_tube_needs_a_servo_fed_by_the_filter_and_constant_delays() -> None:
+    with pytest.raises(InputError, match=r"servo\.velocities"):
+        predict_tube(load_scenario("paper_imu_uwb"))
+    with pytest.raises(InputError, match="random_delay"):
+        predict_tube(load_scenario("bursty_link"))
+
+
+def test_paper_form_settles_at_the_reference() -> None:
+    # u = -L [xhat; i] starts at rest at r with the integral that balances it; here i starts at 0, so it must settle.
+    scenario = load_scenario("imu_uwb", ("servo.form=paper",))
+    n = 9000
+    r = np.tile([0.5, -0.3, 1.0], (n, 1))
+    course = Course(
+        np.arange(n) * scenario.h, r, np.zeros((n, 12)), np.zeros((n, N_U)),
+        np.tile(0.01 * V_PRINTED, (n, 1, 1, 1)), np.ones((n, 3), dtype=bool),
+    )  # fmt: skip
+    tube = predict_tube(scenario, course)
+    np.testing.assert_allclose(tube.mean[-1], 0.0, atol=1e-3)
+    assert tube.radius[-1] < 0.3

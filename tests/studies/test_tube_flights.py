@@ -1,0 +1,133 @@
+"""Flights against the tube: what is compared, and that it is compared with what was flown."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.scenario import Scenario, load_scenario, with_seed
+from ortilo_drake.studies.tube.course import Course, course_of
+from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
+from ortilo_drake.studies.tube.tube_flights import (
+    Flown,
+    PointResult,
+    at_burst,
+    at_rates,
+    fly_point,
+    interval,
+    judge_point,
+    within,
+    worst_stretch,
+)
+from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
+from ortilo_drake.studies.tube.tube_tails import arrivals_of_seed
+
+PAIR = (0.3, 0.5)
+
+
+@lru_cache(maxsize=1)
+def short() -> tuple[Scenario, Course]:
+    scenario = load_scenario(
+        "imu_uwb_yolo",
+        (
+            "camera=projected",
+            "settle=0.5",
+            "uwb.link.blackouts=[]",
+            "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}",
+        ),
+    )
+    return scenario, course_of(scenario)
+
+
+def straying(share: float, lost: float | None = None) -> list[Flown]:
+    """Two flights that stray to that share of the tube's radius, to the north."""
+    scenario, course = short()
+    tube = predict_tube(with_rates(scenario, *PAIR), course)
+    deviation = np.zeros((len(tube.radius), 3))
+    deviation[:, 1] = share * tube.radius
+    return [Flown(1, deviation, None), Flown(2, deviation, lost)]
+
+
+def judge(flights: list[Flown]) -> PointResult:
+    return judge_point(at_rates(short()[0], PAIR), PAIR, flights, short()[1], others=range(50, 54))
+
+
+def test_flights_inside_the_tube_hold() -> None:
+    result = judge(straying(0.99))
+    assert (result.contained, result.contained_low, result.contained_worst) == (1.0, 1.0, 1.0)
+    assert result.holds
+    assert result.breakdown == ""
+    assert result.margin > 0.0
+
+
+def test_flights_outside_the_tube_are_a_breakdown() -> None:
+    result = judge(straying(1.01))
+    assert result.contained == 0.0
+    assert not result.holds
+    assert result.breakdown
+
+
+def test_a_flight_lost_though_the_tube_is_inside_is_a_breakdown() -> None:
+    result = judge(straying(0.5, lost=3.0))
+    assert (result.contained, result.lost, result.holds) == (1.0, 1, False)
+    assert "1 lost" in result.breakdown
+
+
+@pytest.mark.long
+def test_flights_are_those_of_the_diagram_and_their_arrivals_the_expected_ones(tmp_path: Path) -> None:
+    scenario, course = short()
+    lossy = at_burst(scenario, (0.5, 0.3))
+    flights = fly_point(lossy, [4, 7], tmp_path)
+    again = fly_point(lossy, [4, 7], tmp_path)  # read, not flown
+    for one, other in zip(flights, again, strict=True):
+        np.testing.assert_array_equal(one.deviation, other.deviation)
+    flight = fly(with_seed(lossy, 7))
+    expected = flight["truth"].values[:, :3] - flight["reference"].values
+    np.testing.assert_array_equal(flights[1].deviation, expected)
+    np.testing.assert_array_equal(arrivals_of_seed(lossy, course, 7), flight["arrival"].values)
+
+
+def test_flown_deviations_are_of_the_predicted_size() -> None:
+    # Over six flights the mean squared deviation differs from the predicted one by chance alone: a factor of two.
+    scenario, course = short()
+    lossy = with_rates(scenario, *PAIR)
+    tube = predict_tube(lossy, course)
+    flights = [fly(with_seed(lossy, seed)) for seed in range(11, 17)]
+    flown = [flight["truth"].values[:, :3] - flight["reference"].values for flight in flights]
+    predicted = np.trace(tube.covariance, axis1=1, axis2=2) + np.sum(tube.mean**2, axis=1)
+    late = slice(30, None)
+    ratio = np.mean([np.sum(d[late] ** 2, axis=1) for d in flown]) / np.mean(predicted[late])
+    assert 0.5 < ratio < 2.0
+    inside = np.concatenate([within(Flown(0, d, None), tube.radius) for d in flown])
+    assert inside.mean() >= 0.99
+
+
+def test_interval_of_independent_ticks_is_the_binomial_one() -> None:
+    ok = np.random.default_rng(3).random(400) < 0.9
+    low, high = interval([np.array([tick]) for tick in ok])
+    expected = binom.ppf([0.025, 0.975], 400, ok.mean()) / 400
+    np.testing.assert_allclose([low, high], expected, atol=0.006)
+
+
+def test_worst_stretch_of_lost_flights_is_what_they_flew() -> None:
+    whole, lost = np.ones(80, dtype=bool), np.ones(15, dtype=bool)
+    lost[10:] = False
+    assert worst_stretch([whole, lost], 80) == pytest.approx(10.0 / 15.0)
+
+
+def test_figures_are_drawn(tmp_path: Path) -> None:
+    scenario, course = short()
+    a = np.geomspace(0.01, 1.0, 5)
+    margins = MarginMap(a, a, np.add.outer(a, a) - 1.0, np.add.outer(a, a) - 0.5)
+    chance = ChanceGrid(a, a, np.full((5, 5), 0.001) + 0.01 * (np.add.outer(a, a) < 0.5))
+    results = [judge(straying(share)) for share in (0.9, 1.1)]
+    for file in (
+        rates_figure(margins, chance, results, tmp_path / "rates.png"),
+        bursts_figure(margins, None, results, tmp_path / "bursts.png"),
+        plan_figure(scenario, course, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.png"),
+    ):
+        assert file.stat().st_size > 10_000

@@ -1,0 +1,143 @@
+"""Maps of the tube's margin, and the mixture that its flights are drawn from."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.studies.tube.course import Course, course_of
+from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
+from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube_map import (
+    burst_map,
+    bursts,
+    chance_map,
+    guided_ticks,
+    rate_cases,
+    tube_map,
+    with_losses,
+    with_rates,
+    without_blackouts,
+)
+from ortilo_drake.studies.tube.tube_tails import Mixture, chance_outside, mixture, mixture_radius
+from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.radio.link import chain_after
+
+
+@lru_cache(maxsize=1)
+def short() -> tuple[Scenario, Course]:
+    path = "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}"
+    scenario = without_blackouts(load_scenario("imu_uwb_yolo", ("settle=0.5", path)))
+    return scenario, course_of(scenario)
+
+
+def test_bursts_are_those_of_the_links_own_chain() -> None:
+    h, rate, burst = 1.0 / 30.0, 0.6, 0.5
+    settings = bursts(rate, burst, h)
+    assert settings is not None
+    loss, stream = loss_parameters(settings), stream_id("link/uwb")
+    states = np.zeros(60_000, dtype=bool)
+    for k in range(len(states) - 1):
+        states[k + 1] = chain_after(k, bool(states[k]), loss, 1, stream)
+    starts = np.count_nonzero(states[1:] & ~states[:-1])
+    # The share's standard error is about 1 %: 60,000 ticks are 1,600 bursts.
+    assert 1.0 - states.mean() == pytest.approx(rate, abs=0.04)
+    assert states.sum() * h / starts == pytest.approx(burst, rel=0.1)
+
+
+def test_there_are_no_bursts_shorter_than_the_chain_can_make() -> None:
+    assert bursts(0.1, 1.0 / 30.0, 1.0 / 30.0) is None
+    scenario, _ = short()
+    margins = burst_map(scenario, np.array([0.1, 0.9]), np.array([1.0 / 30.0, 0.5]))
+    np.testing.assert_array_equal(np.isnan(margins.whole), [[True, False], [False, False]])
+
+
+def test_more_arrivals_leave_more_room() -> None:
+    scenario, _ = short()
+    rates = tube_map(scenario, np.array([0.02, 0.2, 1.0]), np.array([0.02, 1.0])).whole
+    assert np.all(np.diff(rates, axis=0) > 0.0)
+    assert np.all(np.diff(rates, axis=1) > 0.0)
+
+
+def test_longer_bursts_widen_the_tube() -> None:
+    # Standing still for 50 s, for the chain starts good: on a short flight long bursts are few.
+    scenario, course = short()
+    n, last = 1500, len(course.time) - 1
+    there = np.zeros((n, 3), dtype=bool)
+    there[::3, 0] = there[1::3, 1] = there[:, 2] = True
+    still = Course(
+        np.arange(n) * scenario.h,
+        np.repeat(course.r[last:], n, axis=0),
+        np.repeat(course.x_ref[last:], n, axis=0),
+        np.repeat(course.u_ff[last:], n, axis=0),
+        np.tile(np.array([0.01, 0.01, 1e-4])[:, None, None] * np.eye(3), (n, 1, 1, 1)),
+        there,
+    )  # fmt: skip
+    ends = []
+    for burst in (0.2, 1.0, 5.0):
+        loss = bursts(0.5, burst, scenario.h)
+        assert loss is not None
+        ends.append(predict_tube(with_losses(scenario, loss, loss), still).radius[-1])
+    assert ends[0] < ends[1] < ends[2]
+
+
+def test_guided_part_ends_with_the_last_fix() -> None:
+    _, course = short()
+    there = course.there.copy()
+    there[40:, 1] = False
+    last = np.flatnonzero(there[:, 1])[-1]
+    assert guided_ticks(course._replace(there=there)) == last + 1
+    there[:, 1] = False
+    assert guided_ticks(course._replace(there=there)) == len(course.time)
+
+
+@pytest.mark.parametrize("rates", [(-0.1, 0.5), (0.5, 1.2), (float("nan"), 0.5)])
+def test_rates_outside_zero_and_one_are_refused(rates: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match=r"must be in \[0, 1\]"):
+        with_rates(Scenario(), *rates)
+
+
+@pytest.mark.parametrize(("rate", "burst"), [(0.0, 1.0), (1.1, 1.0), (0.5, 0.0), (0.5, float("nan"))])
+def test_impossible_bursts_are_refused(rate: float, burst: float) -> None:
+    with pytest.raises(InputError):
+        bursts(rate, burst, 1.0 / 30.0)
+
+
+def test_without_losses_the_mixture_is_the_tube() -> None:
+    scenario, course = short()
+    tube = predict_tube(scenario, course)
+    of = mixture(scenario, course, [1, 2])
+    np.testing.assert_allclose(of.covariances[0], tube.covariance[:, :2, :2], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(chance_outside(tube.radius, of), THREE_SIGMA, rtol=1e-6)
+    np.testing.assert_allclose(mixture_radius(of, 0.7 * tube.radius), tube.radius, rtol=1e-3)
+
+
+def test_a_filter_that_knows_its_arrivals_errs_less_on_average() -> None:
+    # The tube's gains do not know the arrivals' history, the filter's do: its error's covariance is smaller on average.
+    scenario, course = short()
+    lossy = with_rates(scenario, 0.1, 0.1)
+    tube = predict_tube(lossy, course)
+    of = mixture(lossy, course, range(40))
+    trace = np.trace(of.covariances, axis1=2, axis2=3)[:, -1]
+    error = 4.0 * trace.std() / np.sqrt(len(trace))
+    assert trace.mean() < np.trace(tube.covariance[-1, :2, :2]) + error
+
+
+def test_chance_outside_by_sampling() -> None:
+    rng = np.random.default_rng(1)
+    C = np.array([np.diag([1.0, 0.3]), np.diag([9.0, 4.0])])
+    of = Mixture(np.array([[[0.2, 0.0]], [[0.0, -0.5]]]), C[:, None])
+    z = np.concatenate([rng.multivariate_normal(of.means[i, 0], C[i], 200_000) for i in range(2)])
+    sampled = np.mean(np.hypot(*z.T) > 4.0)
+    assert chance_outside(np.array([4.0]), of)[0] == pytest.approx(sampled, abs=4.0 * np.sqrt(sampled / 400_000))
+
+
+def test_chance_map_is_the_chance_of_leaving_the_corridor() -> None:
+    scenario, _ = short()
+    chance = chance_map(scenario, rate_cases(scenario, np.array([0.01, 1.0]), np.array([0.0])), [1, 2, 3])
+    assert chance.shape == (2, 1)
+    assert chance[0, 0] > chance[1, 0]
+    assert chance[1, 0] < 1e-6

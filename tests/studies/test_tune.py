@@ -1,0 +1,142 @@
+"""Tuning from files: what is written flies, what is bad is refused in one line, lost flights are cut."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.metrics import estimation_mse, position_nees
+from ortilo_drake.flight.saved_flight import save_flight
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
+from ortilo_drake.studies.consistency.consistency_flights import consistency_report
+from ortilo_drake.studies.tuning.tune import Tuning, find_flights, overlay_text, tune, tuning_data
+
+SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
+DETUNED = ("filter.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fraction=0.03", "uwb.link.blackouts=[]")
+
+
+@pytest.fixture(scope="module")
+def flights() -> list[xr.Dataset]:
+    return [fly(load_scenario("imu_uwb", (SHORT, *DETUNED), seed)) for seed in range(2)]
+
+
+@pytest.fixture(scope="module")
+def folder(flights: list[xr.Dataset], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    where = tmp_path_factory.mktemp("flights")
+    for seed, flight in enumerate(flights):
+        save_flight(flight, where / f"odd\nname_{seed}.nc")
+    return where
+
+
+@pytest.fixture(scope="module")
+def tuning(folder: Path) -> Tuning:
+    return tune(find_flights([folder]))
+
+
+def test_the_sensors_noise_is_found(tuning: Tuning) -> None:
+    assert tuning.fit.values["multilateration.noise.fraction"] == pytest.approx(0.0075, rel=0.15)
+    for i in range(3):
+        assert tuning.fit.values[f"filter.V.imu.{i}"] == pytest.approx(1e-4, rel=0.25)
+
+
+def test_before_is_what_flew(tuning: Tuning, flights: list[xr.Dataset]) -> None:
+    expected = np.mean([np.mean(position_nees(flight)) for flight in flights])
+    assert tuning.before["nees"]["all"]["mean"] == pytest.approx(expected, rel=1e-6)
+    assert tuning.before["nis"]["camera"] is None
+
+
+def test_the_overlay_loads_as_the_tuned_scenario(tuning: Tuning, tmp_path: Path) -> None:
+    path = tmp_path / "overlay.yaml"
+    path.write_text(overlay_text(tuning))
+    loaded = load_scenario(path)
+    assert loaded == tuning.fit.scenario
+    assert loaded.name == "imu_uwb_tuned"
+    assert loaded.planner == load_scenario("imu_uwb", (SHORT,)).planner
+
+
+def test_the_data_is_plain(tuning: Tuning) -> None:
+    data = json.loads(json.dumps(tuning_data(tuning), allow_nan=False))
+    assert data["counted"] == ["uwb", "imu"]
+    assert len(data["flights"]) == 2
+
+
+def test_a_lost_flight_is_used_up_to_its_loss_or_left_out(flights: list[xr.Dataset], tmp_path: Path) -> None:
+    ticks = flights[0].sizes["tick"]
+    for k, cut in enumerate((ticks - 30, 60)):
+        lost = flights[k].isel(tick=slice(0, cut)).copy()
+        lost.attrs["lost"] = json.dumps({"time": cut / 30.0, "cause": "hit a wall"})
+        save_flight(lost, tmp_path / f"{k}.nc")
+    found = tune(find_flights([tmp_path]))
+    assert [Path(file).name for file, _ in found.used] == ["0.nc"]
+    assert "used for its first" in found.notes[0]
+    assert "left out" in found.notes[1]
+
+
+def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no flights"):
+        find_flights([tmp_path])
+    with pytest.raises(InputError, match="No such file"):
+        tune(find_flights([tmp_path / "missing.nc"]))
+    other = flights[0].copy()
+    other.attrs["scenario"] = load_scenario("imu_uwb").model_dump_json()
+    save_flight(flights[0], tmp_path / "a.nc")
+    save_flight(other, tmp_path / "b.nc")
+    with pytest.raises(InputError, match=r"a\.nc and .*b\.nc: fly different scenarios"):
+        tune(find_flights([tmp_path]))
+
+
+def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_path: Path) -> None:
+    report = consistency_report(flights)
+    paths = [
+        tuning_figure(tuning, tmp_path / "tuning.png"),
+        nees_figure({"imu_uwb": flights}, tmp_path / "nees.png"),
+        whiteness_figure({"imu_uwb": report}, tmp_path / "white.png"),
+    ]
+    assert all(path.stat().st_size > 10_000 for path in paths)
+    with pytest.raises(InputError, match=r"x\.frog"):
+        tuning_figure(tuning, tmp_path / "x.frog")
+
+
+def test_the_command_writes_what_it_is_asked_for(
+    folder: Path, tuning: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overlay, data, figure = (tmp_path / name for name in ("tuned.yaml", "tuned.json", "tuned.png"))
+    words = ["--out", str(overlay), "--json", str(data), "--figure", str(figure), "--check", "1"]
+    assert run("tune", str(folder), *words) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "imu_uwb_tuned, fitted to 2 flights" in printed.out
+    assert "flown anew, seeds 2 to 2" in printed.out
+    assert load_scenario(overlay) == tuning.fit.scenario
+    found = json.loads(data.read_text())
+    assert found["numbers"] == json.loads(json.dumps(tuning_data(tuning)))["numbers"]
+    again = estimation_mse(fly(load_scenario(overlay, seed=2)))
+    assert found["check"]["after"]["mse"] == pytest.approx(list(again.values()), rel=1e-12)
+    assert figure.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["missing.nc"], "missing.nc: cannot be read: No such file"),
+        (["--out", "tuned.txt"], "--out tuned.txt: must end in .yaml"),
+        (["--figure", "tuned.frog"], "tuned.frog: unknown kind of picture '.frog'"),
+        (["--check", "-1"], "--check"),
+    ],
+)
+def test_the_command_refuses_bad_input(
+    words: list[str],
+    said: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("tune", *(words if words[0][0] != "-" else [str(folder), *words])) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert said in printed.err

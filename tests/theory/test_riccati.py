@@ -1,0 +1,259 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import eigvals
+
+from ortilo_drake.model.signals import STATE_NAMES
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.loop.hover_loop import hover_loop, steady_predictor
+from ortilo_drake.studies.loop.riccati_report import filter_dare, riccati_report, servo_and_filter_dares, servo_dare
+from ortilo_drake.theory.modes.modes import unreached_modes, unseen_modes
+from ortilo_drake.theory.riccati.riccati import RAW, SOLVERS, gain, solve
+from ortilo_drake.theory.riccati.riccati_check import check
+from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, what_solvers_do
+from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
+from ortilo_drake.theory.riccati.stability_radius import least_singular_value, stability_radius
+
+V = np.diag([0.05] * 3 + [0.08] * 3 + [1e-4] * 3)
+ALL = ("uwb", "camera", "imu")
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_problem(seed, cross=False):
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(1, 7), rng.integers(1, 4)
+    A, B = rng.standard_normal((n, n)), rng.standard_normal((n, m))
+    M = rng.standard_normal((n + m, n + m + 2))
+    weights = M @ M.T
+    return A, B, weights[:n, :n], weights[n:, n:], weights[:n, n:] if cross else None
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds, st.booleans())
+def test_four_solvers_agree_on_random_problems(seed, cross):
+    A, B, Q, R, N = random_problem(seed, cross)
+    solutions = [solver(A, B, Q, R, N) for solver in SOLVERS.values()]
+    for X in solutions:
+        assert np.allclose(X, solutions[0], rtol=0, atol=1e-7 * np.linalg.norm(X))
+        assert check(A, B, Q, R, X, N).spectral_radius < 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_singular_R_is_solved_by_all_but_drake(seed):
+    A, B, Q, _, _ = random_problem(seed)
+    R = np.zeros((B.shape[1], B.shape[1]))
+    if B.shape[1] > len(A):
+        B, R = B[:, : len(A)], R[: len(A), : len(A)]
+    solutions = [solver(A, B, Q, R) for name, solver in SOLVERS.items() if name != "drake"]
+    for X in solutions:
+        assert np.allclose(X, solutions[0], rtol=0, atol=1e-6 * np.linalg.norm(X))
+
+
+@pytest.mark.parametrize("case", ILL_POSED)
+def test_all_four_refuse_with_one_error(case):
+    messages = set()
+    for solver in SOLVERS.values():
+        with pytest.raises(InputError) as error:
+            solver(*ILL_POSED[case])
+        messages.add(str(error.value))
+    assert len(messages) == 1
+    assert "\n" not in messages.pop()
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ("hidden on the circle", "no weight sees eigenvalue 1 in a, on the unit circle"),
+        ("hidden outside", "no weight sees eigenvalue 2 in a, outside the unit circle"),
+        ("stuck on the circle", "not stabilisable: no control moves eigenvalue 1 in a"),
+        ("stuck outside", "not stabilisable: no control moves eigenvalue 2 in a"),
+        ("unweighted turn", r"eigenvalue 0\+1i in a, b; eigenvalue 0-1i in a, b"),
+        ("Q indefinite", "Q: eigenvalue -1: must be positive semidefinite"),
+        ("R indefinite", "R: eigenvalue -1: must be positive semidefinite"),
+        ("Q not symmetric", "Q: differs from its transpose by 1"),
+        ("B of another height", r"B: shape \(3, 3\): must have the 2 rows of A"),
+        ("NaN", "A: holds NaN"),
+    ],
+)
+def test_errors_name_the_modes(case, words):
+    with pytest.raises(InputError, match=words):
+        require_well_posed(*ILL_POSED[case], names=("a", "b"))
+
+
+def test_cross_weight_too_large_and_unknown_solver():
+    with pytest.raises(InputError, match="indefinite"):
+        solve(np.eye(1), np.eye(1), np.eye(1), np.eye(1), 2 * np.eye(1))
+    with pytest.raises(InputError, match=r"N: shape \(2, 1\): must be \(1, 1\)"):
+        solve(np.eye(1), np.eye(1), np.eye(1), np.eye(1), np.ones((2, 1)))
+    with pytest.raises(InputError, match="must be one of drake, scipy, doubling, recursion"):
+        solve(np.eye(1), np.eye(1), np.eye(1), np.eye(1), solver="slicot")
+    with pytest.raises(InputError, match=r"R: .*singular"):
+        solve(np.eye(1), np.zeros((1, 1)) + [[1.0, 0.0]], np.eye(1), np.diag([1.0, 0.0]))
+
+
+@pytest.mark.parametrize("solver", [*RAW.values(), *SOLVERS.values()], ids=[*RAW, *(f"{name} checked" for name in RAW)])
+@pytest.mark.parametrize("name", ["A", "B", "Q", "R", "N"])
+def test_complex_matrices_are_refused_not_cut(solver, name):
+    rng = np.random.default_rng(0)
+    matrices = {"A": 0.5 * np.eye(2), "B": np.eye(2), "Q": np.eye(2), "R": np.eye(2), "N": np.zeros((2, 2))}
+    X = solver(**matrices)
+    matrices[name] = matrices[name] + 0.1j * rng.normal(size=(2, 2))
+    with pytest.raises(InputError, match=f"^{name}: is complex: must be a matrix of real numbers$"):
+        solver(**matrices)
+    with pytest.raises(InputError, match=f"^{name}: is complex"):
+        check(X=X, **matrices)
+    with pytest.raises(InputError, match=f"^{name}: is complex"):
+        require_well_posed(**matrices)
+
+
+def test_words_are_refused_as_matrices():
+    with pytest.raises(InputError, match=r"^Q: holds <U1: must be a matrix of real numbers$"):
+        solve(np.eye(1), np.eye(1), np.array([["1"]]), np.eye(1))
+
+
+def test_hidden_mode_on_the_circle_is_an_eigenvalue_of_the_pencil():
+    A, B, Q, R = ILL_POSED["hidden on the circle"]
+    left = np.block([[A, np.zeros((2, 2)), B], [-Q, np.eye(2), np.zeros((2, 1))], [np.zeros((1, 4)), R]])
+    right = np.block(
+        [
+            [np.eye(2), np.zeros((2, 3))],
+            [np.zeros((2, 2)), A.T, np.zeros((2, 1))],
+            [np.zeros((1, 2)), -B.T, np.zeros((1, 1))],
+        ]
+    )
+    z = eigvals(left, right)
+    assert min(abs(abs(z[np.isfinite(z)]) - 1)) < 1e-7
+
+
+def test_drake_ends_the_process_and_scipy_is_silent():
+    A, B, Q, R = ILL_POSED["hidden on the circle"]
+    with pytest.raises(SystemExit, match="IsDetectable"):
+        RAW["drake"](A, B, Q, R)
+    X = RAW["scipy"](A, B, Q, R)
+    assert abs(np.linalg.eigvals(A - B @ gain(A, B, R, X))).max() == pytest.approx(1, abs=1e-9)
+
+    told = {case: what_solvers_do(*matrices) for case, matrices in ILL_POSED.items()}
+    json.dumps(told, allow_nan=False)
+    assert all(row["error"] for row in told.values())
+    assert all(row["drake"]["outcome"] == "ends the process" for row in told.values())
+    assert told["hidden on the circle"]["scipy"]["outcome"] == "returns a solution: not stabilising"
+    assert told["hidden outside"]["recursion"]["spectral_radius"] == pytest.approx(2)
+    assert told["hidden outside"]["scipy"]["spectral_radius"] == pytest.approx(0.5)
+    assert told["Q indefinite"]["scipy"]["outcome"] == "returns a solution: stabilising, indefinite"
+    assert told["Q not symmetric"]["doubling"]["outcome"] == "returns what is no solution"
+    well_posed = what_solvers_do(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
+    assert well_posed["error"] is None
+    assert all(row["X"][0][0] == pytest.approx((1 + np.sqrt(5)) / 2) for row in list(well_posed.values())[1:])
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds)
+def test_unreached_modes_are_those_of_a_hidden_block(seed):
+    rng = np.random.default_rng(seed)
+    n, hidden = 5, int(rng.integers(0, 4))
+    A, B = rng.standard_normal((n, n)), rng.standard_normal((n, 2))
+    A[n - hidden :, : n - hidden], B[n - hidden :] = 0, 0
+    T = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    modes = unreached_modes(T @ A @ T.T, T @ B, radius=0.0)
+    found = np.sort_complex([mode.eigenvalue for mode in modes for _ in range(mode.multiplicity)])
+    expected = np.sort_complex(np.round(np.linalg.eigvals(A[n - hidden :, n - hidden :]), 10)) if hidden else []
+    assert len(found) == hidden
+    assert np.allclose(found, expected, atol=5e-3)
+
+
+def test_vehicle_without_position_or_imu():
+    loop = hover_loop(Scenario())
+    (mode,) = unseen_modes(loop.Phi, loop.C[6:], STATE_NAMES)
+    assert str(mode) == "eigenvalue 1 (6 times) in x, y, z, x_dot, y_dot, z_dot"
+    (mode,) = unseen_modes(loop.Phi, loop.C[:6], STATE_NAMES)
+    assert str(mode) == "eigenvalue 1 (2 times) in psi, psi_dot"
+    assert unseen_modes(loop.Phi, loop.C, STATE_NAMES) == []
+
+
+def test_stability_radius_closed_forms():
+    rng = np.random.default_rng(0)
+    U = np.linalg.qr(rng.standard_normal((5, 5)))[0]
+    assert stability_radius(U @ np.diag([0.9, -0.95, 0.3, 0, 0.5]) @ U.T) == pytest.approx(0.05, rel=1e-9)  # normal
+    for a, c in ((0.5, 10.0), (0.9, 1.0), (-0.99, 100.0)):  # Jordan block: sigma_1 sigma_2 = d^2, sigma_1 - sigma_2 = c
+        d = 1 - abs(a)
+        expected = 2 * d**2 / (np.sqrt(c**2 + 4 * d**2) + c)
+        assert stability_radius(np.array([[a, c], [0, a]])) == pytest.approx(expected, rel=1e-8)
+    for n in (1, 3, 20):  # shift matrix: sigma_min(z I - J_n) = 2 sin(pi / (4 n + 2)) for every |z| = 1
+        assert stability_radius(np.eye(n, k=1)) == pytest.approx(2 * np.sin(np.pi / (4 * n + 2)), rel=1e-9)
+    with pytest.raises(InputError, match="eigenvalue 1"):
+        stability_radius(np.eye(2))
+
+
+@settings(max_examples=12, deadline=None)
+@given(seeds)
+def test_stability_radius_is_the_least_over_a_dense_grid_and_reached(seed):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((4, 4))
+    A *= rng.uniform(0.5, 0.99) / abs(np.linalg.eigvals(A)).max()
+    radius = stability_radius(A)
+    omega = np.linspace(-np.pi, np.pi, 6001)
+    values = least_singular_value(A, omega)
+    assert radius <= values.min() * (1 + 1e-12)
+    assert radius >= values.min() - (omega[1] - omega[0])  # sigma_min changes by at most |d omega|
+    assert radius == pytest.approx(values.min(), rel=1e-2, abs=1e-5)
+    z = np.exp(1j * omega[values.argmin()])
+    U, s, Vh = np.linalg.svd(z * np.eye(4) - A)
+    A_off = A.astype(complex) + s[-1] * np.outer(U[:, -1], Vh[-1])
+    assert min(abs(np.linalg.eigvals(A_off) - z)) < 1e-6  # a perturbation of that norm is enough
+
+
+def test_servo_and_filter_by_all_four():
+    scenario = Scenario()
+    tables = servo_and_filter_dares(scenario, ALL, V)
+    loop = hover_loop(scenario)
+    for table in tables.values():
+        for solver, row in table.items():
+            assert row["spectral_radius"] < 1
+            assert row["asymmetry"] < 1e-12
+            if row["note"] is None:
+                assert row["residual"] < 1e-12
+                assert all(d < 1e-10 for other, d in row["difference"].items() if not table[other]["note"])
+            else:
+                assert solver == "drake"
+    assert "1e-10 I added" in tables["filter"]["drake"]["note"]  # W has rank 6
+    assert 1e-9 < tables["filter"]["drake"]["difference"]["doubling"] < 1e-4
+    assert np.linalg.matrix_rank(loop.W) == 6
+    # the gains that fly
+    A, B, Q, R = filter_dare(scenario, ALL, V)
+    K, P = steady_predictor(loop.Phi, loop.C, loop.W, V)
+    X = solve(A, B, Q, R)
+    assert np.allclose(X, P, rtol=1e-9, atol=1e-14)
+    assert np.allclose(gain(A, B, R, X).T, K, rtol=1e-8, atol=1e-10)
+    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    A, B, Q, R = servo_dare(scenario)
+    assert np.allclose(gain(A, B, R, solve(A, B, Q, R)), L, rtol=1e-9, atol=1e-12)
+
+
+def test_report_is_json_and_names_what_no_sensor_sees():
+    report = riccati_report(Scenario(), V)
+    json.dumps(report, allow_nan=False)
+    assert set(report["filter"]) == {"uwb+camera+imu", "camera+imu", "uwb+imu", "uwb+camera", "uwb", "camera", "imu"}
+    assert "no sensor sees eigenvalue 1 (6 times) in x, y, z, x_dot" in report["filter"]["imu"]["error"]
+    assert "psi, psi_dot" in report["filter"]["uwb+camera"]["error"]
+    radii = [report["filter"][s]["doubling"]["residual"] for s in ("uwb+camera+imu", "camera+imu", "uwb+imu")]
+    assert max(radii) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("sensors", "V", "words"),
+    [
+        ((), V, "sensors: none"),
+        (("sonar",), V, "sonar"),
+        (ALL, np.eye(3), r"V: shape \(3, 3\): must be \(9, 9\)"),
+        (ALL, 0 * V, "V: must be finite and positive definite"),
+    ],
+)
+def test_bad_filters(sensors, V, words):
+    with pytest.raises(InputError, match=words):
+        servo_and_filter_dares(Scenario(), sensors, V)
