@@ -1,4 +1,4 @@
-"""Where the time of a rendered camera goes: a picture, its boxes, the fix; and how fast such a flight runs.
+"""Times of a rendered camera: a picture, its boxes, the fix; and the speed of such a flight.
 
     python benchmarks/bench_camera.py            # the figures of the README
     python benchmarks/bench_camera.py --smoke    # a quick look that everything still runs

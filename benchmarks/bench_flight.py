@@ -1,4 +1,4 @@
-"""How fast flights and the filter's step run, as figures and ratios of one run.
+"""The speed of flights and of the filter's step, as figures and ratios of one run.
 
     python benchmarks/bench_flight.py            # the figures of the README
     python benchmarks/bench_flight.py --smoke    # a quick look that everything still runs

@@ -60,7 +60,7 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
         buses = ("--url-world", world_bus, "--url-onboard", onboard_bus)
         others.append(start("relay", way, FAULTS, "--seed", str(seed + 1), *buses))
         others.append(start("onboard", *words, "--url", onboard_bus))
-        files = ("--out", str(done.with_suffix(".nc")), "--json", str(done.with_suffix(".watch")))
+        files = ("--out", str(done.with_suffix(".nc")), "--json", str(done.with_suffix(".timing")))
         worlds[mode] = start("world", *words, "--url", world_bus, *files, *seconds)
     try:
         for mode, world in worlds.items():
@@ -68,10 +68,10 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
             if world.returncode:
                 raise SystemExit(f"{mode}, seed {seed}: {said.strip()}")
             done = out / f"{mode}_{seed}.json"
-            watch = json.loads(done.with_suffix(".watch").read_text())
-            done.write_text(json.dumps(summary(load_flight(done.with_suffix(".nc"))) | {"watch": watch}))
+            timing = json.loads(done.with_suffix(".timing").read_text())
+            done.write_text(json.dumps(summary(load_flight(done.with_suffix(".nc"))) | {"timing": timing}))
             done.with_suffix(".nc").unlink()  # 2 MB each
-            done.with_suffix(".watch").unlink()
+            done.with_suffix(".timing").unlink()
     finally:
         for process in (*worlds.values(), *others):
             process.terminate()

@@ -1,4 +1,4 @@
-"""What a packet costs by our socket and seal, beside LCM's own library as Drake has it.
+"""The cost of a packet by our socket and seal, beside LCM's own library as Drake has it.
 
     python benchmarks/bench_wire.py               # some seconds
     python benchmarks/bench_wire.py --smoke       # a moment, for continuous integration

@@ -1,4 +1,4 @@
-"""What flies onboard: perception, the filter, the servo and the planner."""
+"""The onboard diagram: perception, the filter, the servo and the planner."""
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort

@@ -1,4 +1,4 @@
-"""Make the room's textured meshes in ortilo_drake/world/scenery/meshes/ and the landmarks' outlines in ortilo_room.yaml.
+"""Make the room's textured meshes in world/scenery/meshes/ and the landmarks' outlines in ortilo_room.yaml.
 
 Landmarks are centred on the origin, with the extents ``landmark_size`` of the room file along their own axes
 (x forward, y left, z up); clutter stands on z = 0. All shapes and pictures are our own. Seeded: the same script

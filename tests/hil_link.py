@@ -9,7 +9,7 @@ from pathlib import Path
 
 from waiting import HANGS
 
-from ortilo_drake.flight.halves import OnboardHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.lockstep_link import answer_over_link
 from ortilo_drake.hil.wire import bus as library
 from ortilo_drake.hil.wire.bus import Bus

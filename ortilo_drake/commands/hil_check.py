@@ -89,7 +89,7 @@ def check(
     check_writable(png, json_file)
     from ortilo_drake.flight.flight import fly
     from ortilo_drake.flight.flyable import flight_ticks
-    from ortilo_drake.hil.runs import run_world
+    from ortilo_drake.hil.sessions import run_world
     from ortilo_drake.hil.wire.key_file import new_key
 
     quiet_drake()

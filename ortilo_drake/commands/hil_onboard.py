@@ -66,8 +66,8 @@ def onboard(
     from ortilo_drake.hil.goals.goal_planner import GoalPlanner
     from ortilo_drake.hil.real_time.warm_up import warm_up
     from ortilo_drake.hil.restart.keep_alive import keep_alive
-    from ortilo_drake.hil.restart.spare import Spare
-    from ortilo_drake.hil.runs import run_onboard
+    from ortilo_drake.hil.restart.until_it_fails import UntilItFails
+    from ortilo_drake.hil.sessions import run_onboard
     from ortilo_drake.hil.wire.handshake import PATIENCE
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.interop.log.writer import LogWriter
@@ -84,7 +84,7 @@ def onboard(
     def fly_once() -> None:
         with contextlib.ExitStack() as stack:
             writer = stack.enter_context(LogWriter(log, chosen)) if log else None
-            record = Spare(writer.write_tick, say_error) if writer else None
+            record = UntilItFails(writer.write_tick, say_error) if writer else None
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("onboard", total=ticks)
 

@@ -47,5 +47,5 @@ def showing_flight(name: str, ticks: int, lockstep: bool) -> Iterator[dict[str, 
             task = bar.add_task(name, total=ticks)
             yield {"progress": lambda k: bar.update(task, completed=k)}
     else:
-        with live_panel(err) as watching:
-            yield {"watching": watching}
+        with live_panel(err) as show_statistics:
+            yield {"show_statistics": show_statistics}

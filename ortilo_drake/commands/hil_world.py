@@ -51,8 +51,8 @@ def world(
     check_writable(out_file, json_file)
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.saved_flight import save_flight
-    from ortilo_drake.hil.restart.spare import Spare
-    from ortilo_drake.hil.runs import run_world
+    from ortilo_drake.hil.restart.until_it_fails import UntilItFails
+    from ortilo_drake.hil.sessions import run_world
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.interop.log.writer import LogWriter
     from ortilo_drake.interop.ros.ros_messages import SENT, TAKEN
@@ -61,7 +61,7 @@ def world(
     secret = choose_key(url, key, insecure)
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(LogWriter(log, chosen, TAKEN if lockstep else SENT)) if log else None
-        record = Spare(writer.write_tick, say_error) if writer else None
+        record = UntilItFails(writer.write_tick, say_error) if writer else None
         shown = stack.enter_context(showing_flight("world", flight_ticks(chosen), lockstep))
         flight, report = run_world(chosen, url, secret, lockstep, wait, seconds, record=record, **shown)
         if out_file:

@@ -1,4 +1,4 @@
-"""What the commands share: where they print, their progress bars, and checks before anything runs."""
+"""The terminal: where commands print, their progress bars, and checks before anything runs."""
 
 import json
 from pathlib import Path

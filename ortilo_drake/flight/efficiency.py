@@ -1,4 +1,4 @@
-"""How near the filter comes to the Cramer-Rao floor (floor/cramer_rao.py, which says what the floor is)."""
+"""Efficiency: the filter's error over the Cramer-Rao floor (floor/cramer_rao.py)."""
 
 from typing import Any
 

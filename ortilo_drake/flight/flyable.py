@@ -1,4 +1,4 @@
-"""Whether a scenario can be flown: the one answer that `ortilo scenario check` and `ortilo fly` give."""
+"""Checks whether a scenario can be flown: one answer for `ortilo scenario check` and `ortilo fly`."""
 
 from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.model.input_files import MIB

@@ -11,10 +11,10 @@ import xarray as xr
 
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.halves import OUTPUTS, OnboardHalf, Signals, WorldHalf
 from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.simulator import CHECK_EVERY
+from ortilo_drake.flight.stepped_halves import OUTPUTS, OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 

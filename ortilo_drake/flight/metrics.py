@@ -1,4 +1,4 @@
-"""What a flight is judged by."""
+"""Metrics of a flight."""
 
 import json
 from typing import Any

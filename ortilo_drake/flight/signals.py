@@ -1,4 +1,4 @@
-"""What the onboard half makes of a tick, and how a tick's signals are held."""
+"""Signals of the onboard half in a tick, and how they are held."""
 
 from collections.abc import Callable
 

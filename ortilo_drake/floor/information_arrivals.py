@@ -1,4 +1,4 @@
-"""Which of a flight's messages reached the vehicle.
+"""The arrivals of a flight: which messages reached the vehicle.
 
 The link's noise is a pure function of (seed, stream, tick), so its decisions are made again here from the truth, by the
 link's own functions. That also tells of messages that gave no fix, or one that a gate refused.

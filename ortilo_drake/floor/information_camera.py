@@ -1,4 +1,4 @@
-"""What the camera's boxes tell of the pose: the centres of the boxes that the image border does not cut.
+"""Information on the pose in the camera's boxes: the centres of those that the image border does not cut.
 
 The centre errs by e = m q(z), z = sqrt(w) s + sqrt(1 - w) v (world/sensors/camera_calibration.py): m the size of the
 error, q its quantile, v new in every picture, s slow. With the score of e and of s, and Stein's lemma, one box's

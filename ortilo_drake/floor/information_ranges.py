@@ -1,4 +1,4 @@
-"""What UWB ranges tell of the position.
+"""Information on the position in UWB ranges.
 
 A range r = d + s(d) v, v standard normal, has the log-likelihood -ln s - (r - d)^2 / (2 s^2), and its Fisher
 information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory",

@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from ortilo_drake.flight.halves import OUTPUTS, OnboardHalf, Signals
 from ortilo_drake.flight.lockstep import Ask
 from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.stepped_halves import OUTPUTS, OnboardHalf, Signals
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, answer_to
 from ortilo_drake.hil.wire.handshake import PATIENCE, Greeter
 from ortilo_drake.hil.wire.inbox import Inbox

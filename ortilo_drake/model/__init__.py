@@ -1,1 +1,1 @@
-"""What both halves know: names of signals, the vehicle, its equations, the surveyed room."""
+"""The model that both halves share: names of signals, the vehicle, its equations, the surveyed room."""

@@ -1,1 +1,1 @@
-"""What flies: perception, estimation, control and planning. Imports nothing of the world."""
+"""The onboard half: perception, estimation, control and planning. It imports nothing of the world."""

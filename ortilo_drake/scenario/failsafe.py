@@ -1,4 +1,4 @@
-"""What the vehicle does on its own while no commands come, in real time."""
+"""Settings of the failsafe: what the vehicle does on its own while no commands come, in real time."""
 
 import math
 from typing import Annotated

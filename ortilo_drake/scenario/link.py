@@ -1,4 +1,4 @@
-"""How sensor messages reach the vehicle, and commands its rotors."""
+"""Settings of the links that carry sensor messages to the vehicle, and commands to its rotors."""
 
 from typing import Annotated, Literal
 

@@ -1,4 +1,4 @@
-"""What flies onboard: fixes, handler, filter and servo."""
+"""Settings of the onboard half: fixes, handler, filter and servo."""
 
 from typing import Annotated, Literal
 

@@ -1,4 +1,4 @@
-"""What to fly."""
+"""Settings of the planner: the path to fly."""
 
 from pathlib import Path
 from typing import Annotated, Literal

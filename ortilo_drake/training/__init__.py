@@ -1,1 +1,1 @@
-"""How the shipped detector came about: auto-labelled renders, training, evaluation, export, calibration."""
+"""The making of the shipped detector: auto-labelled renders, training, evaluation, export, calibration."""

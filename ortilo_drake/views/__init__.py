@@ -1,1 +1,1 @@
-"""What is looked at: figures, pages, videos, block diagrams."""
+"""Views of flights and results: figures, pages, videos, block diagrams."""

@@ -1,4 +1,4 @@
-"""What a world is truly like, set in a Context: it may differ from what the onboard half believes of it.
+"""The truth of a world, set in a Context: it may differ from what the onboard half believes.
 
 Each function sets the parameters of every system that has a part in the matter, as Drake does for random contexts; the
 default Context holds the scenario's vehicle and room. The context is the root's throughout.

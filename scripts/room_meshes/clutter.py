@@ -1,4 +1,4 @@
-"""What stands about and is no landmark, z = 0 at its foot [m]."""
+"""Clutter: things in the room that are no landmarks, z = 0 at their foot [m]."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a flight is judged by, against plain loops and closed forms on made-up flights."""
+"""Metrics of a flight, against plain loops and closed forms on made-up flights."""
 
 import json
 

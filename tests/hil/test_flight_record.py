@@ -1,4 +1,4 @@
-"""What a flight in real time leaves, from packets that come late, out of order or never."""
+"""The record of a flight in real time, from packets that come late, out of order or never."""
 
 from random import Random
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.flight.halves import OUTPUTS, Signals
+from ortilo_drake.flight.stepped_halves import OUTPUTS, Signals
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, looks
 from ortilo_drake.hil.wire.unpack import Packet

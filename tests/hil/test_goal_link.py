@@ -18,7 +18,7 @@ from ortilo_drake.commands.hil import hil_app
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.hil.goals import goal_link
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
-from ortilo_drake.hil.runs import run_world
+from ortilo_drake.hil.sessions import run_world
 from ortilo_drake.hil.wire.bus import MEMORY_URL
 from ortilo_drake.hil.wire.handshake import find_world
 from ortilo_drake.hil.wire.inbox import Inbox

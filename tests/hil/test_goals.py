@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from waiting import HANGS, wait_for
 
-from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.goals.goal_planner import GONE, GoalPlanner, Plan, goal_settings, reason_of
 from ortilo_drake.hil.goals.goals import REPLACED, Goals, Step
 from ortilo_drake.hil.wire.packets import Goal

@@ -1,4 +1,4 @@
-"""Who meets whom, and that neither a stranger nor a recording is met."""
+"""The handshake, which neither a stranger nor a recording passes."""
 
 import threading
 import time

@@ -6,7 +6,7 @@ import sys
 from rich.console import Console, RenderableType
 
 from ortilo_drake.hil.real_time.panel import live_panel, panel, profile_table
-from ortilo_drake.hil.real_time.watch import Watch
+from ortilo_drake.hil.real_time.tick_timing import TickTiming
 
 PACKETS = {"late": 2, "lost": 5, "rejected": 7}
 H = 0.01
@@ -20,14 +20,14 @@ def drawn(what: RenderableType) -> list[str]:
     return [" ".join(line.strip("│ ").split()) for line in capture.get().splitlines()]
 
 
-def watched() -> Watch:
-    """Return the watch of 4 ticks on time, answered after 1, 2 and 13 ms, the last not yet."""
-    watch = Watch(H)
+def watched() -> TickTiming:
+    """Return the timing of 4 ticks on time, answered after 1, 2 and 13 ms, the last not yet."""
+    timing = TickTiming(H)
     for k in range(4):
-        watch.sent(k * H, k * H)
+        timing.sent(k * H, k * H)
     for k, latency in enumerate((1e-3, 2e-3, 13e-3)):
-        watch.answered(k, k * H + latency)
-    return watch
+        timing.answered(k, k * H + latency)
+    return timing
 
 
 def figures() -> dict[str, object]:
@@ -46,26 +46,26 @@ def test_the_panel_shows_every_figure() -> None:
 
 
 def test_before_the_first_tick_it_shows_dashes() -> None:
-    lines = drawn(panel(Watch(H).summary(0) | {"simulated_s": 0.0, "packets": PACKETS, "failsafe": None}))
+    lines = drawn(panel(TickTiming(H).summary(0) | {"simulated_s": 0.0, "packets": PACKETS, "failsafe": None}))
     assert "real-time factor -" in lines
     assert "sense to command (ms) median - p99 - max -" in lines
     assert "flown by -" in lines
 
 
 def test_the_tick_under_way_is_no_miss_yet() -> None:
-    watch = watched()
-    assert watch.summary(3)["unanswered"] == 0
-    assert watch.summary()["unanswered"] == 1
-    assert watch.summary(2)["missed_deadlines"] == 0
+    timing = watched()
+    assert timing.summary(3)["unanswered"] == 0
+    assert timing.summary()["unanswered"] == 1
+    assert timing.summary(2)["missed_deadlines"] == 0
 
 
 def shown_live(watched_too: bool) -> str:
     """Return what a terminal got of the live panel, which draws itself at the latest when it ends."""
     file, before = io.StringIO(), sys.getswitchinterval()
-    with live_panel(Console(file=file, force_terminal=True, width=100)) as watching:
+    with live_panel(Console(file=file, force_terminal=True, width=100)) as show_statistics:
         assert sys.getswitchinterval() < before
         if watched_too:
-            watching(figures)
+            show_statistics(figures)
     assert sys.getswitchinterval() == before
     return file.getvalue()
 
@@ -77,8 +77,8 @@ def test_a_terminal_shows_it_live_and_python_is_left_as_it_was() -> None:
 
 def test_elsewhere_nothing_is_written() -> None:
     file = io.StringIO()
-    with live_panel(Console(file=file)) as watching:
-        watching(figures)
+    with live_panel(Console(file=file)) as show_statistics:
+        show_statistics(figures)
     assert file.getvalue() == ""
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.real_time.profile import (
     REST,
     WHOLE,

@@ -16,16 +16,16 @@ from pydrake.trajectories import PiecewisePolynomial
 from typer.testing import CliRunner
 
 from ortilo_drake.commands.hil import hil_app
-from ortilo_drake.flight.halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
 from ortilo_drake.interop.log.replay import path_about, replay_log
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.signals import MEASUREMENT_DELTA
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.planner.goal_path import brake, then
+from ortilo_drake.onboard.planner.goal_path import brake, join_paths
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
@@ -45,7 +45,7 @@ def fly(log: Path, goal_ticks: dict[int, tuple[float, float]]) -> None:
             if k == GOES:
                 x, y, height = stop.value(stop.end_time())[:, 0]
                 settings = GcsPlanner(start=(x, y), goal=GOAL, height=height)
-                onboard.fly_path(then(stop, plan(settings, SCENARIO.load_room(), SCENARIO.vehicle), t))
+                onboard.fly_path(join_paths(stop, plan(settings, SCENARIO.load_room(), SCENARIO.vehicle), t))
             messages: Signals = world.sample()
             onboard.take(messages)
             outputs = onboard.outputs()
@@ -197,7 +197,7 @@ def test_only_the_log_of_a_world_that_did_not_wait_is_refused(
     def flies(scenario: Scenario, *_: Any, record: Record, **__: Any) -> tuple[xr.Dataset, dict[str, Any]]:
         return fly_lockstep(scenario, in_this_process(scenario), record=record), {}
 
-    monkeypatch.setattr("ortilo_drake.hil.runs.run_world", flies)
+    monkeypatch.setattr("ortilo_drake.hil.sessions.run_world", flies)
     options = [text for setting in settings for text in ("--set", setting)]
     arguments = ["world", "imu_uwb", *options, "--log", str(tmp_path / "log"), *(["--lockstep"] if lockstep else [])]
     result = CliRunner().invoke(hil_app, arguments)

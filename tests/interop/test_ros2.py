@@ -24,11 +24,11 @@ from motions import attitude
 from scipy.spatial.transform import Rotation
 from waiting import HANGS
 
-from ortilo_drake.flight.halves import Signals
+from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.bridge import LAG, Ticks, run_bridge
 from ortilo_drake.hil.goals.goal_link import answer_to
 from ortilo_drake.hil.real_time.warm_up import warm_up
-from ortilo_drake.hil.runs import run_world
+from ortilo_drake.hil.sessions import run_world
 from ortilo_drake.hil.wire.packets import FINISHED, TELEMETRY
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import publish_command, publish_goal, publish_messages, publish_telemetry

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.free_cells import free_space
-from ortilo_drake.onboard.planner.goal_path import LEAST, brake, knots, then, through
+from ortilo_drake.onboard.planner.goal_path import LEAST, brake, join_paths, knots, through
 from ortilo_drake.onboard.planner.planner import plan, refuse_contact
 from ortilo_drake.scenario import GcsPlanner
 
@@ -93,7 +93,7 @@ def test_the_way_on_begins_at_rest_where_braking_ended(t: float, wait: float) ->
     rest = stop.value(stop.end_time())
     # Any curve will do that starts there; a solver puts the start a little off.
     way = through(knots(FLIGHT) + np.vstack([[[7.0]], rest - FLIGHT.value(0.0) + 1e-8, np.zeros((3, 1))]))
-    flight = then(stop, way, t + wait)
+    flight = join_paths(stop, way, t + wait)
     begin = max(stop.end_time(), t + wait)
     assert flight.start_time() == t
     assert flight.end_time() == pytest.approx(begin + END)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.real_time.real_time_onboard import join_flight
 from ortilo_drake.hil.restart.checkpoint import (
     MAX_AGE,
@@ -21,7 +21,7 @@ from ortilo_drake.hil.restart.checkpoint import (
 )
 from ortilo_drake.hil.restart.keep_alive import keep_alive
 from ortilo_drake.onboard.estimator.resume import ANGLE_SD, RATE_SD, SPEED, VELOCITY_SD, after_gap
-from ortilo_drake.onboard.planner.goal_path import brake, then
+from ortilo_drake.onboard.planner.goal_path import brake, join_paths
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
@@ -94,7 +94,7 @@ def test_a_gap_widens_the_covariance_and_keeps_the_estimate() -> None:
 def test_but_for_what_a_gap_adds_a_new_half_goes_on_where_the_old_one_stopped(
     delay: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ortilo_drake.flight.halves.after_gap", lambda xbar, P, seconds: (xbar, P))
+    monkeypatch.setattr("ortilo_drake.flight.stepped_halves.after_gap", lambda xbar, P, seconds: (xbar, P))
     late = ("uwb.link.delay=2",) if delay == "replay" else ()
     scenario = load_scenario("imu_uwb", (*SETTINGS, f"filter.delay={delay}", *late))
     world, old = WorldHalf(scenario), OnboardHalf(scenario)
@@ -154,7 +154,7 @@ def test_a_half_that_is_killed_on_its_way_to_a_goal_goes_on_to_it(tmp_path: Path
     fly(world, old, 60)
     settings = GcsPlanner(start=(7.5, 1.0), goal=(9.5, 0.0))
     way = plan(settings, scenario.load_room(), scenario.vehicle)
-    path = then(brake(old.path, 2.0, 0.2), way, 2.0)
+    path = join_paths(brake(old.path, 2.0, 0.2), way, 2.0)
     old.fly_path(path)
     fly(world, old, 90)
     checkpoint = tmp_path / "c.npz"

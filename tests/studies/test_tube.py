@@ -12,7 +12,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.loop.hover_loop import HoverLoop, closed_loop_matrix, hover_loop, steady_predictor
-from ortilo_drake.studies.tube.course import Course, aim, course_of
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight, aim, nominal_flight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_recursion import propagate
 
@@ -186,13 +186,13 @@ def test_course_is_due_late_and_blacked_out() -> None:
             "uwb.link.blackouts=[{kind: position, axis: x, start: 0.4, end: 0.6}]",
         ),
     )
-    course = course_of(scenario)
-    ticks = np.arange(len(course.time))
-    seen = (course.r[:, 0] < 0.4) | (course.r[:, 0] >= 0.6)
-    np.testing.assert_array_equal(course.there[:, 0], (ticks % 3 == 0) & seen)
-    assert not course.there[ticks % 3 != 1, 1].any()  # the camera's latency is a tick
-    assert course.there[ticks % 3 == 1, 1].mean() > 0.9
-    assert course.there[:, 2].all()
+    nominal = nominal_flight(scenario)
+    ticks = np.arange(len(nominal.time))
+    seen = (nominal.r[:, 0] < 0.4) | (nominal.r[:, 0] >= 0.6)
+    np.testing.assert_array_equal(nominal.there[:, 0], (ticks % 3 == 0) & seen)
+    assert not nominal.there[ticks % 3 != 1, 1].any()  # the camera's latency is a tick
+    assert nominal.there[ticks % 3 == 1, 1].mean() > 0.9
+    assert nominal.there[:, 2].all()
 
 
 def test_tube_needs_a_servo_fed_by_the_filter_and_constant_delays() -> None:
@@ -207,10 +207,10 @@ def test_paper_form_settles_at_the_reference() -> None:
     scenario = load_scenario("imu_uwb", ("servo.form=paper",))
     n = 9000
     r = np.tile([0.5, -0.3, 1.0], (n, 1))
-    course = Course(
+    nominal = NominalFlight(
         np.arange(n) * scenario.h, r, np.zeros((n, 12)), np.zeros((n, N_U)),
         np.tile(0.01 * V_PRINTED, (n, 1, 1, 1)), np.ones((n, 3), dtype=bool),
     )  # fmt: skip
-    tube = predict_tube(scenario, course)
+    tube = predict_tube(scenario, nominal)
     np.testing.assert_allclose(tube.mean[-1], 0.0, atol=1e-3)
     assert tube.radius[-1] < 0.3

@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
-from ortilo_drake.studies.tube.course import Course, course_of
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
 from ortilo_drake.studies.tube.tube_flights import (
@@ -30,7 +30,7 @@ PAIR = (0.3, 0.5)
 
 
 @lru_cache(maxsize=1)
-def short() -> tuple[Scenario, Course]:
+def short() -> tuple[Scenario, NominalFlight]:
     scenario = load_scenario(
         "imu_uwb_yolo",
         (
@@ -40,13 +40,13 @@ def short() -> tuple[Scenario, Course]:
             "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}",
         ),
     )
-    return scenario, course_of(scenario)
+    return scenario, nominal_flight(scenario)
 
 
 def straying(share: float, lost: float | None = None) -> list[Flown]:
     """Two flights that stray to that share of the tube's radius, to the north."""
-    scenario, course = short()
-    tube = predict_tube(with_rates(scenario, *PAIR), course)
+    scenario, nominal = short()
+    tube = predict_tube(with_rates(scenario, *PAIR), nominal)
     deviation = np.zeros((len(tube.radius), 3))
     deviation[:, 1] = share * tube.radius
     return [Flown(1, deviation, None), Flown(2, deviation, lost)]
@@ -79,7 +79,7 @@ def test_a_flight_lost_though_the_tube_is_inside_is_a_breakdown() -> None:
 
 @pytest.mark.long
 def test_flights_are_those_of_the_diagram_and_their_arrivals_the_expected_ones(tmp_path: Path) -> None:
-    scenario, course = short()
+    scenario, nominal = short()
     lossy = at_burst(scenario, (0.5, 0.3))
     flights = fly_point(lossy, [4, 7], tmp_path)
     again = fly_point(lossy, [4, 7], tmp_path)  # read, not flown
@@ -88,14 +88,14 @@ def test_flights_are_those_of_the_diagram_and_their_arrivals_the_expected_ones(t
     flight = fly(with_seed(lossy, 7))
     expected = flight["truth"].values[:, :3] - flight["reference"].values
     np.testing.assert_array_equal(flights[1].deviation, expected)
-    np.testing.assert_array_equal(arrivals_of_seed(lossy, course, 7), flight["arrival"].values)
+    np.testing.assert_array_equal(arrivals_of_seed(lossy, nominal, 7), flight["arrival"].values)
 
 
 def test_flown_deviations_are_of_the_predicted_size() -> None:
     # Over six flights the mean squared deviation differs from the predicted one by chance alone: a factor of two.
-    scenario, course = short()
+    scenario, nominal = short()
     lossy = with_rates(scenario, *PAIR)
-    tube = predict_tube(lossy, course)
+    tube = predict_tube(lossy, nominal)
     flights = [fly(with_seed(lossy, seed)) for seed in range(11, 17)]
     flown = [flight["truth"].values[:, :3] - flight["reference"].values for flight in flights]
     predicted = np.trace(tube.covariance, axis1=1, axis2=2) + np.sum(tube.mean**2, axis=1)
@@ -120,7 +120,7 @@ def test_worst_stretch_of_lost_flights_is_what_they_flew() -> None:
 
 
 def test_figures_are_drawn(tmp_path: Path) -> None:
-    scenario, course = short()
+    scenario, nominal = short()
     a = np.geomspace(0.01, 1.0, 5)
     margins = MarginMap(a, a, np.add.outer(a, a) - 1.0, np.add.outer(a, a) - 0.5)
     chance = ChanceGrid(a, a, np.full((5, 5), 0.001) + 0.01 * (np.add.outer(a, a) < 0.5))
@@ -128,6 +128,6 @@ def test_figures_are_drawn(tmp_path: Path) -> None:
     for file in (
         rates_figure(margins, chance, results, tmp_path / "rates.png"),
         bursts_figure(margins, None, results, tmp_path / "bursts.png"),
-        plan_figure(scenario, course, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.png"),
+        plan_figure(scenario, nominal, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.png"),
     ):
         assert file.stat().st_size > 10_000

@@ -8,8 +8,8 @@ import pytest
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
-from ortilo_drake.studies.tube.course import Course, course_of
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_map import (
     burst_map,
@@ -28,10 +28,10 @@ from ortilo_drake.world.radio.link import chain_after
 
 
 @lru_cache(maxsize=1)
-def short() -> tuple[Scenario, Course]:
+def short() -> tuple[Scenario, NominalFlight]:
     path = "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}"
     scenario = without_blackouts(load_scenario("imu_uwb_yolo", ("settle=0.5", path)))
-    return scenario, course_of(scenario)
+    return scenario, nominal_flight(scenario)
 
 
 def test_bursts_are_those_of_the_links_own_chain() -> None:
@@ -64,15 +64,15 @@ def test_more_arrivals_leave_more_room() -> None:
 
 def test_longer_bursts_widen_the_tube() -> None:
     # Standing still for 50 s, for the chain starts good: on a short flight long bursts are few.
-    scenario, course = short()
-    n, last = 1500, len(course.time) - 1
+    scenario, nominal = short()
+    n, last = 1500, len(nominal.time) - 1
     there = np.zeros((n, 3), dtype=bool)
     there[::3, 0] = there[1::3, 1] = there[:, 2] = True
-    still = Course(
+    still = NominalFlight(
         np.arange(n) * scenario.h,
-        np.repeat(course.r[last:], n, axis=0),
-        np.repeat(course.x_ref[last:], n, axis=0),
-        np.repeat(course.u_ff[last:], n, axis=0),
+        np.repeat(nominal.r[last:], n, axis=0),
+        np.repeat(nominal.x_ref[last:], n, axis=0),
+        np.repeat(nominal.u_ff[last:], n, axis=0),
         np.tile(np.array([0.01, 0.01, 1e-4])[:, None, None] * np.eye(3), (n, 1, 1, 1)),
         there,
     )  # fmt: skip
@@ -85,13 +85,13 @@ def test_longer_bursts_widen_the_tube() -> None:
 
 
 def test_guided_part_ends_with_the_last_fix() -> None:
-    _, course = short()
-    there = course.there.copy()
+    _, nominal = short()
+    there = nominal.there.copy()
     there[40:, 1] = False
     last = np.flatnonzero(there[:, 1])[-1]
-    assert guided_ticks(course._replace(there=there)) == last + 1
+    assert guided_ticks(nominal._replace(there=there)) == last + 1
     there[:, 1] = False
-    assert guided_ticks(course._replace(there=there)) == len(course.time)
+    assert guided_ticks(nominal._replace(there=there)) == len(nominal.time)
 
 
 @pytest.mark.parametrize("rates", [(-0.1, 0.5), (0.5, 1.2), (float("nan"), 0.5)])
@@ -107,9 +107,9 @@ def test_impossible_bursts_are_refused(rate: float, burst: float) -> None:
 
 
 def test_without_losses_the_mixture_is_the_tube() -> None:
-    scenario, course = short()
-    tube = predict_tube(scenario, course)
-    of = mixture(scenario, course, [1, 2])
+    scenario, nominal = short()
+    tube = predict_tube(scenario, nominal)
+    of = mixture(scenario, nominal, [1, 2])
     np.testing.assert_allclose(of.covariances[0], tube.covariance[:, :2, :2], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(chance_outside(tube.radius, of), THREE_SIGMA, rtol=1e-6)
     np.testing.assert_allclose(mixture_radius(of, 0.7 * tube.radius), tube.radius, rtol=1e-3)
@@ -117,10 +117,10 @@ def test_without_losses_the_mixture_is_the_tube() -> None:
 
 def test_a_filter_that_knows_its_arrivals_errs_less_on_average() -> None:
     # The tube's gains do not know the arrivals' history, the filter's do: its error's covariance is smaller on average.
-    scenario, course = short()
+    scenario, nominal = short()
     lossy = with_rates(scenario, 0.1, 0.1)
-    tube = predict_tube(lossy, course)
-    of = mixture(lossy, course, range(40))
+    tube = predict_tube(lossy, nominal)
+    of = mixture(lossy, nominal, range(40))
     trace = np.trace(of.covariances, axis1=2, axis2=3)[:, -1]
     error = 4.0 * trace.std() / np.sqrt(len(trace))
     assert trace.mean() < np.trace(tube.covariance[-1, :2, :2]) + error

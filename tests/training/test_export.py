@@ -1,4 +1,4 @@
-"""What is exported computes what was trained: torch, onnxruntime and OpenCV agree."""
+"""Exported networks compute what was trained: torch, onnxruntime and OpenCV agree."""
 
 import io
 import warnings

@@ -18,7 +18,7 @@ from ortilo_drake.hil.goals.goal_planner import GoalPlanner, goal_settings, reas
 from ortilo_drake.hil.wire.packets import Goal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.free_cells import free_space
-from ortilo_drake.onboard.planner.goal_path import brake, then, through
+from ortilo_drake.onboard.planner.goal_path import brake, join_paths, through
 from ortilo_drake.onboard.planner.planner import refuse_contact
 from ortilo_drake.scenario import Scenario
 
@@ -97,7 +97,7 @@ class Goals:
             self._answer(self._wanted, plan.reason)
             self._wanted = None
             if plan.knots is not None:
-                new = then(self._stop, through(plan.knots), t)
+                new = join_paths(self._stop, through(plan.knots), t)
         answers, self._answers = self._answers, []
         return Step(new, taken, answers)
 

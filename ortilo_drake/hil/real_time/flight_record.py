@@ -1,4 +1,4 @@
-"""What a flight in real time leaves: the world's side of a tick at once, the onboard half's when it has come."""
+"""The record of a flight in real time: the world's side of a tick at once, the onboard half's when it has come."""
 
 import numpy as np
 import xarray as xr

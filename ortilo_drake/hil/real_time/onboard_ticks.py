@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ortilo_drake.flight.halves import Signals
+from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.model.signals import STAMP

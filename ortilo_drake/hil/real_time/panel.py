@@ -17,7 +17,7 @@ from rich.panel import Panel
 from rich.table import Table
 
 from ortilo_drake.hil.real_time.profile import Row
-from ortilo_drake.hil.real_time.real_time_world import Figures
+from ortilo_drake.hil.real_time.real_time_world import Statistics
 
 DRAWINGS_PER_SECOND: Final = 4
 SWITCH_INTERVAL: Final = 5e-5  # how long a thread may keep the interpreter from another [s]
@@ -36,7 +36,7 @@ def panel(figures: dict[str, Any]) -> Panel:
     """Return the panel of a flight so far.
 
     Args:
-        figures: of real_time_world.Figures: ticks, simulated_s [s], latency_ms and jitter_ms (median, p99, max [ms]),
+        figures: what Statistics returns: ticks, simulated_s [s], latency_ms and jitter_ms (median, p99, max [ms]),
             missed_deadlines, real_time_factor, packets (late, lost, rejected), failsafe (of failsafe.MODES).
     """
     factor, mode, packets = figures["real_time_factor"], figures["failsafe"], figures["packets"]
@@ -65,28 +65,28 @@ def profile_table(rows: list[Row], name: str) -> Table:
 
 
 @contextlib.contextmanager
-def live_panel(console: Console) -> Iterator[Callable[[Figures], None]]:
+def live_panel(console: Console) -> Iterator[Callable[[Statistics], None]]:
     """Show the panel while in the context, if the console is a terminal; gone when done.
 
     Yields:
-        What run_world takes as watching. Until it is called the panel says that the onboard half is waited for.
+        What run_world takes as show_statistics. Until it is called the panel says that the onboard half is waited for.
     """
-    figures: Figures | None = None
+    figures: Statistics | None = None
 
     def draw() -> RenderableType:
         return panel(figures()) if figures else Panel("waiting for the onboard half", expand=False)
 
-    def watching(function: Figures) -> None:
+    def show_statistics(function: Statistics) -> None:
         nonlocal figures
         figures = function
 
     if not console.is_terminal:
-        yield watching
+        yield show_statistics
         return
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         with Live(get_renderable=draw, console=console, refresh_per_second=DRAWINGS_PER_SECOND, transient=True):
-            yield watching
+            yield show_statistics
     finally:
         sys.setswitchinterval(before)

@@ -1,4 +1,4 @@
-"""Which block of the onboard half spends the time, on this machine.
+"""A profile of the onboard half: the time that each block takes on this machine.
 
 Two onboard halves take the same messages, tick by tick, in lockstep with a world. One does its tick as in flight, timed
 as a whole. In the other every output port is evaluated on its own, in dataflow order, and then every block's discrete
@@ -16,7 +16,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.halves import OnboardHalf, Signals, WorldHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.hil.real_time.warm_up import TICKS, warm_up
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.flight.halves import OnboardHalf
 from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.goals.goals import Goals
 from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
 from ortilo_drake.hil.restart.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
-from ortilo_drake.hil.restart.spare import Spare
+from ortilo_drake.hil.restart.until_it_fails import UntilItFails
 from ortilo_drake.hil.wire.handshake import PATIENCE
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import FINISHED
@@ -69,7 +69,7 @@ def answer_in_real_time(
     ticks, session = OnboardTicks(scenario), outbox.session
     heard = time.perf_counter()
     goal: np.ndarray | None = None
-    keep, keep_path = Spare(save_checkpoint, say), Spare(save_path, say)
+    keep, keep_path = UntilItFails(save_checkpoint, say), UntilItFails(save_path, say)
     while True:
         idle = ticks.due() > time.perf_counter() + 1e-3
         for received, packet in inbox.poll(1 if idle else 0):

@@ -13,12 +13,12 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.halves import WorldHalf
 from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
-from ortilo_drake.hil.real_time.watch import Watch
+from ortilo_drake.hil.real_time.tick_timing import TickTiming
 from ortilo_drake.hil.wire.handshake import Greeter
 from ortilo_drake.hil.wire.inbox import Arrival, Inbox
 from ortilo_drake.hil.wire.unpack import Packet
@@ -27,7 +27,7 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import STAMP
 from ortilo_drake.scenario import Scenario
 
-Figures = Callable[[], dict[str, Any]]  # the figures of a flight so far
+Statistics = Callable[[], dict[str, Any]]  # the figures of a flight so far
 
 COMMAND_PERIOD: Final = 1e-3  # [s]
 SPIN: Final = 1.5e-3  # where less than this is left, waiting for a packet might return too late [s]
@@ -45,8 +45,8 @@ def fly_in_real_time(
     seconds: float | None = None,
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
-    watching: Callable[[Figures], None] | None = None,
-) -> tuple[xr.Dataset, Watch]:
+    show_statistics: Callable[[Statistics], None] | None = None,
+) -> tuple[xr.Dataset, TickTiming]:
     """Fly a world in real time on the commands that come over a link.
 
     Args:
@@ -59,20 +59,20 @@ def fly_in_real_time(
         seconds: end after that much of the flight; by default at its end.
         progress: called at every tick with the number of it.
         record: called with everything of a tick LATE_TELEMETRY after it; outputs that were lost are NaN.
-        watching: called before the first tick with a function that gives the figures so far, in any thread:
-            Watch.summary, simulated_s, packets and failsafe.
+        show_statistics: called before the first tick with a function that gives the figures so far, in any thread:
+            TickTiming.summary, simulated_s, packets and failsafe.
 
     Returns:
-        The flight, as flight.fly gives it but NaN where the telemetry of a tick was lost, and the watch.
+        The flight, as flight.fly gives it but NaN where the telemetry of a tick was lost, and the timing of its ticks.
     """
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
-    room, h, watch = scenario.load_room(), scenario.h, Watch(scenario.h)
+    room, h, timing = scenario.load_room(), scenario.h, TickTiming(scenario.h)
     flown, command = FlightRecord(record), Command(scenario.vehicle.hover_thrust)
     heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
-    if watching:
-        watching(
-            lambda: watch.summary(k) | {"simulated_s": k * h, "packets": inbox.counts("command"), "failsafe": mode}
+    if show_statistics:
+        show_statistics(
+            lambda: timing.summary(k) | {"simulated_s": k * h, "packets": inbox.counts("command"), "failsafe": mode}
         )
     start = time.perf_counter()
 
@@ -85,7 +85,7 @@ def fly_in_real_time(
                 continue  # no onboard half is that far ahead, not even of a world that was held up
             flown.hear(packet)
             if packet.name == "command":
-                watch.answered(packet.tick, received)
+                timing.answered(packet.tick, received)
                 command.hear(packet, min(received - start, until))
 
     lost: Lost | None = None
@@ -97,7 +97,7 @@ def fly_in_real_time(
         if camera and shutter is not None:
             camera.shoot(outbox, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
         publish_messages(outbox, k, messages)
-        watch.sent(start + k * h, time.perf_counter())
+        timing.sent(start + k * h, time.perf_counter())
         if k % heartbeat == 0:
             greeter.say(k)
         if progress:
@@ -116,8 +116,8 @@ def fly_in_real_time(
     listen(time.perf_counter() - start + LATE_TELEMETRY)
     flown.record_until(k + 1)
     flight = flown.dataset(scenario, lost)
-    flight.attrs["real_time_factor"] = watch.summary()["real_time_factor"]
-    return flight, watch
+    flight.attrs["real_time_factor"] = timing.summary()["real_time_factor"]
+    return flight, timing
 
 
 def looks(begin: float, end: float) -> list[float]:

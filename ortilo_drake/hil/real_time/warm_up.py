@@ -1,4 +1,4 @@
-"""What a process does before its first tick in real time, so that nothing is compiled or collected in flight."""
+"""Preparation of a process before its first tick in real time: nothing is compiled or collected in flight."""
 
 import contextlib
 import gc

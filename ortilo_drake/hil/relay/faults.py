@@ -1,4 +1,4 @@
-"""What a bad link does to packets, as a pure function of (seed, channel, number of the packet).
+"""Faults of a bad link, packet by packet, as a pure function of (seed, channel, number of the packet).
 
 Every packet of a channel draws its own uniform numbers (world/noise.py), so its fate depends neither on the clock nor
 on other channels, except where a rate limit makes packets of one direction wait for each other. Loss is the

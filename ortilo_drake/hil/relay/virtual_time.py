@@ -16,9 +16,9 @@ import xarray as xr
 
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
 from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
 from ortilo_drake.hil.real_time.real_time_onboard import join_flight

@@ -1,4 +1,4 @@
-"""What an onboard process needs to go on where a killed one stopped.
+"""Checkpoints, from which an onboard process goes on where a killed one stopped.
 
 The state is in a file that is replaced at every tick; the path flown, where it is not the scenario's, in one beside it
 that is replaced when it changes.

@@ -1,4 +1,4 @@
-"""Who meets whom: the two halves agree on protocol, scenario, session and key before a flight.
+"""The handshake: the two halves agree on protocol, scenario, session and key before a flight.
 
 The world says hello ten times a second. Whoever hears it answers with a nonce that it drew, until a hello of the world
 has that among those it heard: then it is the world that speaks, now, and no recording. The first onboard half so heard

@@ -1,4 +1,4 @@
-"""What each signal of a scenario may be: what its vehicle, its room, its sensors' noise and its links can give.
+"""Limits of each signal of a scenario: what its vehicle, its room, its sensors' noise and its links can give.
 
 From the largest command follow the largest accelerations, from these and the room the largest velocities and, until the
 flight counts as lost (flight/lost.py), positions and attitudes; from these what sensors show:

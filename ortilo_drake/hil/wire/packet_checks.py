@@ -1,4 +1,4 @@
-"""What every packet must pass, whatever its kind: BadPacket with a reason to count, or nothing.
+"""Checks that every packet must pass, whatever its kind: BadPacket with a reason to count, or nothing.
 
 channel      no channel of ours
 length       too short, too long, or not as long as its own sizes say

@@ -1,4 +1,4 @@
-"""What crosses between the halves, as bytes: LCM types (lcmtypes/*.lcm), still without the tag of seal.py at their end.
+"""Packets between the halves as bytes: LCM types (lcmtypes/*.lcm), still without the tag of seal.py at their end.
 
 unpack.py turns packets back, strictly. A packet of one tick belongs to a session, a number that the world draws for
 each flight, so that packets of another flight on the same wire are known as foreign.

@@ -1,4 +1,4 @@
-"""Who may speak in a flight: every packet ends in an HMAC-SHA-256 (RFC 2104) of its channel and all bytes before it.
+"""The seal of a packet: an HMAC-SHA-256 (RFC 2104) of its channel and all bytes before it, at its end.
 
 The key of a hello is made from the file's key (key_file.py), that of all else from it, the session's number, which the
 world draws, and the nonce of the onboard half that it met:

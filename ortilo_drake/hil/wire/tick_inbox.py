@@ -1,6 +1,6 @@
 """The world's messages, put together tick by tick as they come."""
 
-from ortilo_drake.flight.halves import Signals
+from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.unpack import Packet
 
 

@@ -1,4 +1,4 @@
-"""Which numbers of a channel were there: each is taken once."""
+"""The window of packet numbers that a channel has seen: each is taken once."""
 
 import heapq
 from typing import Final

@@ -1,6 +1,6 @@
 """A half's packets of a flight, sealed and put on the wire; tick_inbox.py puts a tick's together again."""
 
-from ortilo_drake.flight.halves import Signals
+from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packets import (
     CHANNELS,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import xarray as xr
 
-from ortilo_drake.flight.halves import WorldHalf
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.scenario import Scenario
 

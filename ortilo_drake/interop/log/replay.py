@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
-from ortilo_drake.flight.halves import OnboardHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.interop.log.reader import LoggedTick, holds_what_was_sent, log_scenario, read_messages, read_ticks
 from ortilo_drake.model.typed_yaml import InputError
 

@@ -1,4 +1,4 @@
-"""Where the vehicle is, thinks it is and should be, as ROS 2 messages."""
+"""ROS 2 messages of where the vehicle is, thinks it is and should be."""
 
 import numpy as np
 from pydrake.trajectories import Trajectory

@@ -1,4 +1,4 @@
-"""What the sensors sent, as ROS 2 messages; each is stamped with the time at which its content was true."""
+"""ROS 2 messages of the sensors; each is stamped with the time at which its content was true."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What computes a network: onnxruntime, OpenCV or torch; from pixels to raw heads.
+"""Backends that compute a network, from pixels to raw heads: onnxruntime, OpenCV or torch.
 
 Each on one core: a vehicle has no more to spare, and the same bits come out in any worker, however many there are.
 OpenCV and torch know but one number of threads, that of the process.

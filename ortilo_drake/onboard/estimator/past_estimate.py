@@ -1,4 +1,4 @@
-"""What the filter predicted for the tick at which a message was true."""
+"""The filter's prediction for the tick at which a late message was true."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem

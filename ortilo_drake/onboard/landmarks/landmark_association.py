@@ -1,4 +1,4 @@
-"""Which detected box is which landmark: classes repeat in the room, so the predicted projection decides.
+"""Association of detected boxes with landmarks: classes repeat in the room, so the predicted projection decides.
 
 The filter predicts where each landmark's box centre appears, z_i = h_i(xhat), and how far that may be wrong,
 

@@ -50,7 +50,7 @@ def brake(trajectory: Trajectory, t: float, acceleration: float) -> PiecewisePol
     )
 
 
-def then(first: PiecewisePolynomial, path: PiecewisePolynomial, t: float) -> PiecewisePolynomial:
+def join_paths(first: PiecewisePolynomial, path: PiecewisePolynomial, t: float) -> PiecewisePolynomial:
     """Return a flight that ends at rest, the rest until a time, and from then on a path, which starts there.
 
     Args:

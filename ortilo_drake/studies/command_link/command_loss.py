@@ -1,4 +1,4 @@
-"""What losing control packets costs: mean-square stability and the second moment of the flying loop at hover.
+"""The cost of lost control packets: mean-square stability and the second moment of the flying loop at hover.
 
 A packet lost in a tick leaves the rotors with the last command ('hold') or at hover ('zero'), and filter and servo do
 not learn of it. The loop is then jump-linear (command_loop.py), and stable in mean square if and only if the second

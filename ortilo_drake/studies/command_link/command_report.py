@@ -1,4 +1,4 @@
-"""What the command link may do to the flying loop, in one dict."""
+"""The report on the command link: how much loss and delay the flying loop bears, in one dict."""
 
 from typing import Any
 

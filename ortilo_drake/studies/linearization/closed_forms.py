@@ -33,7 +33,7 @@ def rotors_and_plant_matrices(vehicle: Vehicle, lag: str) -> tuple[np.ndarray, n
 
 
 def servo_matrix(scenario: Scenario) -> np.ndarray:
-    """Return D (4 x 24, or 30 with true velocities lent) of the servo at yaw 0 in closed form.
+    """Return D (4 x 24, or 30 where it is given the true velocities) of the servo at yaw 0 in closed form.
 
     u = -L [xhat - x_ref; i] + u_ff with x_ref = [r, -r_ddot_y / g, r_ddot_x / g, 0, r_dot, 0], u_ff = m r_ddot_z; in
     the paper's form without x_ref and u_ff.

@@ -1,4 +1,4 @@
-"""How well the states are seen and reached within a horizon: Gramians and their conditions.
+"""Gramians over a horizon, and their conditions: how well the states are seen and reached.
 
 There is no infinite Gramian here: with every eigenvalue at 1 the sum diverges, as k^7 where a position is seen and as
 k^3 where an angle is, and X = Phi^T X Phi + C^T C has no solution. So the horizon decides how well a state is seen.

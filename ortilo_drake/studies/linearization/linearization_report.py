@@ -1,4 +1,4 @@
-"""What Drake's matrices, eigenvalues, controllability and observability of a scenario come to, ready for JSON."""
+"""The report on Drake's matrices of a scenario, their eigenvalues, controllability and observability, for JSON."""
 
 from typing import Any
 

@@ -134,10 +134,10 @@ def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
 
 def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> Linearization:
     diagram = make_servo(scenario)
-    lent = scenario.servo.velocities == "truth"
-    names = (*LOOP_NAMES[N_X:], *REFERENCE_NAMES, *STATE_NAMES[6:] * lent)
+    given_truth = scenario.servo.velocities == "truth"
+    names = (*LOOP_NAMES[N_X:], *REFERENCE_NAMES, *STATE_NAMES[6:] * given_truth)
     context = diagram.CreateDefaultContext()
-    velocities = x[6:] if lent else x[:0]
+    velocities = x[6:] if given_truth else x[:0]
     values = np.concatenate([_resting_estimate(scenario, x), reference, velocities])
     diagram.get_input_port().FixValue(context, values)
     system = FirstOrderTaylorApproximation(diagram, context)

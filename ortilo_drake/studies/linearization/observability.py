@@ -1,4 +1,4 @@
-"""Which states each set of sensors sees.
+"""Observability: the states that each set of sensors sees.
 
 A sensor that speaks on every m-th tick only sees the same states: the unobservable subspace of (Phi^m, C) is that of
 (Phi, C) where no two eigenvalues of Phi differ by an m-th root of 1 (R. E. Kalman, Y. C. Ho, K. S. Narendra, 1963), and

@@ -1,4 +1,4 @@
-"""What a part is linearised about: state and control, the rotors' lag, the filter's gain.
+"""Operating points of the linearisations: state and control, the rotors' lag, the filter's gain.
 
 Rotors. A rotor's lag is (commanded - speed) / tau with one tau speeding up and another slowing down: at error 0 it has
 a derivative to either side and none in between, and the motion nearby follows one or the other, rotor by rotor. So the

@@ -1,4 +1,4 @@
-"""What the filter is told of a position fix at a place: the covariance that would fly there.
+"""Covariance of a position fix at a place: the one that the filter would be told there.
 
 Nothing is derived here anew. The ranges and boxes of the place, without noise, go through the very systems that fly
 (multilateration, landmark fix, handler), and what comes out is V_2 and whether there is a fix at all.

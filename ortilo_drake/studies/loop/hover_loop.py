@@ -75,7 +75,7 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
 def loop_gain(loop: HoverLoop) -> np.ndarray:
     """Return the servo gain on the whole loop's state, u = -L [x; xhat; i] (4 x 27).
 
-    x has columns where the servo is lent the true velocities and Euler rates, which then take those of their xhat.
+    x has columns where the servo is given the true velocities and Euler rates, which then take those of their xhat.
     """
     L = np.hstack([np.zeros((N_U, N_X)), loop.L])
     if loop.lends_velocities:

@@ -1,4 +1,4 @@
-"""What `ortilo analyze` found, as Markdown."""
+"""The report of `ortilo analyze` as Markdown."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What `ortilo analyze` does: the theory of a scenario, and the flights that check it."""
+"""The work of `ortilo analyze`: the theory of a scenario, and the flights that check it."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the flights of `ortilo analyze` showed, as Markdown; the theory is in analysis_text.py."""
+"""The flights' part of the report of `ortilo analyze`, as Markdown; the theory is in analysis_text.py."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How far the vehicle may stray from its planned path, and whether a predicted tube stays inside that.
+"""The corridor: how far the vehicle may stray from its planned path, and whether a tube stays inside.
 
 What loses a flight counts (flight/lost.py): the outline in a wall, or the centre out of the room. So the corridor
 about r_k is the disc that reaches up to the nearest wall, less the vehicle's radius, and up to the room's bounds; in

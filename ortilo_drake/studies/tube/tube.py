@@ -14,8 +14,8 @@ from ortilo_drake.onboard.estimator.kalman_filter import initial_covariance
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.loop.hover_loop import hover_loop
-from ortilo_drake.studies.tube.course import Course, course_of
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, disc_radii
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube_recursion import propagate
 
 
@@ -48,32 +48,32 @@ def horizontal_and_vertical(mean: np.ndarray, covariance: np.ndarray) -> tuple[n
     return disc_radii(*plane, THREE_SIGMA), np.abs(mean[:, 2]) + 3.0 * np.sqrt(covariance[:, 2, 2])
 
 
-def predict_tube(scenario: Scenario, course: Course | None = None) -> Tube:
+def predict_tube(scenario: Scenario, nominal: NominalFlight | None = None) -> Tube:
     """Return the tube that the linear theory predicts for a scenario.
 
     Args:
         scenario: the scenario; its losses, gains and weights count.
-        course: the path and its fixes, if at hand; it depends on anything but the losses and the servo's gains.
+        nominal: the nominal flight, if at hand; it depends on anything but the losses and the servo's gains.
 
     Raises:
         InputError: where the theory has no answer (a servo fed true velocities, messages late at random), no path, or
             no gain.
     """
-    course = course_of(scenario) if course is None else course
-    mean, covariance, X = deviation(scenario, course)
-    return Tube(course.time, course.r, mean, covariance, X, *horizontal_and_vertical(mean, covariance))
+    nominal = nominal_flight(scenario) if nominal is None else nominal
+    mean, covariance, X = deviation(scenario, nominal)
+    return Tube(nominal.time, nominal.r, mean, covariance, X, *horizontal_and_vertical(mean, covariance))
 
 
-def deviation(scenario: Scenario, course: Course) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean (n, 3) and covariance (n, 3, 3) of the position's deviation from r_k, and X of the position.
 
-    Where nothing is lost at random, so that the course's arrivals are *the* arrivals, X is the filter's own P_k.
+    Where nothing is lost at random, so that the arrivals are those of the nominal flight, X is the filter's own P_k.
     Arguments and errors as in predict_tube.
     """
     if scenario.servo.velocities == "truth":
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")
     loop = hover_loop(scenario)
-    x_ref, u_ff = course.x_ref, course.u_ff
+    x_ref, u_ff = nominal.x_ref, nominal.u_ff
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])
     loss = np.array([loss_parameters(scenario.link_of(s).loss) for s in SENSORS])
@@ -82,15 +82,15 @@ def deviation(scenario: Scenario, course: Course) -> tuple[np.ndarray, np.ndarra
         loop.Gamma,
         loop.L,
         loop.W,
-        course.V,
-        course.there,
+        nominal.V,
+        nominal.there,
         loss,
         initial_covariance(scenario.filter),
         d,
-        course.r,
+        nominal.r,
         np.ascontiguousarray(x_ref[:, :3]),
         INTEGRATORS[loop.integrator],
     )
     X = errors[:, :3, :3]
-    mean = means[:, :3] + x_ref[:, :3] - course.r
+    mean = means[:, :3] + x_ref[:, :3] - nominal.r
     return mean, moments[:, :3, :3] - means[:, :3, None] * means[:, None, :3] + X, X

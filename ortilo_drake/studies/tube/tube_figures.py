@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.tube.course import Course
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_flights import Flown, Point, PointResult
 from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
@@ -145,14 +145,14 @@ def bursts_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequen
         return save_picture(figure, path)
 
 
-def plan_figure(scenario: Scenario, course: Course, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
+def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
     """Draw the room from above with the tube along the path and the flights on it, one plan for each pair of rates."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9.5, 3.6 * len(flights)), layout="constrained")
         for row, (pair, flown) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, row + 1)
             draw_room(axes, scenario.load_room(), scenario)
-            tube = predict_tube(with_rates(scenario, *pair), course)
+            tube = predict_tube(with_rates(scenario, *pair), nominal)
             for r, radius in zip(tube.r[::4], tube.radius[::4], strict=True):
                 axes.add_patch(Circle((r[0], r[1]), radius, facecolor="#9fd0f0", lw=0, zorder=0.5))
             axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3)

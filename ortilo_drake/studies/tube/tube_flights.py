@@ -29,7 +29,7 @@ from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tube.corridor import corridor, margin
-from ortilo_drake.studies.tube.course import Course
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_map import bursts, with_losses, with_rates
 from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture, mixture_radius
@@ -141,7 +141,7 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
 
 
 def judge_point(
-    lossy: Scenario, at: Point, flights: Sequence[Flown], course: Course, others: Sequence[int] = OTHER_SEEDS
+    lossy: Scenario, at: Point, flights: Sequence[Flown], nominal: NominalFlight, others: Sequence[int] = OTHER_SEEDS
 ) -> PointResult:
     """Return how the flights of a point compare with the tube that is predicted for it.
 
@@ -149,13 +149,13 @@ def judge_point(
         lossy: the scenario that was flown.
         at: the point.
         flights: the flights.
-        course: the scenario's course.
+        nominal: the scenario's nominal.
         others: seeds of the arrivals that the mixture's radius is drawn from, none of them flown.
     """
-    tube = predict_tube(lossy, course)
-    about = corridor(lossy.load_room(), lossy.vehicle, course.r)
-    given = mixture(lossy, course, [flight.seed for flight in flights])
-    wide = mixture_radius(mixture(lossy, course, others), tube.radius)
+    tube = predict_tube(lossy, nominal)
+    about = corridor(lossy.load_room(), lossy.vehicle, nominal.r)
+    given = mixture(lossy, nominal, [flight.seed for flight in flights])
+    wide = mixture_radius(mixture(lossy, nominal, others), tube.radius)
     inside = [within(flight, tube.radius) for flight in flights]
     contained = float(np.mean(np.concatenate(inside)))
     low, high = interval(inside)
@@ -169,7 +169,7 @@ def judge_point(
         contained=contained,
         contained_low=low,
         contained_high=high,
-        contained_worst=worst_stretch(inside, len(course.time)),
+        contained_worst=worst_stretch(inside, len(nominal.time)),
         expected=1.0 - float(np.mean(chance_outside(tube.radius, given))),
         contained_mixture=float(np.mean(np.concatenate([within(flight, wide) for flight in flights]))),
         radius_mixture=float(wide.mean()),
@@ -200,7 +200,7 @@ def interval(inside: Sequence[np.ndarray], draws: int = 2000) -> tuple[float, fl
 
 def tube_flights(
     scenario: Scenario,
-    course: Course,
+    nominal: NominalFlight,
     out: Path,
     points: Sequence[Point] = PAIRS,
     lossy_at: Callable[[Scenario, Point], Scenario] = at_rates,
@@ -211,7 +211,7 @@ def tube_flights(
 
     Args:
         scenario: the scenario, its losses not counted.
-        course: its course.
+        nominal: its nominal.
         out: folder for the flights.
         points: PAIRS with at_rates, BURSTS with at_burst, or others.
         lossy_at: what a point means.
@@ -224,5 +224,5 @@ def tube_flights(
     results = []
     for point in points:
         lossy = lossy_at(scenario, point)
-        results.append(judge_point(lossy, point, fly_point(lossy, seeds, out, workers), course))
+        results.append(judge_point(lossy, point, fly_point(lossy, seeds, out, workers), nominal))
     return results

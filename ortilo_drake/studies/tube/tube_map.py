@@ -19,11 +19,11 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import BernoulliLoss, Link, Loss, NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.tube.corridor import Corridor, corridor, margin
-from ortilo_drake.studies.tube.course import Course, course_of
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube import Tube, predict_tube
 from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture
 
-CAMERA = 1  # column of Course.there
+CAMERA = 1  # column of NominalFlight.there
 
 
 class MarginMap(NamedTuple):
@@ -94,10 +94,10 @@ def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
         return None
 
 
-def guided_ticks(course: Course) -> int:
-    """Return how many ticks of a course lie before its last landmark fix; all of them if the camera has none."""
-    seen = np.flatnonzero(course.there[:, CAMERA])
-    return int(seen[-1]) + 1 if len(seen) else len(course.time)
+def guided_ticks(nominal: NominalFlight) -> int:
+    """Return how many ticks lie before the last landmark fix; all of them if the camera has none."""
+    seen = np.flatnonzero(nominal.there[:, CAMERA])
+    return int(seen[-1]) + 1 if len(seen) else len(nominal.time)
 
 
 def first_ticks(tube: Tube, about: Corridor, n: int) -> tuple[Tube, Corridor]:
@@ -138,15 +138,15 @@ def burst_map(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray
 
 
 def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> MarginMap:
-    """Return least margins over the whole path and its guided part for rows of scenarios on the same course."""
-    course = course_of(scenario)
-    about = corridor(scenario.load_room(), scenario.vehicle, course.r)
-    n = guided_ticks(course)
+    """Return least margins over the whole path and its guided part for rows of scenarios on the same nominal."""
+    nominal = nominal_flight(scenario)
+    about = corridor(scenario.load_room(), scenario.vehicle, nominal.r)
+    n = guided_ticks(nominal)
     whole, guided = np.full((len(a), len(b)), np.nan), np.full((len(a), len(b)), np.nan)
     for i, row in enumerate(cases):
         for j, case in enumerate(row):
             if case is not None:
-                tube = predict_tube(case, course)
+                tube = predict_tube(case, nominal)
                 whole[i, j] = margin(tube, about).least
                 guided[i, j] = margin(*first_ticks(tube, about, n)).least
     return MarginMap(a, b, whole, guided)
@@ -161,15 +161,15 @@ def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.nda
     boundary of imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088.
 
     Args:
-        scenario: the scenario whose course all cases share.
+        scenario: the scenario whose nominal flight all cases share.
         cases: see rate_cases and burst_cases; NaN comes back where there is none.
         seeds: of the arrivals.
     """
-    course, seeds = course_of(scenario), list(seeds)
-    room = corridor(scenario.load_room(), scenario.vehicle, course.r).radius
+    nominal, seeds = nominal_flight(scenario), list(seeds)
+    room = corridor(scenario.load_room(), scenario.vehicle, nominal.r).radius
     return np.array(
         [
-            [np.nan if case is None else chance_outside(room, mixture(case, course, seeds)).max() for case in row]
+            [np.nan if case is None else chance_outside(room, mixture(case, nominal, seeds)).max() for case in row]
             for row in cases
         ]
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from ortilo_drake.flight.workers import run_all
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.tube.course import course_of
+from ortilo_drake.studies.tube.nominal_flight import nominal_flight
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
 from ortilo_drake.studies.tube.tube_flights import (
     BURSTS,
@@ -48,7 +48,7 @@ def why_no_tube(scenario: Scenario) -> str | None:
     if not {"uwb", "camera"} <= set(scenario.sensors):
         return "its maps are over the arrival rates of uwb and camera, and both must fly"
     if scenario.servo.velocities == "truth":
-        return "the servo is lent the true velocities, and the tube is that of a servo fed by the filter"
+        return "the servo is given the true velocities, and the tube is that of a servo fed by the filter"
     links = [scenario.link_of(sensor) for sensor in scenario.sensors]
     return "delays are drawn at random" if any(link.random_delay for link in links) else None
 
@@ -90,7 +90,7 @@ def tube_report(
         step: called with what is being done, how far and of how much.
     """
     calm = without_blackouts(scenario)
-    course = course_of(calm)
+    nominal = nominal_flight(calm)
     step("tube maps", 0, 4)
     rates = tube_map(calm, RATES, RATES)
     step("tube maps", 1, 4)
@@ -107,7 +107,7 @@ def tube_report(
         step("tube flights", k, len(points))
         lossy = lossy_at(calm, point)
         flown = fly_point(lossy, range(1, flights + 1), out / "flights", workers)
-        results[kind].append(judge_point(lossy, point, flown, course))
+        results[kind].append(judge_point(lossy, point, flown, nominal))
         if kind == "rates" and point in SHOWN:
             shown[point] = flown
     figures = [
@@ -115,7 +115,7 @@ def tube_report(
         bursts_figure(bursts, bursts_chance, results["bursts"], out / "tube_bursts.png"),
     ]
     if shown:
-        figures.append(plan_figure(calm, course, shown, out / "tube_plan.png"))
+        figures.append(plan_figure(calm, nominal, shown, out / "tube_plan.png"))
     data = {
         "rates": {"uwb": RATES.tolist(), "camera": RATES.tolist(), "margin": plain(rates.whole)},
         "bursts": {"rate": BURST_RATES.tolist(), "burst_s": BURST_LENGTHS.tolist(), "margin": plain(bursts.whole)},

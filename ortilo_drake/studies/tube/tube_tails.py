@@ -1,4 +1,4 @@
-"""How often the vehicle really leaves the tube, by the linear theory: a mixture of Gaussians.
+"""Tails of the tube: how often the vehicle leaves it by the linear theory, as a mixture of Gaussians.
 
 Given which messages arrive, the linear loop's deviation is Gaussian, with the filter's own P_k for X. Over random
 arrivals it is a mixture: after a long gap it is wide, after a fix it is narrow. The tube takes the covariance of that
@@ -19,8 +19,8 @@ import numpy as np
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.scenario import NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
-from ortilo_drake.studies.tube.course import Course, delay_of
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, outside_discs
+from ortilo_drake.studies.tube.nominal_flight import NominalFlight, delay_of
 from ortilo_drake.studies.tube.tube import deviation
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_message
@@ -38,19 +38,19 @@ class Mixture(NamedTuple):
     covariances: np.ndarray
 
 
-def arrivals_of_seed(scenario: Scenario, course: Course, seed: int) -> np.ndarray:
+def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> np.ndarray:
     """Return which messages of the three arrive in each tick (n, 3) with that seed's losses, on the planned path."""
-    n = len(course.time)
+    n = len(nominal.time)
     arrives = np.zeros((n, 3), dtype=np.bool_)
-    no_blackouts = np.empty((0, 3))  # the course holds them
+    no_blackouts = np.empty((0, 3))  # the nominal flight holds them
     for s, sensor in enumerate(SENSORS):
         if sensor not in scenario.sensors:
             continue
         loss, stream, bad = loss_parameters(scenario.link_of(sensor).loss), stream_id(f"link/{sensor}"), False
         late = delay_of(scenario, sensor)
         for k in range(n - late):
-            if course.there[k + late, s]:
-                sent = delay_of_message(k, course.r[k], bad, loss, no_blackouts, (0, 0), seed, stream)
+            if nominal.there[k + late, s]:
+                sent = delay_of_message(k, nominal.r[k], bad, loss, no_blackouts, (0, 0), seed, stream)
                 arrives[k + late, s] = sent != NOT_SENT
             bad = chain_after(k, bad, loss, seed, stream)
     return arrives
@@ -66,10 +66,10 @@ def without_losses(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"uwb": uwb, "imu": imu, "camera_link": camera_link})
 
 
-def mixture(scenario: Scenario, course: Course, seeds: Iterable[int]) -> Mixture:
+def mixture(scenario: Scenario, nominal: NominalFlight, seeds: Iterable[int]) -> Mixture:
     """Return the deviation given the arrivals of each seed; errors as predict_tube."""
     sure = without_losses(scenario)
-    parts = [deviation(sure, course._replace(there=arrivals_of_seed(scenario, course, seed)))[:2] for seed in seeds]
+    parts = [deviation(sure, nominal._replace(there=arrivals_of_seed(scenario, nominal, seed)))[:2] for seed in seeds]
     return Mixture(np.array([mean[:, :2] for mean, _ in parts]), np.array([C[:, :2, :2] for _, C in parts]))
 
 

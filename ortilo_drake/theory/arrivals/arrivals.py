@@ -1,4 +1,4 @@
-"""Which sensors arrive in a tick, as patterns of the rows of C with probabilities.
+"""Patterns of the sensors that arrive in a tick: rows of C with probabilities.
 
 Pattern p keeps the rows `rows[p]` of (C, V): C_p = C[rows], V_p = V[rows, rows]. For the vehicle the rows are uwb,
 camera and imu, and the imu arrives in every tick.

@@ -1,4 +1,4 @@
-"""What no output sees, as a subspace, found without eigenvalues.
+"""The unobservable subspace, found without eigenvalues.
 
 Staircase. The unobservable subspace, the largest Phi-invariant subspace in the kernel of C (R. E. Kalman, 1963), is
 found by N_0 = ker C, N_{k+1} = {v in N_k: Phi v in N_k}, one orthogonal step after another (P. Van Dooren, IEEE TAC 26,

@@ -1,4 +1,4 @@
-"""What a solution of the discrete-time algebraic Riccati equation is worth."""
+"""Checks of a solution of the discrete-time algebraic Riccati equation."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What each solver does by itself on Riccati equations that have no solution to return."""
+"""Behaviour of each solver on Riccati equations that have no solution to return."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How far a stable matrix is from an unstable one."""
+"""The stability radius: the distance from a stable matrix to the nearest unstable one."""
 
 import numpy as np
 from scipy.linalg import eig

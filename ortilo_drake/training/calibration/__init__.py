@@ -1,1 +1,1 @@
-"""What the rendered camera and its detector do, measured for the projected camera."""
+"""Calibration of the projected camera by what the rendered one and its detector do."""

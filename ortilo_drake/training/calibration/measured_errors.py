@@ -1,4 +1,4 @@
-"""How the boxes that the detector finds err."""
+"""Errors of the boxes that the detector finds, measured."""
 
 from typing import Any
 

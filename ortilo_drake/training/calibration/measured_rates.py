@@ -1,4 +1,4 @@
-"""How often the detector finds a landmark, by class, distance, and the shares inside the image and not hidden."""
+"""Rates of detection, by class, distance, and the shares inside the image and not hidden, measured."""
 
 from typing import Any
 

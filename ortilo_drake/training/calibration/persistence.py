@@ -1,4 +1,4 @@
-"""How long errors and misses last from picture to picture."""
+"""Persistence of errors and misses from picture to picture."""
 
 from typing import Any
 

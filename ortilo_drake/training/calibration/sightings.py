@@ -1,4 +1,4 @@
-"""What the detector made of every landmark in every picture of a flight: the sightings that a calibration counts."""
+"""Sightings, which a calibration counts: what the detector made of every landmark in every picture of a flight."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""How good the detector is: average precision, judged on pictures it never saw."""
+"""Judging of the detector: average precision on pictures it never saw."""

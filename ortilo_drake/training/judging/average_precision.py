@@ -1,4 +1,4 @@
-"""How good detections are: average precision as PASCAL VOC (since 2010) defines it, and the error of the centres."""
+"""Average precision as PASCAL VOC (since 2010) defines it, and the error of the boxes' centres."""
 
 import numpy as np
 

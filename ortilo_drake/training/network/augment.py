@@ -1,4 +1,4 @@
-"""What a real camera adds to a clean picture: motion blur, noise, exposure, tint; and other framings of the same."""
+"""Augmentation: motion blur, noise, exposure and tint of a real camera; and other framings of the same picture."""
 
 import cv2
 import numpy as np

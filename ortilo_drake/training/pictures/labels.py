@@ -1,4 +1,4 @@
-"""What is known of a picture: every landmark in it, its box, and how much of it is to be seen."""
+"""Labels of a picture: every landmark in it, its box, and how much of it is to be seen."""
 
 from dataclasses import dataclass
 

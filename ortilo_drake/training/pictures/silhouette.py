@@ -1,4 +1,4 @@
-"""How large a thing would be in the picture if nothing stood before it."""
+"""The silhouette of a thing: its size in the picture if nothing stood before it."""
 
 import numpy as np
 from numba import njit

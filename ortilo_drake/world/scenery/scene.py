@@ -1,4 +1,4 @@
-"""What there is to see in a room: each thing with its shape and pose, for Drake's renderer and for Meshcat alike.
+"""The scene of a room: each thing with its shape and pose, for Drake's renderer and for Meshcat alike.
 
 The meshes are our own (scripts/make_room_meshes.py). A landmark fills its surveyed size about its surveyed centre;
 one that nothing carries is put on a post. A class or kind without a mesh is shown as a plain block.

@@ -1,4 +1,4 @@
-"""What was measured of the rendered camera and its detector, as a file.
+"""The calibration file: measurements of the rendered camera and its detector.
 
 All tables are linear between their knots and constant beyond; farther than the last distance nothing is found. A
 landmark at distance d, of which the share a is in the

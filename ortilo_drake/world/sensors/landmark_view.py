@@ -1,4 +1,4 @@
-"""What the camera has of each landmark: distance, box, how much of it is in the image and how much nothing hides.
+"""Views of the landmarks: distance, box, the share inside the image and the share that nothing hides.
 
 The very numbers that a detector's rates and errors are measured by (training/calibration/calibrate.py) and drawn by
 (projected_camera.py), so they hold no chance.

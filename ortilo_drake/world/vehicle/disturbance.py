@@ -1,4 +1,4 @@
-"""What pushes the vehicle about: a random force and torque, drawn anew every tick."""
+"""The disturbance: a random force and torque, drawn anew every tick."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Each half as one call: what the commands `ortilo hil world` and `ortilo hil onboard` do."""
+"""Sessions of either half, one call each: the work of `ortilo hil world` and `ortilo hil onboard`."""
 
 import contextlib
 import time
@@ -8,16 +8,16 @@ from typing import Any
 
 import xarray as xr
 
-from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
 from ortilo_drake.flight.lockstep import fly_lockstep
 from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.goals.goal_planner import GoalPlanner
 from ortilo_drake.hil.goals.goals import Goals
 from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
 from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
-from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Figures, fly_in_real_time
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistics, fly_in_real_time
 from ortilo_drake.hil.real_time.warm_up import no_collecting, warm_up
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import open_bus
@@ -40,7 +40,7 @@ def run_world(
     seconds: float | None = None,
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
-    watching: Callable[[Figures], None] | None = None,
+    show_statistics: Callable[[Statistics], None] | None = None,
     still_there: Callable[[], None] = lambda: None,
 ) -> tuple[xr.Dataset, dict[str, Any]]:
     """Fly a scenario's world against an onboard half over a link.
@@ -54,11 +54,11 @@ def run_world(
         seconds: in real time, end after that much of the flight.
         progress: called with the number of ticks flown.
         record: called with everything of a tick.
-        watching: in real time, see fly_in_real_time.
+        show_statistics: in real time, see fly_in_real_time.
         still_there: called while the onboard half is looked for; raises if it will not come.
 
     Returns:
-        The flight, and a report: ticks, the packets' counts and in real time the watch's figures.
+        The flight, and a report: ticks, the packets' counts and in real time TickTiming's figures.
 
     Raises:
         InputError: if the bus does not work or the onboard half is missing, silent or another's.
@@ -83,10 +83,10 @@ def run_world(
             report: dict[str, Any] = {"ticks": flight.sizes["tick"]}
         else:
             stack.enter_context(no_collecting())
-            flight, watch = fly_in_real_time(
-                scenario, world, outbox, inbox, greeter, camera, seconds, progress, record, watching
+            flight, timing = fly_in_real_time(
+                scenario, world, outbox, inbox, greeter, camera, seconds, progress, record, show_statistics
             )
-            report = watch.summary() | {"latencies_ms": watch.latencies_ms()}
+            report = timing.summary() | {"latencies_ms": timing.latencies_ms()}
         if camera:
             report["pictures_skipped"] = camera.skipped
     return flight, report | {"packets": inbox.counts("command"), "rejected": inbox.counts()["rejected"]}

@@ -16,7 +16,7 @@ from ortilo_drake.world.radio.link import blackout_rows
 _TIME = 3  # a blackout's axis, after x, y, z
 
 
-class Course(NamedTuple):
+class NominalFlight(NamedTuple):
     """A flight as it is planned, at every tick.
 
     Attributes:
@@ -75,8 +75,8 @@ def planned_reference(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return time, np.hstack([path.vector_values(inside).T, *rates])
 
 
-def course_of(scenario: Scenario) -> Course:
-    """Return the course of a scenario: its path, and where along it a message of each sensor can arrive.
+def nominal_flight(scenario: Scenario) -> NominalFlight:
+    """Return the nominal flight of a scenario: its path, and where along it a message of each sensor can arrive.
 
     A message sent at tick k arrives late by its constant delay, with the covariance of the place where it was taken.
 
@@ -103,7 +103,7 @@ def course_of(scenario: Scenario) -> Course:
                 continue
             noise = fix_noise(scenario, poses[k]) if noise is None else noise
             V[arrival, s], there[arrival, s] = noise.V[s], noise.there[s]
-    return Course(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
+    return NominalFlight(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
 
 
 def _blacked_out(k: int, r: np.ndarray, blackouts: np.ndarray) -> bool:

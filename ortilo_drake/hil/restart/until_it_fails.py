@@ -1,4 +1,4 @@
-"""What a flight can do without: a log, a checkpoint. A full disk must not take the vehicle down."""
+"""Writing that a flight can do without: a log, a checkpoint. A full disk must not take the vehicle down."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from ortilo_drake.model.typed_yaml import InputError
 
 
-class Spare:
+class UntilItFails:
     """A function called in flight until it fails the first time; then no more.
 
     Args:

@@ -1,6 +1,6 @@
-"""What a flight can do without, when it fails."""
+"""Writing that a flight can do without, when it fails."""
 
-from ortilo_drake.hil.restart.spare import Spare
+from ortilo_drake.hil.restart.until_it_fails import UntilItFails
 from ortilo_drake.model.typed_yaml import InputError
 
 
@@ -13,9 +13,9 @@ def test_it_is_called_until_it_fails_once() -> None:
         if k == 2:
             raise InputError("log: cannot be written: no space left")
 
-    spare = Spare(write, said.append)
+    record = UntilItFails(write, said.append)
     for k in range(5):
-        spare(k)
+        record(k)
     assert called == [0, 1, 2]
     assert said == ["log: cannot be written: no space left; flying on without it"]
-    assert str(spare.error) == "log: cannot be written: no space left"
+    assert str(record.error) == "log: cannot be written: no space left"

@@ -1,4 +1,4 @@
-"""What a flight in real time did to time: latencies, deadlines, jitter."""
+"""Timing of the ticks of a flight in real time: latencies, deadlines, jitter."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ def quantiles(values: np.ndarray) -> dict[str, float | None]:
     }
 
 
-class Watch:
+class TickTiming:
     """The world's record of its ticks and of the commands that answered them; times are time.perf_counter() [s].
 
     Args:

@@ -6,8 +6,8 @@ import xarray as xr
 from pydrake.trajectories import PiecewisePolynomial
 
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.halves import OnboardHalf, WorldHalf
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario, load_scenario
 
 LATE = (
