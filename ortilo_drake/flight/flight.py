@@ -21,11 +21,11 @@ from ortilo_drake.model.signals import (
     OUTPUT_NAMES,
     SENSORS,
     STATE_NAMES,
+    XBAR_NAMES,
 )
 from ortilo_drake.scenario import Scenario, with_seed
 
 AXES = ("x", "y", "z")
-XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
 
 

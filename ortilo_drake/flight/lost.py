@@ -5,7 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ortilo_drake.model.room import Room, footprints
+from ortilo_drake.model.footprints import footprints
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
 
 MAX_TILT = np.pi / 3  # beyond this the vehicle counts as tumbling

@@ -21,7 +21,8 @@ from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistic
 from ortilo_drake.hil.real_time.warm_up import no_collecting, warm_up
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import open_bus
-from ortilo_drake.hil.wire.handshake import Greeter, meet_onboard, meet_world
+from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
+from ortilo_drake.hil.wire.handshake import meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import FINISHED, PORTS
 from ortilo_drake.hil.wire.wire import Outbox

@@ -6,7 +6,6 @@ world also blocks rays with the walls and stands.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
@@ -206,49 +205,6 @@ class Room(Frozen):
     def stand_cylinders(self) -> np.ndarray:
         """The stands as rows (x, y, radius, height), standing on the floor (n, 4)."""
         return np.array([[x, y, self.stand_radius, self.stand_height] for x, y in self.stands]).reshape(-1, 4)
-
-
-@dataclass(frozen=True)
-class Footprint:
-    """An obstacle seen from above, as a rounded rectangle: all within ``radius`` of an axis-aligned core.
-
-    A wall's core is the wall, a stand's is a point.
-
-    Attributes:
-        name: what to call it.
-        low: lower corner of the core [m].
-        high: upper corner of the core [m].
-        radius: how far the obstacle reaches beyond its core [m].
-        top: height of its top [m].
-    """
-
-    name: str
-    low: tuple[float, float]
-    high: tuple[float, float]
-    radius: float
-    top: float
-
-
-def footprints(room: Room) -> list[Footprint]:
-    """Return every wall, stand, piece of furniture and landmark of the room as seen from above."""
-
-    def around(name: str, x: float, y: float, half_x: float, half_y: float, top: float) -> Footprint:
-        radius = 0.0 if name == "wall" else min(half_x, half_y)  # only walls have sharp corners
-        a, b = half_x - radius, half_y - radius
-        return Footprint(name, (x - a, y - b), (x + a, y + b), radius, top)
-
-    found = []
-    for x, y, _, yaw, half_x, half_y, half_z in room.wall_boxes:
-        c, s = abs(math.cos(yaw)), abs(math.sin(yaw))
-        found.append(around("wall", x, y, c * half_x + s * half_y, s * half_x + c * half_y, 2 * half_z))
-    found += [around("stand", x, y, r, r, height) for x, y, r, height in room.stand_cylinders]
-    for kind, x, y, z, *_ in room.furniture:
-        size_x, size_y, height = room.furniture_size[kind]
-        found.append(around(kind, x, y, size_x / 2, size_y / 2, z + height))
-    for landmark, size in zip(room.landmarks, room.landmark_sizes, strict=True):
-        x, y, z = landmark.position
-        found.append(around(landmark.label, x, y, size[0] / 2, size[1] / 2, z + size[2] / 2))
-    return found
 
 
 def load_room(path: Path = ORTILO_ROOM) -> Room:

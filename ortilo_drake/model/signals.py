@@ -24,6 +24,8 @@ STATE_NAMES: Final = (
     "x", "y", "z", "phi", "theta", "psi",
     "x_dot", "y_dot", "z_dot", "phi_dot", "theta_dot", "psi_dot",
 )  # fmt: skip
+INTEGRAL_NAMES: Final = ("i_x", "i_y", "i_z")
+XBAR_NAMES: Final = (*STATE_NAMES, *INTEGRAL_NAMES)
 CONTROL_NAMES: Final = ("f_T", "tau_x", "tau_y", "tau_z")
 OUTPUT_NAMES: Final = (
     "x_uwb", "y_uwb", "z_uwb", "x_cam", "y_cam", "z_cam", "phi_imu", "theta_imu", "psi_imu",

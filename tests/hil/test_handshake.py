@@ -10,7 +10,8 @@ import pytest
 from hil_link import KEY, PlayedWorld, open_bus
 
 from ortilo_drake.hil.wire.bus import Bus
-from ortilo_drake.hil.wire.handshake import Greeter, Met, draw, find_world, meet_onboard, meet_world, say_hello
+from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
+from ortilo_drake.hil.wire.handshake import Met, draw, find_world, meet_world, say_hello
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
 from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, FLYING, PORTS, Hello

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.model.room import ORTILO_ROOM, CameraModel, Footprint, Room, footprints, load_room
+from ortilo_drake.model.footprints import Footprint, footprints
+from ortilo_drake.model.room import ORTILO_ROOM, CameraModel, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError, validate
 
 ROOM = load_room()

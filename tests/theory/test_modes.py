@@ -15,7 +15,8 @@ from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair
 from ortilo_drake.scenario import InputError, Scenario
-from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, sensor_subsets, unobservable_states
+from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
+from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
 from ortilo_drake.theory.modes.modes import check_detectable, check_pair, modes, unreached_modes, unseen_modes
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -236,5 +237,5 @@ def test_sensors_that_leave_modes_unseen_are_refused(sensors: tuple[str, ...], s
 
 
 def test_subsets_are_those_of_the_scenarios_sensors() -> None:
-    assert list(sensor_subsets(Scenario(sensors=("imu", "uwb")))) == ["none", "uwb", "imu", "uwb+imu"]
-    assert len(sensor_subsets(Scenario())) == 8
+    assert list(sensor_subsets(("imu", "uwb"))) == ["none", "uwb", "imu", "uwb+imu"]
+    assert len(sensor_subsets(Scenario().sensors)) == 8

@@ -13,21 +13,18 @@ name; so is a second onboard half.
 import hashlib
 import secrets
 import time
-from collections import deque
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus, open_bus
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.limits import limits_of
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, FLYING, LOOKING, MAX_HEARD, PROTOCOL, Hello, encode_hello
+from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, LOOKING, PROTOCOL, Hello, encode_hello
 from ortilo_drake.hil.wire.seal import flight_key, hello_key, seal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
-REFUSALS: Final = 6  # how often the world says hello to who flies another scenario before it ends: each may be lost
 OTHERS: Final = 1.0  # how long to listen whether another onboard half flies [s]
 EVERY: Final = 0.1  # between two hellos [s]
 
@@ -81,94 +78,11 @@ def refusal(hello: Hello, digest: str) -> str:
     return ""
 
 
-def _unheard(inbox: Inbox, wait: float, command: str) -> str:
+def unheard(inbox: Inbox, wait: float, command: str) -> str:
     """Return that nobody was heard, how to start it, and whether somebody without our key was."""
     strangers = inbox.counts()["refused"].get("mac", 0)
     other = f"; {strangers} packets came under another key: give both halves the same --key" if strangers else ""
     return f"not heard in {wait:g} s; start it with: {command}{other}"
-
-
-class Greeter:
-    """The world's hellos.
-
-    Args:
-        bus: the bus.
-        key: that the halves share.
-        scenario: of the world.
-        lockstep: whether it waits for every answer.
-    """
-
-    def __init__(self, bus: Bus, key: bytes, scenario: Scenario, lockstep: bool):
-        self._bus, self._key, self._scenario = bus, key, scenario
-        self._hello = Hello("world", scenario_digest(scenario), draw(), lockstep)
-        self._heard: deque[int] = deque(maxlen=MAX_HEARD)
-
-    @property
-    def session(self) -> int:
-        """The flight's number."""
-        return self._hello.session
-
-    def hear(self, hello: Hello) -> bool:
-        """Note the nonce of who answers this world; return whether it does."""
-        answers = hello.role != "world" and hello.session == self.session
-        if answers and hello.nonce not in self._heard:
-            self._heard.append(hello.nonce)
-        return answers
-
-    def meet(self, nonce: int) -> Flight:
-        """Fly with the onboard half of a nonce; return the flight, which every hello tells of from now on."""
-        self._hello = self._hello._replace(state=FLYING, nonce=nonce)
-        key = flight_key(self._key, self.session, nonce, self._hello.scenario_digest)
-        return flight_of(self._scenario, self.session, key)
-
-    def say(self, tick: int = -1, state: str = "") -> None:
-        """Say hello at a tick, in another state than before if one is given."""
-        self._hello = self._hello._replace(
-            sequence=self._hello.sequence + 1, tick=tick, state=state or self._hello.state, heard=tuple(self._heard)
-        )
-        say_hello(self._bus, self._key, self._hello)
-
-
-def meet_onboard(
-    greeter: Greeter,
-    inbox: Inbox,
-    scenario: Scenario,
-    wait: float,
-    still_there: Callable[[], None] = lambda: None,
-) -> Flight:
-    """Find the onboard half; return the flight, which it has been told of.
-
-    Args:
-        greeter: says hello for the world.
-        inbox: hears hello; from now on it takes this flight's packets.
-        scenario: the scenario of this half.
-        wait: how long to look for it [s].
-        still_there: called again and again meanwhile; raises if it will not come.
-
-    Raises:
-        InputError: if the onboard half is not there, or is another's.
-    """
-    digest = scenario_digest(scenario)
-    until, said = time.monotonic() + wait, -1.0
-    while (now := time.monotonic()) < until:
-        if now > said + EVERY:  # not whenever something is heard: it hears itself
-            still_there()
-            greeter.say()
-            said = now
-        for arrival in inbox.poll(round(1e3 * EVERY)):
-            hello = arrival.packet.value
-            if not greeter.hear(hello) or hello.role != "onboard":
-                continue
-            if why := refusal(hello, digest):
-                for _ in range(REFUSALS):
-                    greeter.say()
-                    time.sleep(EVERY / 2.0)
-                raise InputError(f"onboard half: {why}")
-            flight = greeter.meet(hello.nonce)
-            inbox.begin(flight)
-            greeter.say()
-            return flight
-    raise InputError(f"onboard half: {_unheard(inbox, wait, 'ortilo hil onboard')}")
 
 
 class Met(NamedTuple):
@@ -228,7 +142,7 @@ def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: flo
             said = now
     if is_there:
         raise InputError(f"world: found no onboard half in {wait:g} s; start it with: ortilo hil onboard")
-    raise InputError(f"world: {_unheard(inbox, wait, 'ortilo hil world')}")
+    raise InputError(f"world: {unheard(inbox, wait, 'ortilo hil world')}")
 
 
 def _is_commanded(bus: Bus, key: bytes, met: Met) -> bool:

@@ -20,7 +20,6 @@ from functools import cache
 import numpy as np
 
 from ortilo_drake import __version__
-from ortilo_drake.flight.flight import XBAR_NAMES
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
 from ortilo_drake.interop.ros.ros_motion import (
@@ -33,7 +32,7 @@ from ortilo_drake.interop.ros.ros_motion import (
 )
 from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, OUTPUT_NAMES, STATE_NAMES
+from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, OUTPUT_NAMES, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Scenario
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ortilo_drake.model.room import Room, footprints
+from ortilo_drake.model.footprints import footprints
+from ortilo_drake.model.room import Room
 
 BORDER = 1.0e-9  # a point on a cell's border counts as inside [m]
 OUTSIDE = 10.0  # thickness of the outer walls as obstacles [m]

@@ -10,8 +10,9 @@ from ortilo_drake.studies.linearization.closed_forms import agreement
 from ortilo_drake.studies.linearization.flown_tick import difference_closed_loop
 from ortilo_drake.studies.linearization.gramians import Gramian, controllability_gramian, observability_gramian
 from ortilo_drake.studies.linearization.linearize import linearize
-from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, sensor_subsets, unobservable_states
+from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
 from ortilo_drake.studies.linearization.operating_point import frozen_gain, heading_ahead
+from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
 from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.theory.modes.modes import Mode, modes, unreached_modes, unseen_modes
 from ortilo_drake.theory.modes.staircase import tick_scaling
@@ -61,7 +62,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     level = heading_ahead(scenario)
     K, delta = frozen_gain(scenario, V)
     Phibar, Gammabar = augmented_pair(scenario.vehicle, scenario.h)
-    subsets = sensor_subsets(scenario)
+    subsets = sensor_subsets(scenario.sensors)
     uwb, imu = scenario.uwb.link.every, scenario.imu.link.every
     both = int(np.lcm(uwb, imu)) * 300  # a tick in which both are due; the next of the imu may be without uwb
     flown = {"uwb+imu": both} | ({"imu": both + imu} if imu % uwb else {})

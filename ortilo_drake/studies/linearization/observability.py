@@ -5,17 +5,14 @@ A sensor that speaks on every m-th tick only sees the same states: the unobserva
 here all are equal.
 """
 
-from itertools import combinations
-
 import numpy as np
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
 from ortilo_drake.theory.modes.modes import STATE_SHARE, check_detectable
 from ortilo_drake.theory.modes.staircase import rescale, tick_scaling, unobservable_subspace
-
-NONE = "none"
 
 
 def rows_of(sensors: tuple[str, ...]) -> np.ndarray:
@@ -30,12 +27,6 @@ def check_sensors(scenario: Scenario) -> None:
     check_detectable(Phi, rows_of(scenario.sensors), what, scale=tick_scaling(scenario.h))
 
 
-def sensor_subsets(scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return every subset of the scenario's sensors by name: 'none', 'uwb', ..., 'uwb+camera+imu'."""
-    flown = [s for s in SENSORS if s in scenario.sensors]
-    return {"+".join(some) or NONE: some for k in range(len(flown) + 1) for some in combinations(flown, k)}
-
-
 def unobservable_states(scenario: Scenario) -> dict[str, list[str]]:
     """Return the states that stay unknown with each subset of the scenario's sensors.
 
@@ -45,7 +36,7 @@ def unobservable_states(scenario: Scenario) -> dict[str, list[str]]:
     """
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     table = {}
-    for name, sensors in sensor_subsets(scenario).items():
+    for name, sensors in sensor_subsets(scenario.sensors).items():
         N = unobservable_subspace(*rescale(Phi, rows_of(sensors), tick_scaling(scenario.h)))
         table[name] = [STATE_NAMES[j] for j in range(N_X) if np.linalg.norm(N[j]) > STATE_SHARE]
     return table

@@ -1,10 +1,18 @@
-"""The rows of y that some sensors fill, and their noise."""
+"""Subsets of the sensors: the rows of y that they fill, and their noise."""
+
+from itertools import combinations
 
 import numpy as np
 
 from ortilo_drake.model.signals import N_Y, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.loop.hover_loop import arrivals_of
+
+
+def sensor_subsets(sensors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return every subset of some sensors by name: 'none', 'uwb', ..., 'uwb+camera+imu'."""
+    present = [s for s in SENSORS if s in sensors]
+    return {"+".join(some) or "none": some for k in range(len(present) + 1) for some in combinations(present, k)}
 
 
 def arrived_rows(sensors: tuple[str, ...], V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

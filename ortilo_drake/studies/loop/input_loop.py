@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_sylvester
 
-from ortilo_drake.model.signals import N_I, N_X, STATE_NAMES
+from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.measurement_handler import selection_matrix
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows
@@ -109,7 +109,7 @@ def input_loop(
         A[i, x] = -selection_matrix(delta) @ hover.C
     B = np.zeros((len(A), hover.Gamma.shape[1]))
     B[x] = hover.Gamma
-    names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), "i_x", "i_y", "i_z")
+    names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), *INTEGRAL_NAMES)
     keep = [k for k, name in enumerate(names) if name not in lost]
     if len(true_states) == N_X:  # the filter then feeds nothing
         keep = [*range(N_X), *range(2 * N_X, len(A))]

@@ -4,18 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.model.signals import SENSORS, STATE_NAMES
+from ortilo_drake.model.signals import STATE_NAMES, XBAR_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.arrived_rows import arrived_rows
+from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
 from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.theory.riccati.riccati import RAW, by_drake, number, solve
 from ortilo_drake.theory.riccati.riccati_check import check
 from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, what_solvers_do
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 
-XBAR_NAMES = (*STATE_NAMES, "i_x", "i_y", "i_z")
 DRAKE_LIFT = 1e-10  # what makes W positive definite for Drake
 
 Dare = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -86,14 +85,6 @@ def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.n
     }
 
 
-def sensor_subsets(sensors: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Return all sensors, all but one, and one alone, each once, in the order of SENSORS."""
-    present = tuple(s for s in SENSORS if s in sensors)
-    fewer = [tuple(s for s in present if s != lost) for lost in present]
-    alone = [(s,) for s in present]
-    return list(dict.fromkeys(subset for subset in [present, *fewer, *alone] if subset))
-
-
 def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
     """Return, as JSON can hold it, the servo's and every sensor subset's filter equation, and the ill-posed cases.
 
@@ -106,13 +97,15 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
         sensor sees}. 'ill_posed': case -> {'error': ours, solver: what it does by itself}.
     """
     filters: dict[str, Any] = {}
-    for sensors in sensor_subsets(scenario.sensors):
+    for name, sensors in reversed(sensor_subsets(scenario.sensors).items()):
+        if not sensors:
+            continue
         try:
-            filters["+".join(sensors)] = four_solutions(filter_dare(scenario, sensors, V), STATE_NAMES, dual=True)
+            filters[name] = four_solutions(filter_dare(scenario, sensors, V), STATE_NAMES, dual=True)
         except InputError as error:
             if not str(error).startswith("Riccati equation"):
                 raise
-            filters["+".join(sensors)] = {"error": str(error)}
+            filters[name] = {"error": str(error)}
     return {
         "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
         "filter": filters,

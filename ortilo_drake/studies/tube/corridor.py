@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.room import Room, footprints
+from ortilo_drake.model.footprints import footprints
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.studies.tube.tube import Tube
 

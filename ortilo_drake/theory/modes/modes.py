@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import schur
 
-from ortilo_drake.model.signals import N_X, N_XBAR, STATE_NAMES
+from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.modes.staircase import rank, rescale, unobservable_subspace
 
@@ -23,7 +23,6 @@ CLUSTERS = (2e-3, 1e-6, 0.0)  # how near eigenvalues are that may be one, split 
 STATE_SHARE = 1e-6  # a unit vector's component above this counts
 ON_THE_CIRCLE = 1e-6  # |z| down to 1 less this counts as not decaying
 DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
-INTEGRAL_NAMES = ("i_x", "i_y", "i_z")
 
 
 class Mode(NamedTuple):
@@ -60,7 +59,7 @@ class Mode(NamedTuple):
 def names_of(n: int) -> tuple[str, ...]:
     """Return the names of the states: the vehicle's, with the integral's, twice with it in the loop, or numbers."""
     believed = tuple(f"{name}_hat" for name in STATE_NAMES)
-    named = (STATE_NAMES, (*STATE_NAMES, *INTEGRAL_NAMES), (*STATE_NAMES, *believed, *INTEGRAL_NAMES))
+    named = (STATE_NAMES, XBAR_NAMES, (*STATE_NAMES, *believed, *INTEGRAL_NAMES))
     numbers = tuple(f"state {k}" for k in range(n))
     return dict(zip((N_X, N_XBAR, N_X + N_XBAR), named, strict=True)).get(n, numbers)
 

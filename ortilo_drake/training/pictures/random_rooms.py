@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from ortilo_drake.model.room import Room, footprints
+from ortilo_drake.model.footprints import footprints
+from ortilo_drake.model.room import Room
 from ortilo_drake.world.scenery.rendering import camera_in_body
 from ortilo_drake.world.scenery.scene import MESHES
 

@@ -1,0 +1,100 @@
+"""The world's side of the handshake (handshake.py): it says hello, and flies with the first half that answers."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from ortilo_drake.hil.wire.bus import Bus
+from ortilo_drake.hil.wire.handshake import EVERY, draw, flight_of, refusal, say_hello, scenario_digest, unheard
+from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.packet_checks import Flight
+from ortilo_drake.hil.wire.packets import FLYING, MAX_HEARD, Hello
+from ortilo_drake.hil.wire.seal import flight_key
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+REFUSALS: Final = 6  # how often the world says hello to who flies another scenario before it ends: each may be lost
+
+
+class Greeter:
+    """The world's hellos.
+
+    Args:
+        bus: the bus.
+        key: that the halves share.
+        scenario: of the world.
+        lockstep: whether it waits for every answer.
+    """
+
+    def __init__(self, bus: Bus, key: bytes, scenario: Scenario, lockstep: bool):
+        self._bus, self._key, self._scenario = bus, key, scenario
+        self._hello = Hello("world", scenario_digest(scenario), draw(), lockstep)
+        self._heard: deque[int] = deque(maxlen=MAX_HEARD)
+
+    @property
+    def session(self) -> int:
+        """The flight's number."""
+        return self._hello.session
+
+    def hear(self, hello: Hello) -> bool:
+        """Note the nonce of who answers this world; return whether it does."""
+        answers = hello.role != "world" and hello.session == self.session
+        if answers and hello.nonce not in self._heard:
+            self._heard.append(hello.nonce)
+        return answers
+
+    def meet(self, nonce: int) -> Flight:
+        """Fly with the onboard half of a nonce; return the flight, which every hello tells of from now on."""
+        self._hello = self._hello._replace(state=FLYING, nonce=nonce)
+        key = flight_key(self._key, self.session, nonce, self._hello.scenario_digest)
+        return flight_of(self._scenario, self.session, key)
+
+    def say(self, tick: int = -1, state: str = "") -> None:
+        """Say hello at a tick, in another state than before if one is given."""
+        self._hello = self._hello._replace(
+            sequence=self._hello.sequence + 1, tick=tick, state=state or self._hello.state, heard=tuple(self._heard)
+        )
+        say_hello(self._bus, self._key, self._hello)
+
+
+def meet_onboard(
+    greeter: Greeter,
+    inbox: Inbox,
+    scenario: Scenario,
+    wait: float,
+    still_there: Callable[[], None] = lambda: None,
+) -> Flight:
+    """Find the onboard half; return the flight, which it has been told of.
+
+    Args:
+        greeter: says hello for the world.
+        inbox: hears hello; from now on it takes this flight's packets.
+        scenario: the scenario of this half.
+        wait: how long to look for it [s].
+        still_there: called again and again meanwhile; raises if it will not come.
+
+    Raises:
+        InputError: if the onboard half is not there, or is another's.
+    """
+    digest = scenario_digest(scenario)
+    until, said = time.monotonic() + wait, -1.0
+    while (now := time.monotonic()) < until:
+        if now > said + EVERY:  # not whenever something is heard: it hears itself
+            still_there()
+            greeter.say()
+            said = now
+        for arrival in inbox.poll(round(1e3 * EVERY)):
+            hello = arrival.packet.value
+            if not greeter.hear(hello) or hello.role != "onboard":
+                continue
+            if why := refusal(hello, digest):
+                for _ in range(REFUSALS):
+                    greeter.say()
+                    time.sleep(EVERY / 2.0)
+                raise InputError(f"onboard half: {why}")
+            flight = greeter.meet(hello.nonce)
+            inbox.begin(flight)
+            greeter.say()
+            return flight
+    raise InputError(f"onboard half: {unheard(inbox, wait, 'ortilo hil onboard')}")
