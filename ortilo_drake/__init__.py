@@ -1,3 +1,46 @@
-"""A laboratory for indoor navigation with sensors that come and go, built on Drake."""
+"""A laboratory for indoor navigation with sensors that come and go, built on Drake.
+
+    import ortilo_drake as od
+    flight = od.fly("imu_uwb_yolo", seed=3, camera="projected")
+
+The names below are those of api.py, which is loaded when one of them is used first: Drake takes a second.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ortilo_drake.api import (
+        Flight,
+        Flights,
+        InputError,
+        Scenario,
+        compare,
+        fly,
+        fly_many,
+        load_scenario,
+        make_closed_loop,
+    )
 
 __version__ = "0.1.0"
+__all__ = [
+    "Flight",
+    "Flights",
+    "InputError",
+    "Scenario",
+    "compare",
+    "fly",
+    "fly_many",
+    "load_scenario",
+    "make_closed_loop",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("ortilo_drake.api"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,8 +1,8 @@
 """Settings of the links that carry sensor messages to the vehicle, and commands to its rotors."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -52,7 +52,15 @@ class TimeBlackout(Frozen):
     end: NonNegativeFloat
 
 
-Loss = Annotated[NoLoss | BernoulliLoss | GilbertElliottLoss, Field(discriminator="kind")]
+def _from_number(loss: Any) -> Any:
+    """Take a number for the probability of independent losses."""
+    if isinstance(loss, int | float) and not isinstance(loss, bool):
+        return {"kind": "bernoulli", "probability": loss} if loss else {"kind": "none"}
+    return loss
+
+
+AnyLoss = Annotated[NoLoss | BernoulliLoss | GilbertElliottLoss, Field(discriminator="kind")]
+Loss = Annotated[AnyLoss, BeforeValidator(_from_number)]
 Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind")]
 
 
@@ -61,7 +69,7 @@ class Link(Frozen):
 
     Attributes:
         every: send on every n-th tick; at 30 ticks a second, 3 is 10 Hz.
-        loss: what is lost at random.
+        loss: what is lost at random; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].
         random_delay: largest additional delay [ticks], drawn uniformly for each message.
@@ -87,7 +95,7 @@ class CommandLink(Frozen):
     The sender hears nothing back (as over UDP): filter and servo go on as if every command were applied at once.
 
     Attributes:
-        loss: what is lost at random.
+        loss: what is lost at random; a number is the probability of independent losses.
         when_lost: what the rotors do in a tick in which nothing arrives: 'hold' repeats the last command that arrived,
             'zero' makes no deviation from hover, f_T = m g and no torques.
         delay: fixed delay [ticks].

@@ -68,16 +68,27 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
     data.setdefault("name", path.stem)
-    scenario = validate(Scenario, data, source)
-    if settings or seed is not None:
-        data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
-        for setting in settings:
-            _set_field(data, setting)
-        if seed is not None:
-            data["seed"] = seed
-        scenario = validate(Scenario, data, source)
+    scenario = _laid_over(validate(Scenario, data, source), settings, seed, source)
     # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
     scenario = _relative_to(Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent, scenario)
+    scenario.load_room()
+    return scenario
+
+
+def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, source: str) -> Scenario:
+    if not settings and seed is None:
+        return scenario
+    data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
+    for setting in settings:
+        _set_field(data, setting)
+    if seed is not None:
+        data["seed"] = seed
+    return validate(Scenario, data, source)
+
+
+def with_settings(scenario: Scenario, settings: tuple[str, ...], seed: int | None = None) -> Scenario:
+    """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario."""
+    scenario = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name))
     scenario.load_room()
     return scenario
 

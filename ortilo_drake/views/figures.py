@@ -79,7 +79,12 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
 
 
 def flight_figure(flight: xr.Dataset, path: Path) -> Path:
-    """Draw one flight: its path in the room, its errors in 3-sigma bands and the arrivals over time."""
+    """Draw one flight to a file; see draw_flight."""
+    return save_picture(draw_flight(flight), path)
+
+
+def draw_flight(flight: xr.Dataset) -> Figure:
+    """Return a figure of one flight: its path in the room, its errors in 3-sigma bands and the arrivals over time."""
     scenario = scenario_of(flight)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8.2), layout="constrained")
@@ -103,7 +108,7 @@ def flight_figure(flight: xr.Dataset, path: Path) -> Path:
         draw_arrivals(figure.add_subplot(grid[4]), flight)
         for axes in figure.axes[1:]:
             axes.set_xlim(time[0], time[-1])
-        return save_picture(figure, path)
+        return figure
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:

@@ -9,7 +9,7 @@ from hil_link import KEY, answering
 from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.hil import runs
+from ortilo_drake.hil import sessions
 from ortilo_drake.hil.relay.faults import Faults
 from ortilo_drake.hil.relay.relay import run_relay
 from ortilo_drake.scenario import load_scenario
@@ -22,7 +22,7 @@ FAREWELLS = 20  # each may be lost: all of them with a probability of 1e-14
 def test_a_bad_link_costs_time_but_not_a_bit(
     name: str, bus: str, other_bus: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runs, "FAREWELLS", FAREWELLS)
+    monkeypatch.setattr(sessions, "FAREWELLS", FAREWELLS)
     short = ("settle=0", "planner={kind: hover, duration: 0.5}")
     scenario = load_scenario(name, (*short, "camera=projected") if name == "imu_uwb_yolo" else short)
     alone = fly(scenario)
@@ -32,7 +32,7 @@ def test_a_bad_link_costs_time_but_not_a_bit(
         relay = pool.submit(run_relay, bus, other_bus, BAD, BAD, 3, HANGS, stop, relays)
         try:
             assert relays.wait(HANGS)
-            flight, report = runs.run_world(scenario, bus, KEY, True, HANGS)
+            flight, report = sessions.run_world(scenario, bus, KEY, True, HANGS)
             assert answered.result(HANGS) == flight.sizes["tick"]
         finally:
             stop.set()

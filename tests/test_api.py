@@ -1,0 +1,155 @@
+"""The laboratory in Python: the same flights as the command line's, by fewer words."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+from pydrake.systems.framework import Diagram
+from scipy.spatial.transform import Rotation
+
+import ortilo_drake as od
+from ortilo_drake.flight.flight import fly as fly_dataset
+from ortilo_drake.flight.metrics import estimation_mse, summary
+from ortilo_drake.interop.log.reader import read_log
+from ortilo_drake.scenario import BernoulliLoss, NoLoss, load_scenario
+
+HOVER = {"planner": {"kind": "hover", "duration": 1.0}, "settle": 0.0}
+WORDS = ("planner={kind: hover, duration: 1.0}", "settle=0.0", "uwb.link.loss=0.3")
+
+
+@pytest.fixture(scope="module")
+def flown() -> od.Flight:
+    return od.fly("imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER)
+
+
+def test_importing_loads_neither_drake_nor_numpy_and_dir_shows_what_there_is() -> None:
+    program = "import sys, ortilo_drake as od; print(*sys.modules); print(*dir(od))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    modules, names = (set(line.split()) for line in done.stdout.splitlines())
+    assert not {"pydrake", "numpy", "ortilo_drake.api"} & modules
+    assert {"Flight", "compare", "fly", "fly_many", "load_scenario", "make_closed_loop"} <= names
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="flyy"):
+        _ = od.flyy  # type: ignore[attr-defined]
+
+
+def test_keywords_are_the_settings_of_the_command_line() -> None:
+    assert od.load_scenario("imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario("imu_uwb", WORDS, 3)
+    assert od.load_scenario(load_scenario("imu_uwb"), seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
+        "imu_uwb", WORDS, 3
+    )
+    numbers = {"filter__W__force_sd": np.float64(0.2)}
+    assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("filter.W.force_sd=0.2",))
+
+
+def test_a_number_is_independent_loss_and_nought_none() -> None:
+    assert od.load_scenario("imu_uwb", uwb__link__loss=0.3).uwb.link.loss == BernoulliLoss(
+        kind="bernoulli", probability=0.3
+    )
+    assert od.load_scenario("imu_uwb", uwb__link__loss=0).uwb.link.loss == NoLoss()
+
+
+@pytest.mark.parametrize(("settings", "named"), [({"uwb__link__los": 0.3}, "loss"), ({"uwb__link__loss": 1.3}, "1.3")])
+def test_what_is_wrong_is_said_in_one_line(settings: dict[str, float], named: str) -> None:
+    with pytest.raises(od.InputError, match=named) as error:
+        od.fly("imu_uwb", **settings)
+    assert "\n" not in str(error.value)
+
+
+def test_a_flight_is_that_of_the_command_line(flown: od.Flight) -> None:
+    data = fly_dataset(load_scenario("imu_uwb", WORDS, 3))
+    xr.testing.assert_equal(flown.data, data)
+    assert flown.seed == 3
+    assert flown.lost is None
+    assert flown.scenario == load_scenario("imu_uwb", WORDS, 3)
+    found, expected = flown.summary(), summary(data)
+    assert {**found, "real_time_factor": 0} == {**expected, "real_time_factor": 0}
+    for axis, value in estimation_mse(data).items():
+        np.testing.assert_allclose((flown.error.sel(axis=axis) ** 2).mean(), value, rtol=1e-12)
+
+
+def test_a_flight_says_what_it_is_in_one_line(flown: od.Flight) -> None:
+    rms = np.sqrt(sum(flown.summary()["mse"].values()))
+    assert repr(flown) == f"<Flight imu_uwb, seed 3: 1.0 s, reached its end, RMS error {rms:.3f} m>"
+
+
+def test_a_lost_flight_says_when_and_why() -> None:
+    low = {"kind": "hover", "point": [8.0, 1.0, 0.02], "duration": 5.0}
+    lost = od.fly("imu_uwb", planner=low)
+    assert lost.lost is not None
+    assert f"lost at {lost.lost['time']:.1f} s: left the room" in repr(lost)
+
+
+def test_a_plot_is_a_figure_with_path_errors_and_arrivals(flown: od.Flight) -> None:
+    figure = flown.plot()
+    assert isinstance(figure, Figure)
+    assert len(figure.axes) == 5
+
+
+def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
+    again = od.Flight.load(flown.to_netcdf(tmp_path / "flight.nc"))
+    xr.testing.assert_identical(again.data, flown.data)
+
+
+def test_csv_holds_every_tick_to_the_last_bit(flown: od.Flight, tmp_path: Path) -> None:
+    table = pd.read_csv(flown.to_csv(tmp_path / "flight.csv"), float_precision="round_trip")
+    np.testing.assert_array_equal(table["truth.x"], flown.data["truth"].sel(state="x"))
+    np.testing.assert_array_equal(table["estimate.i_z"], flown.data["estimate"].sel(xbar="i_z"))
+    assert list(table.columns[:2]) == ["time", "truth.x"]
+    assert len(table.columns) == 1 + 12 + 15 + 4 + 3
+
+
+@pytest.mark.parametrize("of", ["estimate", "truth"])
+def test_tum_holds_position_and_attitude(flown: od.Flight, tmp_path: Path, of: str) -> None:
+    rows = np.loadtxt(flown.to_tum(tmp_path / "path.tum", of))
+    np.testing.assert_allclose(rows[:, :4], np.column_stack([flown.data["time"], flown.data[of][:, :3]]), atol=1e-9)
+    angles = Rotation.from_quat(rows[:, 4:]).as_euler("ZYX")[:, ::-1]
+    np.testing.assert_allclose(angles, flown.data[of][:, 3:6], atol=1e-8)
+
+
+def test_tum_of_nothing_known_is_refused(flown: od.Flight, tmp_path: Path) -> None:
+    with pytest.raises(od.InputError, match="covariance"):
+        flown.to_tum(tmp_path / "path.tum", "covariance")
+
+
+def test_a_log_gives_the_flight_back(flown: od.Flight, tmp_path: Path) -> None:
+    again = read_log(flown.to_mcap(tmp_path / "log"))
+    for name in ("truth", "estimate", "covariance", "control", "reference", "measurement", "arrival"):
+        np.testing.assert_array_equal(again[name].values, flown.data[name].values)
+
+
+def test_many_flights_are_a_sequence_and_a_table(tmp_path: Path) -> None:
+    flights = od.fly_many("imu_uwb", [4, 2], out=tmp_path, **HOVER)
+    assert [flight.seed for flight in flights] == [4, 2]
+    assert flights[-1].seed == 2
+    assert [flight.seed for flight in flights[:1]] == [4]
+    table = flights.table()
+    assert list(table.index) == [4, 2]
+    assert table.loc[4, "mse x"] == flights[0].summary()["mse"]["x"]
+    assert repr(flights) == "<Flights imu_uwb: 2, 0 lost>"
+    xr.testing.assert_equal(flights[0].data, od.fly("imu_uwb", seed=4, **HOVER).data)
+
+
+def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
+    flights = od.fly_many("imu_uwb", [1], **HOVER)
+    assert flights[0].seed == 1
+
+
+def test_a_comparison_has_medians_of_the_same_seeds() -> None:
+    found = od.compare("imu_uwb", "imu_uwb_yolo", seeds=range(3), camera="projected", **HOVER)
+    assert list(found.index) == ["imu_uwb", "imu_uwb_yolo"]
+    each = [od.fly("imu_uwb", seed=seed, **HOVER).summary()["mse"]["x"] for seed in range(3)]
+    assert found.loc["imu_uwb", "mse x"] == np.median(each)
+    assert found.loc["imu_uwb", "flights"] == 3
+    assert found.loc["imu_uwb", "lost"] == 0
+
+
+def test_the_closed_loop_is_drakes() -> None:
+    assert isinstance(od.make_closed_loop(od.load_scenario("imu_uwb")), Diagram)
