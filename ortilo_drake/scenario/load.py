@@ -49,8 +49,63 @@ def _set_field(data: dict[str, Any], setting: str) -> None:
     data[last] = value
 
 
+# Settings that name files, and what stands there for none.
+_FILES = {
+    ("room",): "ortilo",
+    ("planner", "file"): None,
+    ("detector", "cfg"): None,
+    ("detector", "weights"): None,
+    ("detector", "names"): None,
+    ("projected_camera", "errors", "file"): "rendered",
+}
+
+
+def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return the settings of a file, laid over those of its base; that may have one too."""
+    data = parse_yaml(read_text(path), source)
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    base = data.pop("base", None)
+    if base is None:
+        return data
+    if not isinstance(base, str):
+        raise InputError(f"{source}: base: {base!r}: must be a ready-made scenario's name or a .yaml file")
+    file = path.parent / _resolve(base)  # a ready-made one is absolute
+    above = (*above, os.path.realpath(path))
+    if os.path.realpath(file) in above:
+        raise InputError(f"{source}: base: {base}: leads back to itself")
+    below = _settings_in(file, base, above)
+    below.pop("name", None)
+    for *groups, last in _FILES:
+        group: Any = below
+        for name in groups:
+            group = group.get(name) if isinstance(group, dict) else None
+        if isinstance(group, dict) and isinstance(group.get(last), str) and group[last] != _FILES[(*groups, last)]:
+            group[last] = os.path.realpath(file.parent / group[last])
+    return _merged(below, data)
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Return settings laid over others group by group; a group of another kind replaces the one below."""
+    merged = dict(below)
+    for key, value in above.items():
+        under = merged.get(key)
+        same = (
+            isinstance(under, dict)
+            and isinstance(value, dict)
+            and value.get("kind", under.get("kind")) == under.get("kind")
+        )
+        merged[key] = _merged(under, value) if same else value
+    return merged
+
+
 def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
     """Return a scenario by name or from a file, with settings 'key.key=value' laid over it.
+
+    A file may name another as its `base`: it then says only what differs. Files that a base names are meant from where
+    the base lies.
 
     Args:
         name_or_file: a ready-made scenario's name, or the path of a .yaml file.
@@ -62,11 +117,7 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     """
     path = _resolve(name_or_file)
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
-    data = parse_yaml(read_text(path), source)
-    if data is None:
-        data = {}
-    if not isinstance(data, dict):
-        raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    data = _settings_in(path, source)
     data.setdefault("name", path.stem)
     scenario = _laid_over(validate(Scenario, data, source), settings, seed, source)
     # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.

@@ -170,3 +170,50 @@ def test_defaults_are_a_valid_scenario_and_so_is_an_empty_file(tmp_path: Path) -
     empty.write_text("")
     assert load_scenario(empty) == Scenario()
     assert SCENARIO_FOLDER.is_dir()
+
+
+def written(path: Path, text: str) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
+    file = written(tmp_path / "mine.yaml", "base: imu_uwb\nuwb: {link: {loss: 0.3}}\nseed: 5\n")
+    scenario, base = load_scenario(file), load_scenario("imu_uwb")
+    assert scenario == load_scenario("imu_uwb", ("uwb.link.loss=0.3", "name=mine"), 5)
+    assert scenario.uwb.link.blackouts == base.uwb.link.blackouts
+    above = written(tmp_path / "above.yaml", "base: mine.yaml\nseed: 6\nname: third\n")
+    assert load_scenario(above) == load_scenario("imu_uwb", ("uwb.link.loss=0.3", "name=third"), 6)
+
+
+def test_a_group_of_another_kind_replaces_that_of_the_base(tmp_path: Path) -> None:
+    file = written(tmp_path / "mine.yaml", "base: paper_imu_uwb\nfilter: {W: {kind: disturbance, force_sd: 0.1}}\n")
+    scenario = load_scenario(file)
+    assert scenario.filter.W.kind == "disturbance"
+    assert scenario.filter.V == load_scenario("paper_imu_uwb").filter.V
+
+
+def test_files_that_a_base_names_lie_beside_it(tmp_path: Path) -> None:
+    written(tmp_path / "below" / "path.csv", "0, 0, 1.5\n1, 0, 1.5\n")
+    written(tmp_path / "below" / "room.yaml", ORTILO_ROOM.read_text())
+    written(tmp_path / "below" / "base.yaml", "planner: {kind: waypoints, file: path.csv}\nroom: room.yaml\n")
+    scenario = load_scenario(written(tmp_path / "mine.yaml", "base: below/base.yaml\n"))
+    assert scenario.planner.points == ((0.0, 0.0, 1.5), (1.0, 0.0, 1.5))
+    assert scenario.room == str(tmp_path / "below" / "room.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("base: mine.yaml\n", "mine.yaml: base: mine.yaml: leads back to itself"),
+        ("base: 3\n", "base: 3: must be a ready-made scenario's name or a .yaml file"),
+        ("base: imu_uwbb\n", "did you mean 'imu_uwb'"),
+        ("base: none.yaml\n", "none.yaml"),
+        ("base: imu_uwb\nuwb: {lnk: {}}\n", "lnk"),
+    ],
+)
+def test_a_base_that_cannot_be_is_refused_in_one_line(tmp_path: Path, text: str, named: str) -> None:
+    with pytest.raises(InputError, match=named) as error:
+        load_scenario(written(tmp_path / "mine.yaml", text))
+    assert "\n" not in str(error.value)
