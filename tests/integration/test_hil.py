@@ -33,7 +33,7 @@ def test_lockstep_is_the_flight_of_a_single_process_with_pictures(tmp_path: Path
 @pytest.mark.real_time
 @pytest.mark.parametrize("rate", [30, 100])
 def test_three_seconds_in_real_time(tmp_path: Path, rate: int, bus: str) -> None:
-    words = ("imu_uwb_yolo", *PROJECTED, "--set", f"control_rate={rate}", "--seconds", "3", "--url", bus)
+    words = ("imu_uwb_yolo", *PROJECTED, *HOVER, "--set", f"control_rate={rate}", "--seconds", "3", "--url", bus)
     report = checked(tmp_path / "report.json", *words, "--png", str(tmp_path / "latencies.png"))
     assert report["identical"] is None
     check_in_time(report, 3 * rate + 1)
@@ -41,7 +41,7 @@ def test_three_seconds_in_real_time(tmp_path: Path, rate: int, bus: str) -> None
 
 
 def test_halves_of_two_flights_refuse_each_other(bus: str) -> None:
-    here = ("imu_uwb", "--url", bus, *WAIT)
+    here = ("imu_uwb", *HOVER, "--url", bus, *WAIT)
     world, onboard = run_both(here, (*here, "--seed", "1"))
     for (code, _, errors), other in ((world, "onboard half"), (onboard, "world")):
         assert code == 2
@@ -53,7 +53,9 @@ def test_halves_of_two_flights_refuse_each_other(bus: str) -> None:
 def test_without_the_other_half_a_line_says_how_to_start_it_and_no_log_is_left(
     tmp_path: Path, half: str, other: str, bus: str
 ) -> None:
-    code, _, errors = run_apart("hil", half, "imu_uwb", "--url", bus, "--wait", "1", "--log", str(tmp_path / "log"))
+    code, _, errors = run_apart(
+        "hil", half, "imu_uwb", *HOVER, "--url", bus, "--wait", "1", "--log", str(tmp_path / "log")
+    )
     assert code == 2
     assert errors.count("\n") == 1
     assert f"not heard in 1 s; start it with: ortilo hil {other}" in errors
@@ -85,7 +87,7 @@ def test_a_logged_flight_replays_identically(tmp_path: Path) -> None:
 
 @pytest.mark.real_time
 def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path: Path, bus: str) -> None:
-    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *PROJECTED, "--url", bus, *WAIT)
+    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *PROJECTED, *HOVER, "--url", bus, *WAIT)
     for code, _, errors in run_both((*words, "--seconds", "2"), (*words, "--log", str(log))):
         assert code == 0, errors
     report = replayed(log, tmp_path / "replay.json")

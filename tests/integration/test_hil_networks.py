@@ -42,7 +42,7 @@ def test_on_one_machine_no_route_is_needed_and_else_a_line_names_it(bus: str) ->
         (up, ("--url", beyond(bus)), "which `ortilo hil key FILE` makes, or --insecure\n"),
         (up, ("--url", beyond(bus), "--insecure"), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
     ):
-        code, _, errors = end(start("hil", "world", "imu_uwb", *words, "--wait", "1", before=before))
+        code, _, errors = end(start("hil", "world", "imu_uwb", *HOVER, *words, "--wait", "1", before=before))
         assert code == 2
         assert errors.count("\n") == 1
         assert errors.endswith(said), errors
@@ -83,11 +83,12 @@ SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 @pytest.mark.real_time
 def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
     assert run_apart("hil", "key", str(tmp_path / "key")).code == 0
-    words = ("imu_uwb_yolo", *PROJECTED, "--url", beyond(bus), "--key", str(tmp_path / "key"), *WAIT)
+    here = ("--url", beyond(bus), "--key", str(tmp_path / "key"), *WAIT)
+    words = ("imu_uwb_yolo", *PROJECTED, *HOVER, *here)
     report = tmp_path / "world.json"
     with two_networks() as spaces:
-        lockstep = (*words, *HOVER, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
-        for code, _, errors in run_both(lockstep, (*words, *HOVER), spaces):
+        lockstep = (*words, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
+        for code, _, errors in run_both(lockstep, words, spaces):
             assert code == 0, errors
         alone, apart = fly(load_scenario("imu_uwb_yolo", SETTINGS)), load_flight(tmp_path / "link.nc")
         xr.testing.assert_equal(apart, alone)
@@ -99,7 +100,7 @@ def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
 
 
 def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go(bus: str) -> None:
-    words = ("imu_uwb", "--url", bus, "--wait", "2")
+    words = ("imu_uwb", *HOVER, "--url", bus, "--wait", "2")
     with two_networks() as spaces:
         for code, _, errors in run_both(words, words, spaces):
             assert code == 2

@@ -19,6 +19,7 @@ from ortilo_drake.scenario import Failsafe
 pytestmark = pytest.mark.processes
 
 GOAL = (3.0, 0.0)
+LONG = ("--set", "planner={kind: hover, duration: 60}")
 TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", "--set", "uwb.link.blackouts=[]")
 
 
@@ -59,7 +60,7 @@ def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Pa
 
 @pytest.mark.real_time
 def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path, bus: str) -> None:
-    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", "--url", bus, "--wait", "120")
+    log, checkpoint, here = tmp_path / "log", tmp_path / "state.npz", ("imu_uwb", *LONG, "--url", bus, "--wait", "120")
     onboard = start("hil", "onboard", *here, "--checkpoint", str(checkpoint))
     world = start("hil", "world", *here, "--log", str(log))
     try:
@@ -76,7 +77,7 @@ def test_the_log_of_a_killed_world_holds_all_but_its_last_second(tmp_path: Path,
 
 
 def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path: Path, bus: str) -> None:
-    code, _, errors = run_apart("hil", "onboard", "imu_uwb", "--url", bus, "--keep-alive", "--wait", "1")
+    code, _, errors = run_apart("hil", "onboard", "imu_uwb", *LONG, "--url", bus, "--keep-alive", "--wait", "1")
     assert code == 2
     assert [line for line in errors.splitlines() if line.startswith("ortilo:")] == [
         "ortilo: world: not heard in 1 s; start it with: ortilo hil world"

@@ -3,10 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial import cKDTree
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.planner.retime import WINDOW, retime
+from ortilo_drake.onboard.planner.retime import WINDOW, integral, retime
 
 
 def line(length: float) -> PiecewisePolynomial:
@@ -89,3 +90,10 @@ def test_a_path_that_turns_back_on_itself_is_refused() -> None:
     path = PiecewisePolynomial.CubicWithContinuousSecondDerivatives([0.0, 1.0, 2.0], points, zero, zero)
     with pytest.raises(InputError, match="turns too sharply"):
         retime(path, 0.35, 0.2)
+
+
+@given(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(0.0, 1.0)), min_size=1, max_size=50))
+def test_the_integral_is_scipys_bit_for_bit(points: list[tuple[float, float]]) -> None:
+    y, steps = np.array(points).T
+    x = np.cumsum(steps)
+    np.testing.assert_array_equal(integral(y, x), cumulative_trapezoid(y, x, initial=0.0))

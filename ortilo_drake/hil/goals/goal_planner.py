@@ -7,6 +7,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import threading
 from multiprocessing.connection import Connection
 from typing import Any, Final, NamedTuple
 
@@ -48,9 +49,12 @@ class GoalPlanner:
     """
 
     def __init__(self, scenario: Scenario):
-        spawn = multiprocessing.get_context("spawn")
-        self._pipe, self._theirs = spawn.Pipe()
-        self._process = spawn.Process(target=_plan, args=(scenario.model_dump_json(), self._theirs), daemon=True)
+        # A fork has all modules at once, where a new process loads them for two seconds; threads would not survive it.
+        context = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
+        self._pipe, self._theirs = context.Pipe()
+        ours = self._pipe if context.get_start_method() == "fork" else None
+        arguments = scenario.model_dump_json(), self._theirs, ours
+        self._process = context.Process(target=_plan, args=arguments, daemon=True)
         self._busy = False
         self._newest: int | None = None
         self._next: tuple[int, np.ndarray, np.ndarray] | None = None
@@ -100,7 +104,9 @@ def reason_of(error: Exception) -> str:
     return text.partition("): ")[2] if text.startswith("goal: (") else text
 
 
-def _plan(scenario_json: str, jobs: Connection) -> None:
+def _plan(scenario_json: str, jobs: Connection, ours: Connection | None) -> None:
+    if ours:
+        ours.close()  # else this process would never hear that the other one has gone
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the flight's affair, which ends this process
     os.nice(NICENESS)
     scenario = Scenario.model_validate_json(scenario_json)
