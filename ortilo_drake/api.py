@@ -12,8 +12,10 @@ import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any, Self, overload
+from weakref import finalize
 
 import numpy as np
 import pandas as pd
@@ -167,7 +169,6 @@ class Flights(Sequence[Flight]):
     def __init__(self, scenario: Scenario, seeds: list[int], out: Path, summaries: list[dict[str, Any]]):
         self.scenario, self.summaries = scenario, summaries
         self._seeds, self._out = seeds, out
-        self._folder: TemporaryDirectory[str] | None = None  # lives as long as the flights in it
 
     def __len__(self) -> int:
         return len(self._seeds)
@@ -262,10 +263,15 @@ def fly_many(
         InputError: if the scenario is wrong, or a flight cannot be flown or written.
     """
     chosen, seeds = load_scenario(scenario, **settings), list(seeds)
-    folder = TemporaryDirectory(prefix="ortilo-") if out is None else None
-    where = Path(folder.name if folder else out)  # type: ignore[arg-type]  # one of the two is there
-    flights = Flights(chosen, seeds, where, ensemble.fly_many(chosen, seeds, where, workers, progress))
-    flights._folder = folder
+    where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
+    try:
+        flights = Flights(chosen, seeds, where, ensemble.fly_many(chosen, seeds, where, workers, progress))
+    except BaseException:
+        if out is None:
+            rmtree(where)
+        raise
+    if out is None:
+        finalize(flights, rmtree, where)
     return flights
 
 

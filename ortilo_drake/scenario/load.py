@@ -92,12 +92,9 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)
-        same = (
-            isinstance(under, dict)
-            and isinstance(value, dict)
-            and value.get("kind", under.get("kind")) == under.get("kind")
-        )
-        merged[key] = _merged(under, value) if same else value
+        if isinstance(under, dict) and isinstance(value, dict) and value.get("kind") in (None, under.get("kind")):
+            value = _merged(under, value)
+        merged[key] = value
     return merged
 
 

@@ -50,9 +50,10 @@ class GoalPlanner:
 
     def __init__(self, scenario: Scenario):
         # A fork has all modules at once, where a new process loads them for two seconds; threads would not survive it.
-        context = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
+        forks = threading.active_count() == 1
+        context = multiprocessing.get_context("fork") if forks else multiprocessing.get_context("spawn")
         self._pipe, self._theirs = context.Pipe()
-        ours = self._pipe if context.get_start_method() == "fork" else None
+        ours = self._pipe if forks else None
         arguments = scenario.model_dump_json(), self._theirs, ours
         self._process = context.Process(target=_plan, args=arguments, daemon=True)
         self._busy = False
