@@ -3,85 +3,97 @@
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.primitives import Multiplexer, VectorLogSink
+from pydrake.systems.primitives import Multiplexer, VectorLog, VectorLogSink
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.onboard import make_onboard
-from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_U, N_X, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.diagrams.onboard import MakeEstimator, MakeServo, Onboard
+from ortilo_drake.diagrams.world import World
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.scenery.meshcat_flight import MeshcatFlight
 
-# What the log holds, in order: port -> size.
-LOGGED = {
-    "state": N_X,
-    "control": N_U,
-    "measurement": MEASUREMENT_SIZE,
-    "estimate": N_XBAR,
-    "covariance": N_XBAR * N_XBAR,
-    "reference": REFERENCE_SIZE,
-}
 
-
-def make_closed_loop(
-    scenario: Scenario, trajectory: Trajectory | None = None, meshcat: Meshcat | None = None
-) -> Diagram:
-    """Return world and onboard half in one Diagram.
+class ClosedLoop(Diagram):
+    """World and onboard half in one Diagram.
 
     Ports:
         state (12, output), control (4, output), estimate (15, output), covariance (225, output).
 
     The subsystems are named world, onboard and log. The log is one VectorLogSink at the control rate over the
-    signals of LOGGED, each as the filter consumed it: Drake publishes at t_k before it updates. So the logged control
-    is the commanded one, whatever a lossy command link made of it.
+    signals of measurement.logged_sizes(), each as the filter consumed it: Drake publishes at t_k before it updates. So
+    the logged control is the commanded one, whatever a lossy command link made of it.
 
     Args:
         scenario: the scenario.
         trajectory: the path to fly; by default what the scenario's planner plans.
         meshcat: if given, shows the flight in it.
+        make_estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py.
+        make_servo: makes the servo in place of the scenario's.
 
     Raises:
-        InputError: if there is no path or no servo gain.
+        InputError: if there is no path or no servo gain, or if the onboard half wants what the world does not send.
     """
-    builder = DiagramBuilder()
-    world = builder.AddSystem(make_world(scenario))
-    onboard = builder.AddSystem(make_onboard(scenario, trajectory))
-    for k in range(onboard.num_input_ports()):
-        port = onboard.get_input_port(k)
-        builder.Connect(world.GetOutputPort(port.get_name()), port)
-    builder.Connect(onboard.GetOutputPort("control"), world.GetInputPort("control"))
 
-    multiplexer = builder.AddNamedSystem("log_inputs", Multiplexer(list(LOGGED.values())))
-    for k, name in enumerate(LOGGED):
-        source = world if name == "state" else onboard
-        builder.Connect(source.GetOutputPort(name), multiplexer.get_input_port(k))
-        if name in ("state", "control", "estimate", "covariance"):
-            builder.ExportOutput(source.GetOutputPort(name), name)
-    log = builder.AddNamedSystem("log", VectorLogSink(sum(LOGGED.values()), scenario.h))
-    builder.Connect(multiplexer.get_output_port(), log.get_input_port())
-    if meshcat is not None:
-        display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h))
-        for name in ("state", "estimate", "covariance"):
+    def __init__(
+        self,
+        scenario: Scenario,
+        trajectory: Trajectory | None = None,
+        meshcat: Meshcat | None = None,
+        make_estimator: MakeEstimator | None = None,
+        make_servo: MakeServo | None = None,
+    ):
+        super().__init__()
+        builder = DiagramBuilder()
+        self._world = world = builder.AddSystem(World(scenario))
+        onboard = builder.AddSystem(
+            Onboard(scenario, trajectory, make_estimator=make_estimator, make_servo=make_servo)
+        )
+        self._onboard, self._yaw = onboard, getattr(scenario.servo, "yaw", 0.0)
+        for k in range(onboard.num_input_ports()):
+            port = onboard.get_input_port(k)
+            if not world.HasOutputPort(port.get_name()):
+                sent = [world.get_output_port(i).get_name() for i in range(world.num_output_ports())]
+                raise InputError(f"onboard: wants '{port.get_name()}', the world sends only {', '.join(sent)}")
+            builder.Connect(world.GetOutputPort(port.get_name()), port)
+        builder.Connect(onboard.GetOutputPort("control"), world.GetInputPort("control"))
+
+        sizes = scenario.measurement.logged_sizes()
+        multiplexer = builder.AddNamedSystem("log_inputs", Multiplexer(list(sizes.values())))
+        for k, name in enumerate(sizes):
             source = world if name == "state" else onboard
-            builder.Connect(source.GetOutputPort(name), display.GetInputPort(name))
-    diagram = builder.Build()
-    diagram.set_name(scenario.name)
-    return diagram
+            builder.Connect(source.GetOutputPort(name), multiplexer.get_input_port(k))
+            if name in ("state", "control", "estimate", "covariance"):
+                builder.ExportOutput(source.GetOutputPort(name), name)
+        self._log = builder.AddNamedSystem("log", VectorLogSink(sum(sizes.values()), scenario.h))
+        builder.Connect(multiplexer.get_output_port(), self._log.get_input_port())
+        if meshcat is not None:
+            display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h))
+            for name in ("state", "estimate", "covariance"):
+                source = world if name == "state" else onboard
+                builder.Connect(source.GetOutputPort(name), display.GetInputPort(name))
+        builder.BuildInto(self)
+        self.set_name(scenario.name)
+
+    def SetHovering(self, context: Context) -> None:
+        """Put the vehicle hovering at rest at the start of its reference; the context is this diagram's."""
+        reference = self._onboard.GetOutputPort("reference").Eval(self._onboard.GetMyContextFromRoot(context))
+        self._world.SetHovering(context, np.array(reference[0:3]), self._yaw)
+
+    def SetSeed(self, context: Context, seed: int) -> None:
+        """Set the seed of all noise; the context is this diagram's."""
+        self._world.SetSeed(context, seed)
+
+    def FindLog(self, context: Context) -> VectorLog:
+        """Return the log in a context of this diagram."""
+        return self._log.FindLog(context)
 
 
-def set_hovering(diagram: Diagram, context: Context, scenario: Scenario) -> None:
-    """Put the vehicle of a closed loop hovering at rest at the start of its reference."""
-    onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
-    reference = onboard.GetOutputPort("reference").Eval(onboard.GetMyContextFromRoot(context))
-    set_world_hovering(world, context, scenario, reference[0:3])
-
-
-def set_world_hovering(world: Diagram, context: Context, scenario: Scenario, r_0: np.ndarray) -> None:
-    """Put the vehicle of a world hovering at rest at r_0, p_WB (3); the context is the root's."""
-    x_0 = np.zeros(N_X)
-    x_0[0:3] = r_0
-    x_0[5] = scenario.servo.yaw
-    quadrotor = world.GetSubsystemByName("quadrotor")
-    quadrotor.SetState(quadrotor.GetMyMutableContextFromRoot(context), x_0)
-    hold = world.GetSubsystemByName("hold")
-    hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), [scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])
+def make_closed_loop(
+    scenario: Scenario,
+    trajectory: Trajectory | None = None,
+    meshcat: Meshcat | None = None,
+    make_estimator: MakeEstimator | None = None,
+    make_servo: MakeServo | None = None,
+) -> ClosedLoop:
+    """Return the closed loop of a scenario; arguments and errors as ClosedLoop's."""
+    return ClosedLoop(scenario, trajectory, meshcat, make_estimator, make_servo)

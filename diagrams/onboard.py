@@ -1,145 +1,229 @@
-"""The onboard diagram: perception, the filter, the servo and the planner."""
+"""The onboard half: an estimator, a servo and a planner, each exchangeable.
+
+    make_estimator(scenario, xbar_0)  -> System with the sensors' messages as inputs, named as the world's outputs, and
+                                         control (4) and reference (9) if it wants them; outputs estimate (12, or 15
+                                         with the integral of the position error) and covariance (its square)
+    make_servo(scenario)              -> System with inputs estimate (15), reference (9); output control (4)
+    make_planner(scenario)            -> the path as a Trajectory p_WB(t) (3 rows) [m]
+
+Each may be given to make_onboard and make_closed_loop, or registered and named in the scenario by its kind. A System
+that is one of a kind may be a LeafSystem or a Diagram; none of them sees anything of the world but messages.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource, LinearSystem, MatrixGain, Multiplexer
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import DETECTIONS_SIZE, N_XBAR
-from ortilo_drake.onboard.detector.detector import Detector
-from ortilo_drake.onboard.detector.detector_network import load_detector
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter
-from ortilo_drake.onboard.estimator.late_measurements import history_ticks
-from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
-from ortilo_drake.onboard.estimator.past_estimate import PastEstimate
-from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
-from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.diagrams.estimator import IntermittentEstimator
+from ortilo_drake.model.parts import find_part
+from ortilo_drake.model.signals import N_I, N_X, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planner import make_planner, plan
-from ortilo_drake.onboard.ranging.multilateration import Multilateration
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import LqServo_, resting_integral
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
+
+MakeEstimator = Callable[[Scenario, np.ndarray], System]
+MakeServo = Callable[[Scenario], System]
+_OWN_INPUTS = ("control", "reference")  # of an estimator, beside messages
 
 
 def initial_estimate(scenario: Scenario, r_0: np.ndarray) -> np.ndarray:
     """Return xbar_0 (15): hovering at r_0, with the integral at rest."""
-    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     xbar_0 = np.zeros(N_XBAR)
     xbar_0[0:3] = r_0
-    xbar_0[5] = scenario.servo.yaw
-    xbar_0[12:15] = resting_integral(L, r_0, scenario.servo.form)
+    xbar_0[5] = scenario.servo.yaw if isinstance(scenario.servo, LqServo) else 0.0
+    if isinstance(scenario.servo, LqServo):
+        L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+        xbar_0[12:15] = resting_integral(L, r_0, scenario.servo.form)
     return xbar_0
 
 
-def add_past_estimate(
-    builder: DiagramBuilder, kalman: LeafSystem, sensor: str, size: int, scenario: Scenario
-) -> PastEstimate:
-    """Add what looks a sensor's late messages (of that size) up in the filter's history; its message is left open."""
-    ticks = history_ticks(scenario.filter.horizon, scenario.h)
-    past = builder.AddSystem(PastEstimate(sensor, size, ticks, scenario.h))
-    builder.Connect(kalman.GetOutputPort("estimate"), past.GetInputPort("present_estimate"))
-    builder.Connect(kalman.GetOutputPort("covariance"), past.GetInputPort("present_covariance"))
-    builder.Connect(kalman.GetOutputPort("history"), past.GetInputPort("history"))
-    return past
-
-
-def add_uwb(builder: DiagramBuilder, kalman: LeafSystem, room: Room, scenario: Scenario) -> OutputPort:
-    """Add what turns uwb messages into fixes, about the estimate of their own tick where the filter replays."""
-    multilateration = builder.AddSystem(Multilateration(scenario.multilateration, room.anchor_positions))
-    message = multilateration.GetInputPort("uwb")
-    uwb, about = builder.ExportInput(message, "uwb"), kalman
-    if scenario.filter.delay == "replay":
-        about = add_past_estimate(builder, kalman, "uwb", message.size(), scenario)
-        builder.ConnectInput(uwb, about.GetInputPort("message"))
-    builder.Connect(about.GetOutputPort("estimate"), multilateration.GetInputPort("estimate"))
-    return multilateration.get_output_port()
-
-
-def add_camera(
-    builder: DiagramBuilder, kalman: LeafSystem, room: Room, scenario: Scenario, detects: bool
-) -> OutputPort:
-    """Add what turns detections, or pictures where it detects, into fixes; as add_uwb."""
-    fix, about = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.image_width)), kalman
-    readers = [fix.GetInputPort("detections")]
-    if scenario.filter.delay == "replay":
-        about = add_past_estimate(builder, kalman, "camera", DETECTIONS_SIZE, scenario)
-        readers.append(about.GetInputPort("message"))
-    if scenario.is_rendered and detects:
-        camera = room.camera.scaled_to(scenario.rendered_camera.width)
-        size = camera.width, camera.height
-        detect = load_detector(scenario.detector, room, size)
-        detector = builder.AddSystem(Detector(detect, size, scenario.rendered_camera.latency, scenario.h))
-        builder.ExportInput(detector.GetInputPort("image"), "image")
-        builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
-        for reader in readers:
-            builder.Connect(detector.get_output_port(), reader)
-    else:
-        detections = builder.ExportInput(readers[0], "detections")
-        for reader in readers[1:]:
-            builder.ConnectInput(detections, reader)
-    builder.Connect(about.GetOutputPort("estimate"), fix.GetInputPort("estimate"))
-    builder.Connect(about.GetOutputPort("covariance"), fix.GetInputPort("covariance"))
-    return fix.get_output_port()
-
-
-def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True) -> Diagram:
-    """Return the onboard half as a Diagram.
+class Onboard(Diagram):
+    """The onboard half as a Diagram.
 
     Ports:
-        uwb, detections, imu: messages of the sensors that the scenario flies.
+        uwb, detections, imu, ...: messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
         velocity: the true velocities, only where the scenario lends them to the servo.
         control (4, output): u_k, f_T absolute.
         estimate (15, output): xhat_{k|k-1}.
         covariance (225, output): P_k row by row.
-        measurement (39, output): y, delta and V2 as they reach the filter in this tick, late ones included.
+        y (p), delta (s), V2 (q) (outputs): the measurement as it reaches the filter in this tick, late ones included;
+            of an estimator of one's own that does not tell, nothing arrived.
         reference (9, output): r, r_dot, r_ddot.
 
     Args:
         scenario: the scenario.
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
         detects: whether the pictures of a rendered camera come here; if not, detections do.
+        make_estimator: in place of the scenario's.
+        make_servo: in place of the scenario's.
 
     Raises:
-        InputError: if there is no path or no servo gain, or if the detector's files are wrong.
+        InputError: if there is no path or no servo gain, if the detector's files are wrong, or if a part of one's own
+            has not the ports that it needs.
     """
-    room, h = scenario.load_room(), scenario.h
-    trajectory = trajectory or plan(scenario.planner, room, scenario.vehicle)
-    r_0 = trajectory.value(trajectory.start_time())[:, 0]
 
-    builder = DiagramBuilder()
-    planner = builder.AddSystem(make_planner(trajectory))
-    delay = scenario.filter.delay
-    handler = builder.AddSystem(MeasurementHandler(scenario.handler, scenario.filter.V, h, scenario.sensors, delay))
-    xbar_0 = initial_estimate(scenario, r_0)
-    Filter = ReplayKalmanFilter if delay == "replay" else KalmanFilter
-    kalman = builder.AddSystem(Filter(scenario.filter, scenario.vehicle, scenario.servo.integrator, xbar_0, h))
-    servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, h))
-    estimate, covariance = kalman.GetOutputPort("estimate"), kalman.GetOutputPort("covariance")
+    def __init__(
+        self,
+        scenario: Scenario,
+        trajectory: Trajectory | None = None,
+        detects: bool = True,
+        make_estimator: MakeEstimator | None = None,
+        make_servo: MakeServo | None = None,
+    ):
+        super().__init__()
+        trajectory = trajectory or path_of(scenario)
+        r_0 = trajectory.value(trajectory.start_time())[:, 0]
+        builder = DiagramBuilder()
+        planner = builder.AddSystem(make_planner(trajectory))
+        self._planner, reference = planner, planner.get_output_port()
 
-    if "uwb" in scenario.sensors:
-        builder.Connect(add_uwb(builder, kalman, room, scenario), handler.GetInputPort("uwb"))
-    if "camera" in scenario.sensors:
-        builder.Connect(add_camera(builder, kalman, room, scenario, detects), handler.GetInputPort("camera"))
-    if "imu" in scenario.sensors:
-        builder.ExportInput(handler.GetInputPort("imu"), "imu")
-    if scenario.servo.velocities == "truth":
-        builder.ExportInput(servo.GetInputPort("velocity"), "velocity")
-    if handler.HasInputPort("estimate"):  # it gates
-        builder.Connect(estimate, handler.GetInputPort("estimate"))
-        builder.Connect(covariance, handler.GetInputPort("covariance"))
-    if delay == "replay":
-        builder.Connect(handler.GetOutputPort("stamps"), kalman.GetInputPort("stamps"))
-    builder.Connect(handler.GetOutputPort("measurement"), kalman.GetInputPort("measurement"))
-    builder.Connect(servo.get_output_port(), kalman.GetInputPort("control"))
-    builder.Connect(planner.get_output_port(), kalman.GetInputPort("reference"))
-    builder.Connect(estimate, servo.GetInputPort("estimate"))
-    builder.Connect(planner.get_output_port(), servo.GetInputPort("reference"))
-    builder.ExportOutput(servo.get_output_port(), "control")
-    builder.ExportOutput(estimate, "estimate")
-    builder.ExportOutput(covariance, "covariance")
-    builder.ExportOutput(handler.GetOutputPort("measurement"), "measurement")
-    builder.ExportOutput(planner.get_output_port(), "reference")
-    onboard = builder.Build()
-    onboard.set_name("onboard")
-    return onboard
+        xbar_0 = initial_estimate(scenario, r_0)
+        estimator = builder.AddSystem(_estimator_of(scenario, xbar_0, detects, make_estimator))
+        servo = builder.AddSystem(_servo_of(scenario, make_servo))
+        self._estimator = estimator
+        _require(servo, ("estimate", "reference"), ("control",), "servo")
+        _require(estimator, (), ("estimate", "covariance"), "estimator")
+        control = servo.GetOutputPort("control")
+        estimate, covariance = _whole_estimate(builder, estimator, reference, scenario.h)
+        builder.Connect(estimate, servo.GetInputPort("estimate"))
+        builder.Connect(reference, servo.GetInputPort("reference"))
+        for name, port in (("control", control), ("reference", reference)):
+            if estimator.HasInputPort(name):
+                builder.Connect(port, estimator.GetInputPort(name))
+        for system in (estimator, servo):
+            for i in range(system.num_input_ports()):
+                port = system.get_input_port(i)
+                if port.get_name() not in ("estimate", *_OWN_INPUTS):
+                    builder.ExportInput(port, port.get_name())
+        builder.ExportOutput(control, "control")
+        builder.ExportOutput(estimate, "estimate")
+        builder.ExportOutput(covariance, "covariance")
+        for name, size in scenario.measurement.sizes.items():
+            if estimator.HasOutputPort(name):
+                port = estimator.GetOutputPort(name)
+            else:
+                port = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size))).get_output_port()
+            builder.ExportOutput(port, name)
+        builder.ExportOutput(reference, "reference")
+        builder.BuildInto(self)
+        self.set_name("onboard")
+
+    def SetPath(self, trajectory: Trajectory) -> None:
+        """Fly another path (3 rows, W)."""
+        self._planner.UpdateTrajectory(trajectory)
+
+    def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
+        """Set the estimator's estimate (15) and covariance (15 x 15); the context is the root's.
+
+        Raises:
+            InputError: if the estimator cannot be set.
+        """
+        if not hasattr(self._estimator, "SetBelief"):
+            raise InputError(f"estimator: {self._estimator.get_name()}: has no method SetBelief, it cannot be resumed")
+        self._estimator.SetBelief(context, xbar, P)
+
+    @property
+    def has_history(self) -> bool:
+        """Whether past ticks decide what will be estimated, beside the present belief."""
+        return bool(getattr(self._estimator, "has_history", True))
+
+
+def path_of(scenario: Scenario) -> Trajectory:
+    """Return the path that a scenario's planner plans, p_WB(t) (3 rows) [m]; InputError if there is none."""
+    found = find_part("planner", scenario.planner.kind) if not _is_built_in(scenario.planner) else None
+    if found is not None:
+        trajectory: Trajectory = found.make(scenario)
+        return trajectory
+    return plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+
+
+def _is_built_in(settings: object) -> bool:
+    return type(settings).__module__.startswith("ortilo_drake.scenario.")
+
+
+def _estimator_of(
+    scenario: Scenario, xbar_0: np.ndarray, detects: bool, make_estimator: MakeEstimator | None
+) -> System:
+    """Return the estimator that is given, or that the scenario names."""
+    if make_estimator is None:
+        kind = getattr(getattr(scenario, "estimator", None), "kind", "intermittent")
+        found = find_part("estimator", kind) if kind != "intermittent" else None
+        if found is None:
+            return IntermittentEstimator(scenario, xbar_0, detects)
+        make_estimator = found.make
+    return make_estimator(scenario, xbar_0)
+
+
+def _servo_of(scenario: Scenario, make_servo: MakeServo | None) -> System:
+    """Return the servo that is given, or that the scenario names."""
+    if make_servo is None:
+        found = find_part("servo", scenario.servo.kind) if not _is_built_in(scenario.servo) else None
+        if found is None:
+            return LqServo_[float](scenario.servo, scenario.vehicle, scenario.h)
+        make_servo = found.make
+    return make_servo(scenario)
+
+
+def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], role: str) -> None:
+    """Refuse a part that lacks a port, naming what it has."""
+    has_in = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    has_out = [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+    for wanted, has, kind in ((inputs, has_in, "input"), (outputs, has_out, "output")):
+        missing = [name for name in wanted if name not in has]
+        if missing:
+            raise InputError(
+                f"{role}: {system.get_name()}: has no {kind} '{missing[0]}', only {', '.join(has) or 'none'}"
+            )
+
+
+def _whole_estimate(
+    builder: DiagramBuilder, estimator: System, reference: OutputPort, h: float
+) -> tuple[OutputPort, OutputPort]:
+    """Return estimate (15) and covariance (225); of an estimator of the twelve states the integral is added.
+
+    It is i_{k+1} = i_k + r_k - p_hat_k, as in the authors' code, and known: its rows and columns of P are 0.
+    """
+    estimate, covariance = estimator.GetOutputPort("estimate"), estimator.GetOutputPort("covariance")
+    n = estimate.size()
+    if n not in (N_X, N_XBAR) or covariance.size() != n * n:
+        raise InputError(
+            f"estimator: {estimator.get_name()}: estimate ({n}) and covariance ({covariance.size()}): must be "
+            f"{N_X} or {N_XBAR} numbers, and their square"
+        )
+    if n == N_XBAR:
+        return estimate, covariance
+    one = np.eye(N_I)
+    B = np.hstack([one, np.zeros((N_I, REFERENCE_SIZE - N_I)), -one, np.zeros((N_I, N_X - N_I))])
+    integral = builder.AddNamedSystem(
+        "integral", LinearSystem(one, B, one, np.zeros((N_I, REFERENCE_SIZE + N_X)), h)
+    )
+    inputs = builder.AddSystem(Multiplexer([REFERENCE_SIZE, N_X]))
+    builder.Connect(reference, inputs.get_input_port(0))
+    builder.Connect(estimate, inputs.get_input_port(1))
+    builder.Connect(inputs.get_output_port(), integral.get_input_port())
+    whole = builder.AddSystem(Multiplexer([N_X, N_I]))
+    builder.Connect(estimate, whole.get_input_port(0))
+    builder.Connect(integral.get_output_port(), whole.get_input_port(1))
+    into = np.zeros((N_XBAR, N_XBAR, N_X, N_X))
+    i = np.arange(N_X)
+    into[i[:, None], i[None, :], i[:, None], i[None, :]] = 1.0
+    wider = builder.AddNamedSystem("covariance", MatrixGain(into.reshape(N_XBAR**2, N_X**2)))
+    builder.Connect(covariance, wider.get_input_port())
+    return whole.get_output_port(), wider.get_output_port()
+
+
+def make_onboard(
+    scenario: Scenario,
+    trajectory: Trajectory | None = None,
+    detects: bool = True,
+    make_estimator: MakeEstimator | None = None,
+    make_servo: MakeServo | None = None,
+) -> Onboard:
+    """Return the onboard half of a scenario; arguments and errors as Onboard's."""
+    return Onboard(scenario, trajectory, detects, make_estimator, make_servo)

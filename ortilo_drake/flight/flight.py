@@ -9,17 +9,14 @@ import xarray as xr
 from pydrake.geometry import Meshcat
 
 from ortilo_drake import __version__
-from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
+from ortilo_drake.diagrams.closed_loop import ClosedLoop, make_closed_loop
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
+from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import (
     CONTROL_NAMES,
-    MEASUREMENT_DELTA,
-    MEASUREMENT_V2,
-    MEASUREMENT_Y,
-    OUTPUT_NAMES,
-    SENSORS,
+    N_X,
     STATE_NAMES,
     XBAR_NAMES,
 )
@@ -77,7 +74,7 @@ class FlightSimulator:
         finally:
             if collects:
                 gc.enable()
-        log = self._diagram.GetSubsystemByName("log").FindLog(simulator.get_context())
+        log = self._diagram.FindLog(simulator.get_context())
         end = lost.tick + 1 if lost else self._ticks + 1
         dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)
         dataset.attrs["real_time_factor"] = simulator.get_context().get_time() / wall
@@ -109,19 +106,17 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
     Args:
         scenario: the scenario flown.
         times: t_k (n).
-        logged: the log's rows, signals in the order of closed_loop.LOGGED (n, 304).
+        logged: the log's rows, signals in the order of the scenario's measurement.logged_sizes().
         lost: when and why the flight ended early, if it did.
     """
-    edges = np.cumsum([0, *LOGGED.values()])
-    signal = {name: logged[:, edges[i] : edges[i + 1]] for i, name in enumerate(LOGGED)}
+    measurement = scenario.measurement
+    sizes, sensors = measurement.logged_sizes(), measurement.sensors
+    signal = dict(zip(sizes, np.split(logged, np.cumsum(list(sizes.values()))[:-1], axis=1), strict=True))
     n = len(times)
-    y, delta = signal["measurement"][:, MEASUREMENT_Y], signal["measurement"][:, MEASUREMENT_DELTA] > 0
-    V2 = signal["measurement"][:, MEASUREMENT_V2].reshape(n, 3, 3, 3)
-    there = np.repeat(delta, 3, axis=1)
-    estimate = signal["estimate"]
-    predicted = estimate[:, [0, 1, 2, 0, 1, 2, 3, 4, 5]]
-    ticks = np.arange(n)
-    due = np.array([[k % scenario.link_of(s).every == 0 and s in scenario.sensors for s in SENSORS] for k in ticks])
+    y, delta, estimate = signal["y"], signal["delta"] > 0, signal["estimate"]
+    there = measurement.by_row(delta)
+    predicted = estimate[:, :N_X] @ measurement.layout.C.T
+    due = np.array([[k % scenario.link_of(s).every == 0 and s in scenario.sensors for s in sensors] for k in range(n)])
     reference = signal["reference"].reshape(n, 3, 3)
     return xr.Dataset(
         {
@@ -163,8 +158,8 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             ),
             "measurement_covariance": (
                 ("tick", "sensor", "row", "column"),
-                V2,
-                {"units": "m^2, rad^2", "long_name": "V_2 of each sensor"},
+                padded_covariances(measurement, signal["V2"]),
+                {"units": "m^2, rad^2", "long_name": "V_2 of each sensor, NaN beyond its rows"},
             ),
             "arrival": (
                 ("tick", "sensor"),
@@ -183,8 +178,8 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "xbar": list(XBAR_NAMES),
             "control_name": list(CONTROL_NAMES),
             "axis": list(AXES),
-            "output": list(OUTPUT_NAMES),
-            "sensor": list(SENSORS),
+            "output": list(measurement.outputs),
+            "sensor": list(sensors),
         },
         attrs={
             "title": "A flight of ortilo-drake",
@@ -195,6 +190,17 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "frames": "W: east, north, up; B: forward, left, up",
         },
     )
+
+
+def padded_covariances(measurement: Measurement, V2: np.ndarray) -> np.ndarray:
+    """Return each sensor's covariance at every tick (n, s, m, m), m the most rows of any sensor, NaN beyond its own."""
+    rows = [measurement.rows_of(sensor) for sensor in measurement.sensors]
+    most = max(r.stop - r.start for r in rows)
+    padded = np.full((len(V2), len(rows), most, most), np.nan)
+    for j, sensor in enumerate(measurement.sensors):
+        m = rows[j].stop - rows[j].start
+        padded[:, j, :m, :m] = V2[:, measurement.block_of(sensor)].reshape(-1, m, m)
+    return padded
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:

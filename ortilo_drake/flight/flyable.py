@@ -1,17 +1,15 @@
 """Checks whether a scenario can be flown: one answer for `ortilo scenario check` and `ortilo fly`."""
 
-from ortilo_drake.diagrams.closed_loop import LOGGED
+from ortilo_drake.diagrams.onboard import path_of
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import load_detector
-from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.radio.image_delay import check_kept
 from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 
-TICK_BYTES = 8 * sum(LOGGED.values())
 LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
 
 
@@ -21,12 +19,13 @@ def flight_ticks(scenario: Scenario) -> int:
     Raises:
         InputError: if there is no path, or the flight is too long to be logged.
     """
-    seconds = plan(scenario.planner, scenario.load_room(), scenario.vehicle).end_time() + scenario.settle
+    seconds = path_of(scenario).end_time() + scenario.settle
     ticks = round(seconds * scenario.control_rate)
-    if ticks * TICK_BYTES > LARGEST_LOG:
+    size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks
+    if size > LARGEST_LOG:
         raise InputError(
             f"control_rate: {scenario.control_rate:g}: a flight of {seconds:g} s logs "
-            f"{ticks * TICK_BYTES / MIB:.0f} MiB, must not exceed {LARGEST_LOG / MIB:.0f} MiB: fly shorter or slower"
+            f"{size / MIB:.0f} MiB, must not exceed {LARGEST_LOG / MIB:.0f} MiB: fly shorter or slower"
         )
     return ticks
 

@@ -12,9 +12,9 @@ import xarray as xr
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import find_loss
-from ortilo_drake.flight.signals import Record
+from ortilo_drake.flight.signals import Record, output_sizes
 from ortilo_drake.flight.simulator import CHECK_EVERY
-from ortilo_drake.flight.stepped_halves import OUTPUTS, OnboardHalf, Signals, WorldHalf
+from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 
@@ -58,11 +58,11 @@ def fly_lockstep(
     """
     ticks, room = flight_ticks(scenario), scenario.load_room()
     world = world or WorldHalf(scenario)
-    rows: list[np.ndarray] = []
+    names, rows = tuple(output_sizes(scenario.measurement)), list[np.ndarray]()
     for k in range(ticks + 1):
         x, messages = world.state, world.sample()
         outputs = ask(k, messages)
-        rows.append(np.concatenate([x, *(outputs[name] for name in OUTPUTS)]))
+        rows.append(np.concatenate([x, *(outputs[name] for name in names)]))
         if record:
             record(k, x, messages, outputs)
         if progress and (k % CHECK_EVERY == 0 or k == ticks):

@@ -11,7 +11,7 @@ import hashlib
 import io
 import json
 import warnings
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.model.input_files import read_bytes
@@ -105,15 +104,16 @@ def _require_plain_arrays(data: bytes) -> None:
         raise InputError(f"its arrays take {size} bytes, at most {LARGEST}")
 
 
-@cache
-def _pattern() -> xr.Dataset:
+@lru_cache(maxsize=16)
+def _pattern(scenario: Scenario) -> xr.Dataset:
     """Return a flight of one tick: what variables, dimensions and attributes a flight has."""
-    return flight_dataset(Scenario(), np.zeros(1), np.zeros((1, sum(LOGGED.values()))), None)
+    return flight_dataset(scenario, np.zeros(1), np.zeros((1, sum(scenario.measurement.logged_sizes().values()))), None)
 
 
 def _require_flight(flight: xr.Dataset) -> None:
     """Refuse a Dataset that is not laid out as flight_dataset has it; it may hold more variables and attributes."""
-    for name, wanted in _pattern().variables.items():
+    scenario = _scenario_in(flight.attrs)
+    for name, wanted in _pattern(scenario).variables.items():
         if name not in flight.variables:
             raise InputError(f"{name}: is missing")
         found = flight[name]
@@ -128,10 +128,10 @@ def _require_flight(flight: xr.Dataset) -> None:
     time = flight["time"].values
     if len(time) == 0 or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
         raise InputError("time: must be finite and ascending, at least one tick")
-    _require_attributes(flight.attrs)
 
 
-def _require_attributes(attributes: dict[Any, Any]) -> None:
+def _scenario_in(attributes: dict[Any, Any]) -> Scenario:
+    """Return the scenario that the attributes of a flight hold, after a look at the others."""
     for name, kind, called in (
         ("scenario", str, "text"),
         ("seed", int | np.integer, "an integer"),
@@ -147,3 +147,4 @@ def _require_attributes(attributes: dict[Any, Any]) -> None:
         raise InputError("lost: must be null, or a time and a cause")
     if not isinstance(attributes.get("real_time_factor", 1.0), float):
         raise InputError("real_time_factor: must be a number")
+    return scenario

@@ -5,18 +5,16 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram
 
-from ortilo_drake.diagrams.closed_loop import set_hovering
+from ortilo_drake.diagrams.closed_loop import ClosedLoop
 from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.seeded_system import set_seed
 
 CHECK_EVERY = 30  # ticks between two looks at whether the flight is lost
 
 
-def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
+def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
     """Return a simulator of a closed loop that hovers at the start, with a Context of its own and the scenario's seed.
 
     A sampled plant leaves Drake nothing to integrate. A continuous one gets one third-order Runge-Kutta step a tick,
@@ -29,8 +27,8 @@ def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
     simulator = Simulator(diagram)
     fix_steps(simulator, scenario)
     context = simulator.get_mutable_context()
-    set_seed(diagram.GetSubsystemByName("world"), context, scenario.seed)
-    set_hovering(diagram, context, scenario)
+    diagram.SetSeed(context, scenario.seed)
+    diagram.SetHovering(context)
     return simulator
 
 
@@ -61,5 +59,5 @@ def advance(
             progress(end)
         if find_loss(state.Eval(context)[np.newaxis], scenario.h, room, scenario.vehicle):
             break
-    log = diagram.GetSubsystemByName("log").FindLog(context)
+    log = diagram.FindLog(context)
     return find_loss(log.data()[: len(STATE_NAMES)].T, scenario.h, room, scenario.vehicle), wall

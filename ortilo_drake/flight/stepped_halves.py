@@ -6,7 +6,7 @@ the very values it would have had over a wire, and the flight is that of diagram
 
 A tick's *messages* are a dict from the name of an onboard input port to its value: message vectors (model/signals.py),
 those without any non-zero entry left out, and 'image' (height, width, 4), uint8, if its shutter message is there. A
-tick's *outputs* are a dict of the onboard half's logged signals, OUTPUTS.
+tick's *outputs* are a dict of the onboard half's logged signals, see flight/signals.py.
 """
 
 import numpy as np
@@ -16,14 +16,12 @@ from pydrake.systems.framework import Context, Diagram, PortDataType
 from pydrake.systems.sensors import ImageRgba8U
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.closed_loop import set_world_hovering
-from ortilo_drake.diagrams.onboard import make_onboard
+from ortilo_drake.diagrams.onboard import Onboard, make_onboard, path_of
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
-from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.failsafe import MODES
 
@@ -56,9 +54,10 @@ class WorldHalf:
     def _start(self, scenario: Scenario) -> None:
         self._simulator, self._k = Simulator(self._diagram), 0
         fix_steps(self._simulator, scenario)
-        trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+        trajectory = path_of(scenario)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
-        set_world_hovering(self._diagram, self._simulator.get_mutable_context(), scenario, r_0)
+        yaw = getattr(scenario.servo, "yaw", 0.0)
+        self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, yaw)
         self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
         self._simulator.Initialize()
 
@@ -105,7 +104,7 @@ class OnboardHalf:
     """
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True):
-        self._path = trajectory or plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+        self._path = trajectory or path_of(scenario)
         self._diagram = make_onboard(scenario, self._path, detects)
         self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
@@ -115,15 +114,15 @@ class OnboardHalf:
             for name, port in self._ports.items()
             if port.get_data_type() == PortDataType.kVectorValued
         }
-        self._outputs = {name: self._diagram.GetOutputPort(name) for name in OUTPUTS}
-        self._h, self._k, self._yaw = scenario.h, 0, scenario.servo.yaw
+        self._outputs = {name: self._diagram.GetOutputPort(name) for name in output_sizes(scenario.measurement)}
+        self._h, self._k, self._yaw = scenario.h, 0, getattr(scenario.servo, "yaw", 0.0)
         self.take({})
         if "image" in self._ports:
             self._ports["image"].FixValue(self._simulator.get_mutable_context(), AbstractValue.Make(ImageRgba8U()))
         self._simulator.Initialize()
 
     @property
-    def diagram(self) -> Diagram:
+    def diagram(self) -> Onboard:
         """The Diagram of diagrams/onboard.py."""
         return self._diagram
 
@@ -140,7 +139,7 @@ class OnboardHalf:
     def fly_path(self, path: Trajectory) -> None:
         """Fly another path, p_WB(t) (3 rows) [m], from this tick on, which has not been taken yet."""
         self._path = path
-        self._diagram.GetSubsystemByName("planner").UpdateTrajectory(path)
+        self._diagram.SetPath(path)
         context = self._simulator.get_mutable_context()
         context.SetTime(context.get_time())  # what was computed of the old path at this time is out of date
 
@@ -181,18 +180,19 @@ class OnboardHalf:
             edges = np.cumsum([groups.value(i).size for i in range(groups.num_groups())])
             for i, part in enumerate(np.split(state, edges[:-1])):
                 groups.set_value(i, part)
-        kalman = self._diagram.GetSubsystemByName("kalman_filter")
-        its_context = kalman.GetMyMutableContextFromRoot(context)
-        its_state = its_context.get_mutable_discrete_state()
         if state is None:
             reference = self._outputs["reference"].Eval(self._simulator.get_context())
             xbar, P = about_reference(reference, self._yaw)
         else:
-            xbar, P = after_gap(its_state.value(0), its_state.value(1).reshape(N_XBAR, N_XBAR), gap)
-        its_state.set_value(0, xbar)
-        its_state.set_value(1, P.ravel())
+            xbar, P = (self._outputs[name].Eval(context) for name in ("estimate", "covariance"))
+            xbar, P = after_gap(xbar, P.reshape(N_XBAR, N_XBAR), gap)
+        self._diagram.SetBelief(context, xbar, P)
         self._k = tick
         self._simulator.Initialize()
+
+    def set_belief(self, xbar: np.ndarray, P: np.ndarray) -> None:
+        """Set the estimator's estimate (15) and covariance (15 x 15)."""
+        self._diagram.SetBelief(self._simulator.get_mutable_context(), xbar, P)
 
     def advance(self) -> None:
         """Go on to the next tick."""

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.flight.signals import Signals
 from ortilo_drake.hil.goals.goal_link import GoalLink, goal_text
 from ortilo_drake.hil.wire.bus import open_bus
 from ortilo_drake.hil.wire.handshake import PATIENCE, find_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import FINISHED, PORTS, Goal
+from ortilo_drake.hil.wire.packets import ANSWER, FINISHED, Goal, ports
 from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import Outbox
@@ -100,7 +100,7 @@ class Ticks:
         """Give out what is complete, and what is older by a number of ticks than the newest as it is."""
         while self._waiting:
             k, newest = min(self._waiting), max(self._waiting)
-            world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= OUTPUTS.keys()
+            world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= ANSWER
             if not (world and answer) and newest - k < lag:
                 return
             self._waiting.remove(k)
@@ -172,7 +172,7 @@ def run_bridge(
             target has failed.
     """
     with open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "tick", *PORTS, "command", "telemetry", "goal"), key)
+        inbox = Inbox(bus, ("hello", "tick", *ports(), "command", "telemetry", "goal"), key)
         say(f"listening on {url}")
         flight = find_world(bus, inbox, scenario, key, wait).flight
         ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()

@@ -10,12 +10,12 @@ from typing import Final
 
 from ortilo_drake.flight.lockstep import Ask
 from ortilo_drake.flight.signals import Record
-from ortilo_drake.flight.stepped_halves import OUTPUTS, OnboardHalf, Signals
+from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, answer_to
 from ortilo_drake.hil.wire.greeter import Greeter
 from ortilo_drake.hil.wire.handshake import PATIENCE
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import FINISHED, Goal
+from ortilo_drake.hil.wire.packets import ANSWER, FINISHED, Goal
 from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
 from ortilo_drake.model.typed_yaml import InputError
@@ -34,7 +34,7 @@ def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
         publish_messages(outbox, tick, messages)
         outputs: Signals = {}
         heard = said = time.monotonic()
-        while not outputs.keys() >= OUTPUTS.keys():
+        while not outputs.keys() >= ANSWER:
             arrivals = inbox.poll(POLL_MS)
             for packet in (arrival.packet for arrival in arrivals):
                 if packet.name == "hello" and greeter.hear(packet.value):

@@ -24,7 +24,7 @@ from ortilo_drake.hil.wire.bus import open_bus
 from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
 from ortilo_drake.hil.wire.handshake import meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import FINISHED, PORTS
+from ortilo_drake.hil.wire.packets import FINISHED, ports
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import Scenario
 
@@ -121,7 +121,7 @@ def run_onboard(
     answered. Call warm_up before.
     """
     with no_collecting(), open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "goal", "tick", *PORTS), key)
+        inbox = Inbox(bus, ("hello", "goal", "tick", *ports()), key)
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
         whole = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself, in lockstep

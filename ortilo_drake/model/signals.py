@@ -15,6 +15,7 @@ which its content was true. The payloads:
     shutter     nothing; it goes with a picture on a port of its own                            (0)
     detections  MAX_DETECTIONS rows of (label, score, u_min, v_min, u_max, v_max), label -1 = unused
     fix         p_WB [m] (3), its covariance row by row [m^2] (9)
+    <own>       what a registered sensor sends, see model/parts.py
     velocity    v_WB [m/s], Euler-angle rates [rad/s]; only where a scenario lends the servo the truth  (6)
 """
 
@@ -27,9 +28,6 @@ STATE_NAMES: Final = (
 INTEGRAL_NAMES: Final = ("i_x", "i_y", "i_z")
 XBAR_NAMES: Final = (*STATE_NAMES, *INTEGRAL_NAMES)
 CONTROL_NAMES: Final = ("f_T", "tau_x", "tau_y", "tau_z")
-OUTPUT_NAMES: Final = (
-    "x_uwb", "y_uwb", "z_uwb", "x_cam", "y_cam", "z_cam", "phi_imu", "theta_imu", "psi_imu",
-)  # fmt: skip
 SENSORS: Final = ("uwb", "camera", "imu")
 
 N_X: Final = 12  # the paper's n
@@ -49,12 +47,6 @@ VELOCITY_SIZE: Final = PAYLOAD + 6
 MAX_DETECTIONS: Final = 32
 DETECTION_SIZE: Final = 6
 DETECTIONS_SIZE: Final = PAYLOAD + MAX_DETECTIONS * DETECTION_SIZE
-
-# The handler's measurement: y (9), the arrivals delta_1..3 (3), V2's three 3x3 blocks row by row (27).
-MEASUREMENT_Y: Final = slice(0, 9)
-MEASUREMENT_DELTA: Final = slice(9, 12)
-MEASUREMENT_V2: Final = slice(12, 39)
-MEASUREMENT_SIZE: Final = 39
 
 # The reference: r, its velocity and its acceleration in W.
 REFERENCE_SIZE: Final = 9

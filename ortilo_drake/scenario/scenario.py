@@ -1,10 +1,14 @@
 """The scenario: everything that decides a flight, and nothing else."""
 
+import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from ortilo_drake.model.measurement import PAPER, Measurement, make_measurement
+from ortilo_drake.model.parts import find_sensor
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
@@ -19,6 +23,7 @@ from ortilo_drake.scenario.onboard import (
     MeasurementHandler,
     Multilateration,
 )
+from ortilo_drake.scenario.own_parts import model_for
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
 from ortilo_drake.scenario.sensors import Imu, ProjectedCamera, RenderedCamera, Uwb
 from ortilo_drake.scenario.world import World
@@ -94,8 +99,36 @@ class Scenario(Frozen):
         return (self.rendered_camera if self.camera == "rendered" else self.projected_camera).width
 
     def link_of(self, sensor: str) -> Link:
-        """Return the link of 'uwb', 'camera' or 'imu'."""
-        return {"uwb": self.uwb.link, "camera": self.camera_link, "imu": self.imu.link}[sensor]
+        """Return the link of a sensor."""
+        built_in = {"uwb": self.uwb.link, "camera": self.camera_link, "imu": self.imu.link}
+        link: Link = built_in[sensor] if sensor in built_in else self.settings_of(sensor).link
+        return link
+
+    def settings_of(self, sensor: str) -> Any:
+        """Return the settings of a registered sensor, its defaults where the scenario has none."""
+        found = find_sensor(sensor)
+        if found is None:
+            raise ValueError(f"sensors: {sensor!r}: is not registered")
+        return getattr(self, sensor, None) or found.settings()
+
+    @property
+    def measurement(self) -> Measurement:
+        """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly."""
+        own = [(name, find_sensor(name)) for name in self.sensors if name not in SENSORS]
+        return make_measurement((*PAPER, *((name, sensor.rows) for name, sensor in own if sensor is not None)))
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """Return a scenario from JSON, which may name registered parts."""
+        try:
+            model: Any = model_for(cls, json.loads(json_data))
+        except ValueError:  # no JSON, which pydantic says better
+            model = cls
+        return super(Scenario, model).model_validate_json(json_data, **options)
+
+    def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
+        """Pickle as JSON: a model with registered parts has no name to be found by."""
+        return Scenario.model_validate_json, (self.model_dump_json(),)
 
     @model_validator(mode="after")
     def _sensors_differ(self) -> "Scenario":

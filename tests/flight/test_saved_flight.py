@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
 from ortilo_drake.model.typed_yaml import InputError
@@ -29,7 +28,7 @@ SCENARIO = load_scenario("imu_uwb", seed=3)
 
 def made_up() -> xr.Dataset:
     """Return a Dataset laid out as a flight is, of random numbers."""
-    logged = np.random.default_rng(0).normal(size=(TICKS, sum(LOGGED.values())))
+    logged = np.random.default_rng(0).normal(size=(TICKS, sum(SCENARIO.measurement.logged_sizes().values())))
     flight = flight_dataset(SCENARIO, SCENARIO.h * np.arange(TICKS), logged, None)
     flight.attrs |= {"real_time_factor": 2.5, "summary": json.dumps({"seed": 3})}
     return flight

@@ -7,10 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.flight.stepped_halves import OUTPUTS, Signals
+from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, looks
 from ortilo_drake.hil.wire.unpack import Packet
+from ortilo_drake.scenario import load_scenario
+
+
+SCENARIO = load_scenario("imu_uwb")
+OUTPUTS = output_sizes(SCENARIO.measurement)
 
 
 def telemetry(k: int) -> Signals:
@@ -20,7 +25,7 @@ def telemetry(k: int) -> Signals:
 @given(st.lists(st.sampled_from(["nothing", "command", "telemetry", "both"]), min_size=1, max_size=20), st.randoms())
 def test_every_tick_is_told_once_in_order_with_what_came(fates: list[str], chance: Random) -> None:
     told: list[tuple[int, np.ndarray | None, Signals, Signals]] = []
-    flown = FlightRecord(lambda *tick: told.append(tick))
+    flown = FlightRecord(SCENARIO, lambda *tick: told.append(tick))
     packets = []
     for k, fate in enumerate(fates):
         flown.send(np.full(12, float(k)), {"imu": np.full(5, float(k))})

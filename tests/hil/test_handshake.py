@@ -14,7 +14,7 @@ from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
 from ortilo_drake.hil.wire.handshake import Met, draw, find_world, meet_world, say_hello
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, FLYING, PORTS, Hello
+from ortilo_drake.hil.wire.packets import FINISHED, FLYING, KINDS, PORTS, Hello, channel_of
 from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages
 from ortilo_drake.model.typed_yaml import InputError
@@ -43,7 +43,7 @@ def both(world: Callable[[], Flight], onboard: Callable[[], Met]) -> tuple["Futu
 def recorded(bus: Bus) -> list[tuple[str, bytes]]:
     """Record everything on a bus from now on, each packet with its channel."""
     heard: list[tuple[str, bytes]] = []
-    for channel in CHANNELS.values():
+    for channel in map(channel_of, KINDS):
         bus.subscribe(channel, lambda data, channel=channel: heard.append((channel, data)))
     return heard
 
@@ -81,14 +81,14 @@ def test_a_recorded_world_is_not_met(bus: str) -> None:
     both(lambda: as_world(bus), lambda: as_onboard(bus))
     while listener.handle(50):
         pass
-    hellos = [data for channel, data in tape if channel == CHANNELS["hello"]]
+    hellos = [data for channel, data in tape if channel == channel_of("hello")]
     assert len(hellos) >= 3
     over, player = threading.Event(), open_bus(bus)
 
     def play() -> None:
         while not over.wait(0.01):
             for data in hellos:
-                player.publish(CHANNELS["hello"], data)
+                player.publish(channel_of("hello"), data)
 
     thread = threading.Thread(target=play, daemon=True)
     thread.start()
@@ -114,7 +114,7 @@ def test_a_flight_takes_nothing_of_an_older_one_nor_of_a_stranger(bus: str) -> N
     while listener.handle(50):
         pass
     joined = open_bus(bus)
-    inbox = Inbox(joined, CHANNELS, KEY, now.flight)
+    inbox = Inbox(joined, KINDS, KEY, now.flight)
     for channel, data in tape:
         joined.publish(channel, data)
         name = channel.removeprefix("ORTILO_").lower()
@@ -150,17 +150,17 @@ def test_nobody_without_the_key_ends_refuses_or_commands_a_flight(bus: str) -> N
 
 def test_a_packet_that_is_thrown_back_is_not_the_other_half_s(bus: str) -> None:
     world, joined = PlayedWorld(bus, SCENARIO), open_bus(bus)
-    inbox = Inbox(joined, CHANNELS, KEY, world.flight)
+    inbox = Inbox(joined, KINDS, KEY, world.flight)
     imu = np.concatenate(([1.0, 3 * SCENARIO.h], np.zeros(9)))
     captured: list[bytes] = []
-    joined.subscribe(CHANNELS["imu"], captured.append)
+    joined.subscribe(channel_of("imu"), captured.append)
     publish_messages(world.outbox, 3, {"imu": imu})
     assert len(inbox.poll(1000)) == 2
-    for name, channel in CHANNELS.items():
+    for name, channel in ((n, channel_of(n)) for n in KINDS):
         if name != "imu":
             joined.publish(channel, captured[0])
     assert inbox.poll() == []
-    assert inbox.counts()["rejected"] == len(CHANNELS) - 1
+    assert inbox.counts()["rejected"] == len(KINDS) - 1
 
 
 def test_who_listens_waits_for_a_world_that_looks_for_its_half(bus: str) -> None:

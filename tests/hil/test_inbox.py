@@ -11,7 +11,7 @@ from waiting import HANGS
 from ortilo_drake.hil.wire.bus import MEMORY_URL
 from ortilo_drake.hil.wire.handshake import draw, say_hello
 from ortilo_drake.hil.wire.inbox import GOAL_AGE, Inbox
-from ortilo_drake.hil.wire.packets import CHANNELS, TELEMETRY, Goal, Hello, encode_command, encode_vector
+from ortilo_drake.hil.wire.packets import KINDS, TELEMETRY, Goal, Hello, channel_of, encode_command, encode_vector
 from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
 
@@ -47,7 +47,7 @@ def test_counts() -> None:
     for tick in (2, 3, 3, 7, 5, 5, 10):  # it joined in flight: 0 and 1 are nobody's loss
         outbox.send("command", encode_command(77, tick, u(tick)))
     outbox.send("command", encode_command(78, 9, u(0.0)))
-    joined.publish(CHANNELS["command"], b"")
+    joined.publish(channel_of("command"), b"")
     assert ticks_of(inbox) == [2, 3, 7, 5, 10]
     counts = inbox.counts("command")
     assert counts == {
@@ -85,21 +85,21 @@ def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatc
 @pytest.mark.parametrize("udp", [False, True])
 def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str, udp: bool) -> None:
     joined = open_bus(bus) if udp else open_bus(MEMORY_URL)
-    inbox = Inbox(joined, CHANNELS, KEY, FLIGHT)
+    inbox = Inbox(joined, KINDS, KEY, FLIGHT)
     rng, rounds, heard = np.random.default_rng(3), 300, 0
     valid = seal(FLIGHT_KEY, "imu", imu(3))
     for _ in range(rounds):
-        for channel in CHANNELS.values():
+        for channel in map(channel_of, KINDS):
             data = bytearray(valid)
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
             joined.publish(channel, bytes(data) if rng.random() < 0.5 else rng.bytes(rng.integers(0, 200)))
-        heard += len(CHANNELS)
+        heard += len(KINDS)
         while inbox.counts()["rejected"] < heard:  # for ever, were one lost
             assert inbox.poll(10) == []
     counts = inbox.counts()
-    assert counts["rejected"] == rounds * len(CHANNELS) == sum(counts["refused"].values())
+    assert counts["rejected"] == rounds * len(KINDS) == sum(counts["refused"].values())
     assert counts["accepted"] == 0
-    joined.publish(CHANNELS["imu"], valid)  # and after all that it still listens
+    joined.publish(channel_of("imu"), valid)  # and after all that it still listens
     assert len(inbox.poll(round(1e3 * HANGS))) == 1
 
 

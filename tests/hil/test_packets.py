@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
-    CHANNELS,
+    KINDS,
     FLYING,
     MAX_HEARD,
     ROLES,
@@ -57,7 +57,7 @@ def detections() -> np.ndarray:
     return np.concatenate(([1.0, 29 / 30], boxes.ravel()))
 
 
-OUTPUTS = {name: RNG.uniform(0.0, 1.0, size=size) for name, size in TELEMETRY.items()}
+OUTPUTS = {name: RNG.uniform(0.0, 1.0, size=size) for name, size in (make_measurement().sizes | TELEMETRY).items()}
 PICTURE = RNG.integers(0, 256, (*SHAPE, 4), dtype=np.uint8)
 
 
@@ -126,7 +126,7 @@ def malformed(name: str, n: int, rng: np.random.Generator) -> list[bytes]:
     return packets
 
 
-@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("name", KINDS)
 def test_ten_thousand_malformed_packets_on_each_channel_are_refused(name: str) -> None:
     assert reason(name, VALID[name]) == "accepted"
     reasons = [reason(name, data) for data in malformed(name, 10_000, np.random.default_rng(len(name)))]
@@ -134,12 +134,12 @@ def test_ten_thousand_malformed_packets_on_each_channel_are_refused(name: str) -
     assert {"length", "fingerprint", "mac"} <= set(reasons) <= {"length", "fingerprint", "mac", "foreign"}
 
 
-@given(name=st.sampled_from(list(CHANNELS)), data=st.binary(max_size=400), flight=st.sampled_from([FLIGHT, None]))
+@given(name=st.sampled_from(list(KINDS)), data=st.binary(max_size=400), flight=st.sampled_from([FLIGHT, None]))
 def test_any_bytes_are_refused(name: str, data: bytes, flight: Flight | None) -> None:
     assert reason(name, data, flight) != "accepted"
 
 
-@given(name=st.sampled_from(list(CHANNELS)), at=st.integers(8, 600), field=st.binary(min_size=1, max_size=30))
+@given(name=st.sampled_from(list(KINDS)), at=st.integers(8, 600), field=st.binary(min_size=1, max_size=30))
 def test_lies_under_the_right_key_are_decided_without_another_error(name: str, at: int, field: bytes) -> None:
     data = changed(name, min(at, len(VALID[name]) - MAC_SIZE), field)
     assert reason(name, data) in ("accepted", *REASONS)
@@ -167,10 +167,10 @@ def test_sizes_that_lie_allocate_nothing(name: str, at: int, size: int) -> None:
 @pytest.mark.parametrize(
     ("name", "at", "field", "why"),
     [
-        *[(name, 8, struct.pack(">q", SESSION + 1), "foreign") for name in CHANNELS if name != "hello"],
-        *[(name, 16, struct.pack(">q", -1), "tick") for name in CHANNELS if name != "hello"],
+        *[(name, 8, struct.pack(">q", SESSION + 1), "foreign") for name in KINDS if name != "hello"],
+        *[(name, 16, struct.pack(">q", -1), "tick") for name in KINDS if name != "hello"],
         *[("imu", 28, struct.pack(">d", flag), "value") for flag in (2.0, 0.5, -1.0, np.nan)],
-        *[(name, 16, struct.pack(">q", 2**40), "tick") for name in CHANNELS if name != "hello"],
+        *[(name, 16, struct.pack(">q", 2**40), "tick") for name in KINDS if name != "hello"],
         *[("imu", 36, struct.pack(">d", stamp), "stamp") for stamp in (-0.1, 0.99, 1.1)],
         *[("imu", 44, struct.pack(">d", value), "value") for value in (np.nan, np.inf, -np.inf, 10.0)],
         ("uwb", 28 + 8 * (2 + ANCHORS), struct.pack(">d", 0.5), "value"),
@@ -241,7 +241,7 @@ def test_a_bomb_is_not_unpacked() -> None:
 
 
 def test_without_a_flight_only_hello_passes() -> None:
-    passed = [name for name in CHANNELS if reason(name, VALID[name], None) == "accepted"]
+    passed = [name for name in KINDS if reason(name, VALID[name], None) == "accepted"]
     assert passed == ["hello"]
     assert reason("nothing", VALID["imu"]) == "channel"
 
@@ -339,7 +339,7 @@ def test_plain_text_is_printable_and_what_is_plain_stays(text: str) -> None:
 # --- who has not the key -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("name", KINDS)
 def test_without_the_key_nobody_says_anything(name: str) -> None:
     body = VALID[name][:-MAC_SIZE]
     strangers = [b"", bytes(32), hello_key(bytes(32)), KEY, flight_key(KEY, SESSION, 1, 16 * "a")]
@@ -352,7 +352,7 @@ def test_without_the_key_nobody_says_anything(name: str) -> None:
     assert reason(name, body + crc) in ("length", "mac")  # what version 1 had in its place
 
 
-@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("name", KINDS)
 def test_every_bit_of_a_packet_is_sealed(name: str) -> None:
     data = VALID[name]
     bits = range(8 * len(data)) if len(data) < 300 else np.random.default_rng(1).integers(8 * len(data), size=2000)
@@ -365,7 +365,7 @@ def test_every_bit_of_a_packet_is_sealed(name: str) -> None:
 def test_a_packet_is_none_of_another_channel() -> None:
     # The shutter's type and the imu's are the same, as are those of all sensors; a world's is no onboard half's.
     for name, data in VALID.items():
-        for other in CHANNELS:
+        for other in KINDS:
             if other != name:
                 assert reason(other, data) in ("length", "fingerprint", "mac"), (name, other)
     same_size = sealed("velocity", encode_vector(SESSION, TICK, np.concatenate(([1.0, 1.0], np.zeros(6)))))

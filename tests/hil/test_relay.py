@@ -19,7 +19,7 @@ from ortilo_drake.hil.relay.relay import run_relay
 from ortilo_drake.hil.wire.handshake import say_hello
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.multicast import address
-from ortilo_drake.hil.wire.packets import CHANNELS, Goal, Hello, encode_command, encode_vector
+from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of, encode_command, encode_vector
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.hil.wire.wire import Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
@@ -165,7 +165,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
         assert [packet.value for packet in hear(at_world)] == [wish]  # itself, and no echo of the hello before
         if passes:
             assert [packet.value for packet in hear(at_onboard)] == [wish]
-    onboard.publish(CHANNELS["goal"], b"damaged")
+    onboard.publish(channel_of("goal"), b"damaged")
     publish_goal(of_onboard, answer)
     for inbox in (at_onboard, at_world):
         assert [packet.value for packet in hear(inbox)] == [answer]

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.diagrams.closed_loop import LOGGED, make_closed_loop
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.signals import output_sizes
 from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -60,6 +61,6 @@ def ticks() -> list[Tick]:
                 messages["image"][..., 3] = 255
         if k in GOALS:
             messages["goal"] = np.array(GOALS[k])
-        outputs = {name: value("onboard", name) for name in LOGGED if name != "state"}
+        outputs = {name: value("onboard", name) for name in output_sizes(scenario().measurement)}
         found.append(Tick(k, value("world", "state"), messages, outputs))
     return found

@@ -10,4 +10,3 @@ def test_messages_are_arrived_and_stamp_and_then_what_they_carry() -> None:
     assert header + 3 + 3 * 3 == signals.FIX_SIZE  # p_WB and its covariance
     assert len(("class", "score", "left", "top", "right", "bottom")) == signals.DETECTION_SIZE
     assert header + 32 * 6 == signals.DETECTIONS_SIZE
-    assert signals.MEASUREMENT_SIZE == 9 + 3 + 3 * 3 * 3  # y, delta and V2's three blocks

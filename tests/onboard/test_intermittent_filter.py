@@ -11,14 +11,16 @@ from pydrake.systems.estimators import DiscreteTimeSteadyStateKalmanFilter
 from scipy.linalg import block_diag
 
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
+from ortilo_drake.model.measurement import PAPER, make_measurement, row
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_HOLD,
     INTEGRATOR_LITERAL,
     INTEGRATORS,
-    filter_gain,
-    filter_step,
+    FilterModel,
+    intermittent_step,
 )
 
 H = 1.0 / 30.0
@@ -30,6 +32,7 @@ CBAR = np.hstack([C, np.zeros((9, 3))])
 GAMMABAR = np.vstack([GAMMA, np.zeros((3, 4))])
 IBAR = np.vstack([np.zeros((12, 3)), np.eye(3)])
 EVERYTHING = np.ones(3)
+LAYOUT = make_measurement().layout
 
 
 def spd_blocks(rng: np.random.Generator) -> np.ndarray:
@@ -41,8 +44,18 @@ def spd_blocks(rng: np.random.Generator) -> np.ndarray:
     return np.array([(V + V.T) / 2 for V in blocks])
 
 
-def message(y: np.ndarray, delta: np.ndarray, V2: np.ndarray) -> np.ndarray:
-    return np.concatenate([y, delta, V2.ravel()])
+Measured = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def message(y: np.ndarray, delta: np.ndarray, V2: np.ndarray) -> Measured:
+    return y, delta, V2.ravel()
+
+
+def step(
+    xhat: np.ndarray, P_flat: np.ndarray, m: Measured, u: np.ndarray, r: np.ndarray, noise: np.ndarray, code: int
+) -> np.ndarray:
+    """[xhat, P row by row] of the next tick."""
+    return filter_step(np.concatenate([xhat, P_flat]), *m, u, r, FilterModel(PHI, GAMMA, noise, code), LAYOUT)
 
 
 def selection(delta: np.ndarray) -> np.ndarray:
@@ -104,7 +117,7 @@ def test_the_printed_formula_over_thousands_of_random_arrivals(steps: int, integ
         V2 = blocks[k % 7]
         y = rng.normal(size=9) * np.repeat([0.1, 0.15, 0.01], 3)
         u, r = rng.normal(size=4) * [1.0, 0.01, 0.01, 0.01], 0.1 * rng.normal(size=3)
-        out = filter_step(xhat, P_flat, message(y, delta, V2), u, r, PHI, GAMMA, W, INTEGRATORS[integrator])
+        out = step(xhat, P_flat, message(y, delta, V2), u, r, W, INTEGRATORS[integrator])
         xbar, P = printed_step(xbar, P, y, delta, dense[k % 7], u, r, integrator)
         xhat, P_flat = out[:15], out[15:]
         P_mine = P_flat.reshape(15, 15)
@@ -125,7 +138,7 @@ def test_one_step_from_an_integral_that_is_not_known_is_the_printed_formula_too(
     for there in delta.astype(float):
         xhat, y, u, r = rng.normal(size=15), rng.normal(size=9), rng.normal(size=4), rng.normal(size=3)
         P, code = root @ root.T, INTEGRATORS[integrator]
-        out = filter_step(xhat, P.ravel(), message(y, there, V2), u, r, PHI, GAMMA, W, code)
+        out = step(xhat, P.ravel(), message(y, there, V2), u, r, W, code)
         xbar, P_next = printed_step(xhat, P, y, there, block_diag(*V2), u, r, integrator)
         np.testing.assert_allclose(out[:15], xbar, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(out[15:].reshape(15, 15), P_next, rtol=1e-9, atol=1e-9 * np.abs(P_next).max())
@@ -141,7 +154,7 @@ def test_missing_rows_carry_nothing_into_the_filter() -> None:
             other_V2[s] = np.nan
         xhat, u, r = rng.normal(size=15), rng.normal(size=4), rng.normal(size=3)
         steps = [
-            filter_step(xhat, P_0.ravel(), message(*m), u, r, PHI, GAMMA, W, INTEGRATOR_LITERAL)
+            step(xhat, P_0.ravel(), message(*m), u, r, W, INTEGRATOR_LITERAL)
             for m in ((y, delta, V2), (other_y, delta, other_V2))
         ]
         np.testing.assert_array_equal(*steps)
@@ -155,12 +168,12 @@ def test_the_integrator_is_known_so_its_gain_is_minus_E(seed: int) -> None:
     P = P_0
     for _ in range(40):
         delta = (rng.random(3) < rng.random(3)).astype(float)
-        K = filter_gain(P, delta, V2, PHI, INTEGRATOR_LITERAL)
+        K = filter_gain(P, delta, V2.ravel(), PHI, INTEGRATOR_LITERAL, LAYOUT)
         assert np.max(np.abs(K[12:] + selection(delta))) < 1e-9
         assert not np.any(K[:, np.repeat(delta, 3) == 0.0])
         m = message(np.zeros(9), delta, V2)
-        step = filter_step(np.zeros(15), P.ravel(), m, np.zeros(4), np.zeros(3), PHI, GAMMA, W, INTEGRATOR_LITERAL)
-        P = step[15:].reshape(15, 15)
+        after = step(np.zeros(15), P.ravel(), m, np.zeros(4), np.zeros(3), W, INTEGRATOR_LITERAL)
+        P = after[15:].reshape(15, 15)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -172,8 +185,8 @@ def test_with_all_sensors_the_gain_settles_at_drakes_steady_state_predictor(inte
     P_flat = P_0.ravel()
     m = message(np.zeros(9), EVERYTHING, V2)
     for _ in range(6000):
-        P_flat = filter_step(np.zeros(15), P_flat, m, np.zeros(4), np.zeros(3), PHI, GAMMA, W_full, code)[15:]
-    K = filter_gain(P_flat.reshape(15, 15), EVERYTHING, V2, PHI, code)
+        P_flat = step(np.zeros(15), P_flat, m, np.zeros(4), np.zeros(3), W_full, code)[15:]
+    K = filter_gain(P_flat.reshape(15, 15), EVERYTHING, V2.ravel(), PHI, code, LAYOUT)
     steady = DiscreteTimeSteadyStateKalmanFilter(PHI, C, W_full, V)
     np.testing.assert_allclose(K[:12], steady, rtol=1e-8, atol=1e-8 * np.max(np.abs(steady)))
     # A predictor gain Phi P C^T (C P C^T + V)^-1, not the filter gain P C^T (C P C^T + V)^-1.
@@ -219,7 +232,7 @@ def test_what_each_integrator_sums(integrator: str) -> None:
         elif integrator == "literal":
             i += r
         code = INTEGRATORS[integrator]
-        out = filter_step(xhat, P_flat, message(y, delta, V2), np.zeros(4), r, PHI, GAMMA, W, code)
+        out = step(xhat, P_flat, message(y, delta, V2), np.zeros(4), r, W, code)
         xhat, P_flat = out[:15], out[15:]
         np.testing.assert_allclose(xhat[12:], i, atol=1e-11)
 
@@ -233,7 +246,7 @@ def test_the_integrators_share_one_estimate_of_the_vehicle() -> None:
         delta = (rng.random(3) < 0.5).astype(float)
         y, u, r = 0.1 * rng.normal(size=9), rng.normal(size=4) * 0.01, rng.normal(size=3)
         for code, (xhat, P_flat) in runs.items():
-            out = filter_step(xhat, P_flat, message(y, delta, V2), u, r, PHI, GAMMA, W, code)
+            out = step(xhat, P_flat, message(y, delta, V2), u, r, W, code)
             runs[code] = out[:15], out[15:]
     for code in codes[1:]:
         np.testing.assert_allclose(runs[code][0][:12], runs[codes[0]][0][:12], atol=1e-12)
@@ -245,5 +258,35 @@ def test_compiled_and_plain_form_agree() -> None:
     rng = np.random.default_rng(17)
     m = message(rng.normal(size=9), np.array([1.0, 0.0, 1.0]), spd_blocks(rng))
     xhat, u, r = rng.normal(size=15), rng.normal(size=4), rng.normal(size=3)
-    arguments = (xhat, P_0.ravel(), m, u, r, PHI, GAMMA, W, INTEGRATOR_HOLD)
+    model = FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD)
+    arguments = (np.concatenate([xhat, P_0.ravel()]), *m, u, r, model, LAYOUT)
     np.testing.assert_allclose(filter_step(*arguments), filter_step.py_func(*arguments), atol=1e-13)
+
+
+OWN = (
+    ("altimeter", (row("z_alt", z=1.0),)),
+    ("flow", (row("x_dot_flow", x_dot=1.0), row("y_dot_flow", y_dot=1.0))),
+    ("beacon", (row("along", x=0.6, y=0.8), row("lift", z=1.0, theta=-0.2), row("up", z=1.0))),
+)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("rows", [PAPER, (*PAPER, *OWN), (PAPER[2], OWN[0]), OWN], ids=["paper", "all", "two", "own"])
+def test_the_loops_are_the_equations_line_by_line_for_any_list_of_sensors(rows: tuple, integrator: str) -> None:
+    rng, measurement = np.random.default_rng(18), make_measurement(rows)
+    layout, model = measurement.layout, FilterModel(PHI, GAMMA, W, INTEGRATORS[integrator])
+    xhat, P = 0.1 * rng.normal(size=15), P_0.copy()
+    belief = np.concatenate([xhat, P.ravel()])
+    sizes = np.diff(layout.first)
+    for _ in range(300):
+        roots = [0.1 * rng.normal(size=(m, m + 2)) for m in sizes]
+        V2 = np.concatenate([(root @ root.T).ravel() for root in roots])
+        delta = (rng.random(len(sizes)) < 0.5).astype(float)
+        y, u, r = rng.normal(size=layout.first[-1]), rng.normal(size=4) * 0.01, rng.normal(size=3)
+        gain = filter_gain(belief[15:].reshape(15, 15), delta, V2, PHI, model.integrator, layout)
+        belief = filter_step(belief, y, delta, V2, u, r, model, layout)
+        xhat, P, K = intermittent_step(xhat, P, y, delta, V2, u, r, model, layout)
+        scale = max(1.0, np.abs(xhat).max())
+        np.testing.assert_allclose(gain, K, rtol=0.0, atol=1e-9 * max(1.0, np.abs(K).max()))
+        np.testing.assert_allclose(belief[:15], xhat, rtol=0.0, atol=1e-9 * scale)
+        np.testing.assert_allclose(belief[15:].reshape(15, 15), P, rtol=0.0, atol=1e-9 * np.abs(P).max())

@@ -4,31 +4,29 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydrake.systems.framework import BasicVector
 from scipy.stats import chi2
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_HOLD,
     INTEGRATORS,
-    filter_step,
+    FilterModel,
 )
+from ortilo_drake.onboard.estimator.kalman_filter import ReplayKalmanFilter
 from ortilo_drake.onboard.estimator.late_measurements import (
-    COVARIANCE,
-    MEASUREMENT,
-    TICK,
-    XHAT,
     empty_history,
     history_ticks,
     put_in,
     replay_step,
     row_of_past,
+    slot_of,
 )
-from ortilo_drake.onboard.estimator.past_estimate import PastEstimate
 from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0
@@ -37,6 +35,9 @@ C = output_C()
 W = disturbance_W(M100, H, 0.27, 0.005)
 P_0 = np.diag([*np.repeat(np.square([0.05, 0.02, 0.05, 0.05]), 3), 0.0, 0.0, 0.0])
 V2 = np.array([np.diag([0.01, 0.02, 0.03]), np.diag([0.02, 0.01, 0.04]), np.diag([1e-4, 2e-4, 3e-4])])
+MEASURED = make_measurement()
+LAYOUT, SLOT = MEASURED.layout, slot_of(MEASURED)
+Measured = tuple[np.ndarray, np.ndarray, np.ndarray]
 TICKS = 24
 LOST = 99
 SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "uwb.link.blackouts=[]")
@@ -51,12 +52,12 @@ class Data:
         rng = np.random.default_rng(seed)
         self.ys, self.us, self.rs = (rng.normal(size=(ticks, n)) for n in (9, 4, 9))
 
-    def measurement(self, rows: dict[int, int]) -> np.ndarray:
-        """The handler's, each sensor's rows taken from the tick named."""
-        out = np.concatenate([np.zeros(12), V2.ravel()])
+    def measurement(self, rows: dict[int, int]) -> Measured:
+        """The handler's y, delta and V2, each sensor's rows taken from the tick named."""
+        y, delta = np.zeros(9), np.zeros(3)
         for sensor, j in rows.items():
-            out[3 * sensor : 3 * sensor + 3], out[9 + sensor] = self.ys[j, 3 * sensor : 3 * sensor + 3], 1.0
-        return out
+            y[3 * sensor : 3 * sensor + 3], delta[sensor] = self.ys[j, 3 * sensor : 3 * sensor + 3], 1.0
+        return y, delta, V2.ravel()
 
 
 def in_order(data: Data, there: set[tuple[int, int]], k: int, integrator: int) -> np.ndarray:
@@ -64,9 +65,8 @@ def in_order(data: Data, there: set[tuple[int, int]], k: int, integrator: int) -
     state = np.concatenate([np.zeros(15), P_0.ravel()])
     for j in range(k + 1):
         measurement = data.measurement({s: j for s in range(3) if (j, s) in there})
-        state = filter_step(
-            state[:15], state[15:], measurement, data.us[j], data.rs[j], PHI, GAMMA, W, integrator
-        )  # fmt: skip
+        model = FilterModel(PHI, GAMMA, W, integrator)
+        state = filter_step(state, *measurement, data.us[j], data.rs[j], model, LAYOUT)
     return state
 
 
@@ -87,8 +87,8 @@ def replayed(data: Data, arrivals: Given, history: np.ndarray, integrator: int) 
         rows = {s: j for (j, s), when in arrivals.items() if when == k}
         stamps = np.array([rows.get(s, 0) * H for s in range(3)])
         state = replay_step(
-            history, state[:15], state[15:], k, data.measurement(rows), stamps, H, data.us[k], data.rs[k],
-            PHI, GAMMA, W, integrator,
+            history, SLOT, state, k, *data.measurement(rows), stamps, H, data.us[k], data.rs[k],
+            FilterModel(PHI, GAMMA, W, integrator), LAYOUT,
         )  # fmt: skip
         states.append(state)
     return states
@@ -105,7 +105,7 @@ def test_after_every_tick_replay_is_the_filter_that_got_it_all_in_order(
     delays: list[int], integrator: int, kept: int, seed: int
 ) -> None:
     data, arrivals = Data(seed), delivered(delays)
-    states = replayed(data, arrivals, empty_history(kept), integrator)
+    states = replayed(data, arrivals, empty_history(kept, SLOT), integrator)
     for k in (*range(0, TICKS, 5), TICKS - 1):
         in_time = {(j, s) for (j, s), when in arrivals.items() if when <= k and when - j < kept}
         np.testing.assert_array_equal(states[k], in_order(data, in_time, k, integrator))  # bit for bit
@@ -114,13 +114,13 @@ def test_after_every_tick_replay_is_the_filter_that_got_it_all_in_order(
 @pytest.mark.parametrize("stamped", [2, 8, 9])
 def test_what_was_measured_before_a_restart_is_not_used(stamped: int) -> None:
     """Ticks 10 to 15 were never flown: through them the filter cannot be run again."""
-    data, history = Data(7), empty_history(20)
+    data, history = Data(7), empty_history(20, SLOT)
     state = np.concatenate([np.zeros(15), P_0.ravel()])
 
     def step(k: int, rows: dict[int, int], into: np.ndarray) -> np.ndarray:
         stamps = np.array([rows.get(s, 0) * H for s in range(3)])
-        given = data.measurement(rows), stamps, H, data.us[k], data.rs[k]
-        return replay_step(into, state[:15], state[15:], k, *given, PHI, GAMMA, W, INTEGRATOR_HOLD)
+        given = *data.measurement(rows), stamps, H, data.us[k], data.rs[k]
+        return replay_step(into, SLOT, state, k, *given, FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD), LAYOUT)
 
     for k in range(10):
         state = step(k, {0: k, 2: k} if k != stamped else {2: k}, history)
@@ -138,7 +138,7 @@ def test_replay_is_the_conditional_mean_of_the_joint_gaussian() -> None:
     arrivals = {(j, s): j + int(rng.integers(0, 4)) for j in range(k + 1) for s in range(3)}
     arrivals = {key: when for key, when in arrivals.items() if when <= k}
     arrivals = {(j, s): when for (when, s), j in {(w, s): j for (j, s), w in arrivals.items()}.items()}
-    ours = replayed(data, arrivals, empty_history(20), INTEGRATOR_ESTIMATE)[k]
+    ours = replayed(data, arrivals, empty_history(20, SLOT), INTEGRATOR_ESTIMATE)[k]
     n = k + 2
     mean, cov = np.zeros((n, 12)), np.zeros((n, 12, n, 12))
     cov[0, :, 0] = P_0[:12, :12]
@@ -166,7 +166,7 @@ def test_replay_is_the_conditional_mean_of_the_joint_gaussian() -> None:
 @pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=INTEGRATORS)
 def test_a_second_message_for_a_filled_tick_is_not_applied(integrator: int) -> None:
     data = Data(6)
-    once, twice = ([np.concatenate([np.zeros(15), P_0.ravel()]), empty_history(10)] for _ in range(2))
+    once, twice = ([np.concatenate([np.zeros(15), P_0.ravel()]), empty_history(10, SLOT)] for _ in range(2))
     for k in range(12):
         # The uwb of tick 4 comes in tick 5 and again, with another value, in ticks 6 and 7.
         for run, late in ((once, k == 5), (twice, k in (5, 6, 7))):
@@ -174,24 +174,25 @@ def test_a_second_message_for_a_filled_tick_is_not_applied(integrator: int) -> N
             stamps = np.array([4 * H, 0.0, k * H])
             state, history = run
             run[0] = replay_step(
-                history, state[:15], state[15:], k, measurement, stamps, H, data.us[k], data.rs[k],
-                PHI, GAMMA, W, integrator,
+                history, SLOT, state, k, *measurement, stamps, H, data.us[k], data.rs[k],
+                FilterModel(PHI, GAMMA, W, integrator), LAYOUT,
             )  # fmt: skip
         np.testing.assert_array_equal(once[0], twice[0])
-    assert not put_in(once[1][7].copy(), data.measurement({2: 0}), 2)
-    assert put_in(once[1][7].copy(), data.measurement({0: 0}), 0)
+    y, _, blocks = data.measurement({0: 0, 2: 0})
+    assert not put_in(once[1][7].copy(), SLOT, y, blocks, 2, LAYOUT.first, LAYOUT.block)
+    assert put_in(once[1][7].copy(), SLOT, y, blocks, 0, LAYOUT.first, LAYOUT.block)
 
 
 @pytest.mark.parametrize("stamp", [np.nan, np.inf, -np.inf, 1e300, -5.0, 9 * H])
 def test_a_stamp_that_cannot_be_is_not_used(stamp: float) -> None:
-    data, history = Data(7), empty_history(6)
+    data, history = Data(7), empty_history(6, SLOT)
     state = np.concatenate([np.zeros(15), P_0.ravel()])
     for k in range(8):
         rows = {0: k} if k == 7 else {}
         stamps = np.array([stamp, 0.0, 0.0])
         state = replay_step(
-            history, state[:15], state[15:], k, data.measurement(rows), stamps, H, data.us[k], data.rs[k],
-            PHI, GAMMA, W, INTEGRATOR_HOLD,
+            history, SLOT, state, k, *data.measurement(rows), stamps, H, data.us[k], data.rs[k],
+            FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD), LAYOUT,
         )  # fmt: skip
     np.testing.assert_array_equal(state, in_order(data, set(), 7, INTEGRATOR_HOLD))
 
@@ -212,7 +213,7 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
         start[6:8] = 1.0, 0.5
         x = start[:12] + root_P @ rng.normal(size=12)
         replay = ignore = np.concatenate([start, P_0.ravel()])
-        history, data = empty_history(16), Data(0, 60)
+        history, data = empty_history(16, SLOT), Data(0, 60)
         data.us[:] = 0.0
         arrivals = delivered([int(d) for d in rng.integers(1, 4, 180)])
         for k in range(60):
@@ -221,10 +222,9 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
             rows = {s: j for (j, s), when in arrivals.items() if when == k}
             stamps = np.array([rows.get(s, 0) * H for s in range(3)])
             m, u, r = data.measurement(rows), data.us[k], data.rs[k]
-            replay = replay_step(
-                history, replay[:15], replay[15:], k, m, stamps, H, u, r, PHI, GAMMA, W, INTEGRATOR_ESTIMATE
-            )
-            ignore = filter_step(ignore[:15], ignore[15:], m, u, r, PHI, GAMMA, W, INTEGRATOR_ESTIMATE)
+            model = FilterModel(PHI, GAMMA, W, INTEGRATOR_ESTIMATE)
+            replay = replay_step(history, SLOT, replay, k, *m, stamps, H, u, r, model, LAYOUT)
+            ignore = filter_step(ignore, *m, u, r, model, LAYOUT)
             x = PHI @ x + root_W @ rng.normal(size=12)
         for mode, state in (("replay", replay), ("ignore", ignore)):
             e = state[:3] - x[:3]
@@ -259,24 +259,21 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     assert worst["ignore"] > 0.01
 
 
-def test_past_estimate_finds_the_tick_of_the_stamp() -> None:
-    history = empty_history(4)
+def test_the_belief_of_a_message_is_that_of_the_tick_of_its_stamp() -> None:
+    """Cases: arrived, tick of the stamp, tick whose belief is given; 99 stands for the present one."""
+    model = FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD)
+    kalman = ReplayKalmanFilter(model, MEASURED, 0.0, np.full(15, 99.0), P_0, H, 4, {"camera": 5})
+    history = empty_history(4, SLOT)
     for k in range(3, 7):
-        history[k % 4, TICK] = k
-        history[k % 4, XHAT:COVARIANCE], history[k % 4, COVARIANCE:MEASUREMENT] = k, 10.0 * k
-    past = PastEstimate("camera", 5, 4, H)
+        history[k % 4, SLOT.tick], history[k % 4, SLOT.belief : SLOT.y] = k, k
     cases = [(1, 5, 5), (1, 6, 6), (1, 3, 3), (1, 0, 3), (1, 7, 99), (1, 8, 99), (0, 5, 99)]
-    for kept, (arrived, j, found) in [*((history, case) for case in cases), (empty_history(4), (1, 0, 99))]:
-        context = past.CreateDefaultContext()
-        for name, value in [
-            ("message", np.array([arrived, j * H, 0.0, 0.0, 0.0])),
-            ("present_estimate", np.full(15, 99.0)),
-            ("present_covariance", np.full(225, 990.0)),
-            ("history", kept.ravel()),
-        ]:
-            past.GetInputPort(name).FixValue(context, BasicVector(value))
-        np.testing.assert_array_equal(past.GetOutputPort("estimate").Eval(context), np.full(15, found))
-        np.testing.assert_array_equal(past.GetOutputPort("covariance").Eval(context), np.full(225, 10.0 * found))
+    for kept, (arrived, j, found) in [*((history, c) for c in cases), (empty_history(4, SLOT), (1, 0, 99))]:
+        context = kalman.CreateDefaultContext()
+        context.get_mutable_discrete_state().set_value(1, kept.ravel())
+        kalman.GetInputPort("message_camera").FixValue(context, np.array([arrived, j * H, 0.0, 0.0, 0.0]))
+        belief = kalman.GetOutputPort("belief_camera").Eval(context)
+        np.testing.assert_array_equal(belief[:15], np.full(15, found))
+        np.testing.assert_array_equal(belief[15:], P_0.ravel() if found == 99 else np.full(225, found))
 
 
 @pytest.mark.parametrize(
@@ -293,11 +290,11 @@ def test_settings_that_cannot_be_are_refused(setting: str, named: str) -> None:
 
 
 def test_the_row_of_a_tick_is_its_own_or_the_oldest_before_it_and_none_after() -> None:
-    history = empty_history(4)
+    history = empty_history(4, SLOT)
     assert [row_of_past(history, j) for j in (-1, 0, 5)] == [-1, -1, -1]
-    history[[0, 1, 2, 3], TICK] = [8, 9, 6, 7]  # tick j is in row j mod 4
+    history[[0, 1, 2, 3], SLOT.tick] = [8, 9, 6, 7]  # tick j is in row j mod 4
     assert [row_of_past(history, j) for j in (6, 7, 8, 9)] == [2, 3, 0, 1]
     assert [row_of_past(history, j) for j in (5, 0, -3)] == [2, 2, 2]
     assert row_of_past(history, 10) == -1
-    history[[0, 1, 2, 3], TICK] = [4, 5, 6, 7]
+    history[[0, 1, 2, 3], SLOT.tick] = [4, 5, 6, 7]
     assert row_of_past(history, 3) == 0

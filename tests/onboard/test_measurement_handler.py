@@ -9,16 +9,9 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from ortilo_drake.model.hover import output_C
-from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, MEASUREMENT_Y, SENSORS
-from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
-from ortilo_drake.onboard.estimator.measurement_handler import (
-    MeasurementHandler,
-    arrival_matrix,
-    selection_matrix,
-    squared_distance,
-)
-from ortilo_drake.scenario import MeasurementHandler as Settings
-from ortilo_drake.scenario import Noise
+from ortilo_drake.model.measurement import PAPER, make_measurement, row
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler, squared_distance
 
 H = 1.0 / 30.0
 
@@ -27,7 +20,15 @@ PATTERNS = [np.array(p) for p in product([0.0, 1.0], repeat=3)]
 P_UWB, P_CAMERA, RPY = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.9, 3.2]), np.array([0.1, -0.2, 0.3])
 V_UWB = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.16]])
 V_CAMERA = np.diag([0.01, 0.02, 0.03])
-FIXED = Noise(uwb=(0.5, 0.6, 0.7), camera=(0.8, 0.9, 1.0), imu=(1e-4, 2e-4, 3e-4))
+Noise = dict[str, np.ndarray | None]
+FIXED: Noise = {
+    "uwb": np.diag([0.5, 0.6, 0.7]),
+    "camera": np.diag([0.8, 0.9, 1.0]),
+    "imu": np.diag([1e-4, 2e-4, 3e-4]),
+}
+FROM_FIX: Noise = {"uwb": None, "camera": None, "imu": np.diag([1e-4, 1e-4, 1e-4])}
+MEASUREMENT = make_measurement()
+SIZES = {"uwb": 14, "camera": 14, "imu": 11}
 
 
 def fix(arrived: float, p: np.ndarray, V: np.ndarray) -> np.ndarray:
@@ -36,14 +37,14 @@ def fix(arrived: float, p: np.ndarray, V: np.ndarray) -> np.ndarray:
 
 def handle(
     delta: np.ndarray,
-    settings: Settings,
+    gates: dict[str, float],
     noise: Noise,
     xhat: np.ndarray | None = None,
     P: np.ndarray | None = None,
     sensors: tuple[str, ...] = SENSORS,
-) -> np.ndarray:
+) -> dict[str, np.ndarray]:
     """What the handler makes of the fixes above, each there or not."""
-    handler = MeasurementHandler(settings, noise, TICK, sensors)
+    handler = MeasurementHandler(MEASUREMENT, {s: SIZES[s] for s in sensors}, noise, gates, TICK)
     context = handler.CreateDefaultContext()
     imu = np.concatenate([[delta[2], 0.0], RPY, np.zeros(3), [0.0, 0.0, 9.81]])
     inputs = {
@@ -56,53 +57,53 @@ def handle(
     for name, value in inputs.items():
         if handler.HasInputPort(name):
             handler.GetInputPort(name).FixValue(context, BasicVector(value))
-    return handler.get_output_port().Eval(context).copy()
+    return {name: handler.GetOutputPort(name).Eval(context).copy() for name in ("y", "delta", "V2")}
 
 
 @pytest.mark.parametrize("delta", PATTERNS, ids=str)
 def test_what_arrived_is_stacked_and_the_rest_is_zero(delta: np.ndarray) -> None:
-    measurement = handle(delta, Settings(), FIXED)
+    measurement = handle(delta, {}, FIXED)
     everything = np.concatenate([P_UWB, P_CAMERA, RPY])
-    np.testing.assert_array_equal(measurement[MEASUREMENT_DELTA], delta)
-    np.testing.assert_array_equal(measurement[MEASUREMENT_Y], arrival_matrix(delta) @ everything)
+    np.testing.assert_array_equal(measurement["delta"], delta)
+    np.testing.assert_array_equal(measurement["y"], MEASUREMENT.arrival_matrix(delta) @ everything)
     for name in ("uwb", "camera", "imu"):
         j = ("uwb", "camera", "imu").index(name)
-        V = measurement[MEASUREMENT_V2].reshape(3, 3, 3)[j]
-        np.testing.assert_array_equal(V, np.diag(getattr(FIXED, name)))
+        V = measurement["V2"].reshape(3, 3, 3)[j]
+        np.testing.assert_array_equal(V, FIXED[name])
 
 
 @pytest.mark.parametrize("delta", PATTERNS, ids=str)
 def test_H_and_E_are_the_papers(delta: np.ndarray) -> None:
-    H = arrival_matrix(delta) @ output_C()
-    E = selection_matrix(delta)
+    H = MEASUREMENT.arrival_matrix(delta) @ output_C()
+    E = MEASUREMENT.selection_matrix(delta)
     seen = np.zeros((9, 12))
     for row, state in enumerate([0, 1, 2, 0, 1, 2, 3, 4, 5]):
         seen[row, state] = delta[row // 3]
     np.testing.assert_array_equal(H, seen)
-    np.testing.assert_array_equal(STATE_OF_ROW, output_C() @ np.arange(12.0))
+    np.testing.assert_array_equal(MEASUREMENT.layout.C, output_C())
     # E C is the position wherever there is a fix, else nothing; UWB goes before the camera, the IMU has no part.
     there = float(delta[0] or delta[1])
     np.testing.assert_array_equal(E @ output_C(), there * np.eye(3, 12))
     np.testing.assert_array_equal(E[:, 0:3], delta[0] * np.eye(3))
     np.testing.assert_array_equal(E[:, 6:9], np.zeros((3, 3)))
-    np.testing.assert_array_equal(E @ arrival_matrix(delta), E)
+    np.testing.assert_array_equal(E @ MEASUREMENT.arrival_matrix(delta), E)
 
 
 def test_nothing_arrived_leaves_a_finite_message_of_zeros() -> None:
-    measurement = handle(np.zeros(3), Settings(uwb_gate=0.99, camera_gate=0.99), Noise())
-    assert not np.any(measurement[MEASUREMENT_Y])
-    assert not np.any(measurement[MEASUREMENT_DELTA])
-    V2 = measurement[MEASUREMENT_V2].reshape(3, 3, 3)
+    measurement = handle(np.zeros(3), {"uwb": 0.99, "camera": 0.99}, FROM_FIX)
+    assert not np.any(measurement["y"])
+    assert not np.any(measurement["delta"])
+    V2 = measurement["V2"].reshape(3, 3, 3)
     assert all(np.all(np.linalg.eigvalsh(V) > 0.0) for V in V2)  # the full-size formula can still use it
 
 
 @pytest.mark.parametrize("from_fix", list(product([True, False], repeat=2)))
 def test_covariances_come_with_the_fix_or_from_the_scenario(from_fix: tuple[bool, bool]) -> None:
-    noise = Noise(uwb=None if from_fix[0] else FIXED.uwb, camera=None if from_fix[1] else FIXED.camera, imu=FIXED.imu)
-    V2 = handle(np.ones(3), Settings(), noise)[MEASUREMENT_V2].reshape(3, 3, 3)
-    np.testing.assert_array_equal(V2[0], V_UWB if from_fix[0] else np.diag(FIXED.uwb))
-    np.testing.assert_array_equal(V2[1], V_CAMERA if from_fix[1] else np.diag(FIXED.camera))
-    np.testing.assert_array_equal(V2[2], np.diag(FIXED.imu))
+    noise = FIXED | {name: None for name, own in zip(SENSORS, from_fix, strict=False) if own}
+    V2 = handle(np.ones(3), {}, noise)["V2"].reshape(3, 3, 3)
+    np.testing.assert_array_equal(V2[0], V_UWB if from_fix[0] else FIXED["uwb"])
+    np.testing.assert_array_equal(V2[1], V_CAMERA if from_fix[1] else FIXED["camera"])
+    np.testing.assert_array_equal(V2[2], FIXED["imu"])
 
 
 def random_P(rng: np.random.Generator) -> np.ndarray:
@@ -117,7 +118,7 @@ def test_distance_is_scipys_mahalanobis() -> None:
         V = random_P(rng)[:3, :3]
         p = xhat[:3] + rng.normal(size=3)
         expected = mahalanobis(p, xhat[:3], np.linalg.inv(P[:3, :3] + V)) ** 2
-        measured = squared_distance(fix(1.0, p, V), xhat, P.ravel(), V.ravel(), 15)
+        measured = squared_distance(p - xhat[:3], np.eye(3, 12), P.ravel(), V)
         assert measured == pytest.approx(expected, rel=1e-10)
 
 
@@ -130,45 +131,46 @@ def test_gate_stands_at_the_chi_square_quantile(sensor: int, gate: float) -> Non
     direction = rng.normal(size=3)
     direction /= np.sqrt(direction @ np.linalg.solve(P[:3, :3] + V, direction))  # of Mahalanobis length 1
     limit = np.sqrt(chi2.ppf(gate, df=3))
-    settings = Settings(uwb_gate=gate) if sensor == 0 else Settings(camera_gate=gate)
+    gates = {SENSORS[sensor]: gate}
     for length, passes in ((limit * 0.999, 1.0), (limit * 1.001, 0.0)):
         xhat = np.concatenate([p - length * direction, np.zeros(12)])
-        measurement = handle(np.ones(3), settings, Noise(), xhat, P)
+        measurement = handle(np.ones(3), gates, FROM_FIX, xhat, P)
         expected = np.ones(3)
         expected[sensor] = passes
-        np.testing.assert_array_equal(measurement[MEASUREMENT_DELTA], expected)
-        np.testing.assert_array_equal(measurement[MEASUREMENT_Y][3 * sensor : 3 * sensor + 3], passes * p)
+        np.testing.assert_array_equal(measurement["delta"], expected)
+        np.testing.assert_array_equal(measurement["y"][3 * sensor : 3 * sensor + 3], passes * p)
 
 
 @pytest.mark.parametrize("delta", PATTERNS, ids=str)
 def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray) -> None:
     flown = tuple(sensor for sensor, there in zip(SENSORS, delta, strict=True) if there)
-    grounded = handle(np.ones(3), Settings(), FIXED, sensors=flown)
-    np.testing.assert_array_equal(grounded, handle(delta, Settings(), FIXED))
+    grounded = handle(np.ones(3), {}, FIXED, sensors=flown)
+    for name, value in handle(delta, {}, FIXED).items():
+        np.testing.assert_array_equal(grounded[name], value)
 
 
 @pytest.mark.parametrize("where", ["position", "covariance"])
 def test_a_fix_is_infinitely_far_from_a_prediction_that_is_no_number(where: str) -> None:
-    xhat, P = np.zeros(15), np.eye(15).ravel()
-    (xhat if where == "position" else P)[1] = np.nan
-    assert squared_distance(fix(1.0, np.ones(3), np.eye(3)), xhat, P, np.eye(3).ravel(), 15) == np.inf
+    e, P = np.ones(3), np.eye(15).ravel()
+    (e if where == "position" else P)[1] = np.nan
+    assert squared_distance(e, np.eye(3, 12), P, np.eye(3)) == np.inf
 
 
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
-    def inputs(settings: Settings, sensors: tuple[str, ...]) -> list[str]:
-        handler = MeasurementHandler(settings, Noise(), TICK, sensors)
+    def inputs(gates: dict[str, float], sensors: tuple[str, ...]) -> list[str]:
+        handler = MeasurementHandler(MEASUREMENT, {s: SIZES[s] for s in sensors}, FROM_FIX, gates, TICK)
         ports = range(handler.num_input_ports())
         assert all(handler.HasDirectFeedthrough(i, 0) for i in ports)
         return [handler.get_input_port(i).get_name() for i in ports]
 
-    assert inputs(Settings(), SENSORS) == ["uwb", "camera", "imu"]
-    assert inputs(Settings(), ("imu",)) == ["imu"]
-    assert inputs(Settings(camera_gate=0.99), SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
+    assert inputs({}, SENSORS) == ["uwb", "camera", "imu"]
+    assert inputs({}, ("imu",)) == ["imu"]
+    assert inputs({"camera": 0.99}, SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
 
 
 def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
     """What the handler gives at tick k of messages that old, one for each sensor."""
-    handler = MeasurementHandler(Settings(), Noise(), H, SENSORS, delay)
+    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay)
     context = handler.CreateDefaultContext()
     context.SetTime(k * H)
     for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
@@ -180,33 +182,58 @@ def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[Measurement
 
 @pytest.mark.parametrize("ages", [(0, 1, 2), (2, 0, 1), (1, 5, 0), (3, 3, 3), (1, 1, 1)])
 def test_drop_uses_nothing_older_than_a_tick(ages: tuple[int, ...]) -> None:
-    measurement = handled("drop", ages)[1]["measurement"]
+    found = handled("drop", ages)[1]
     recent = np.array([float(age <= 1) for age in ages])
-    np.testing.assert_array_equal(measurement[9:12], recent)
-    np.testing.assert_array_equal(measurement[:9], np.repeat(recent, 3) * np.tile([1.0, 2.0, 3.0], 3))
+    np.testing.assert_array_equal(found["delta"], recent)
+    np.testing.assert_array_equal(found["y"], np.repeat(recent, 3) * np.tile([1.0, 2.0, 3.0], 3))
     kept = handled("ignore", ages)[1]
-    np.testing.assert_array_equal(kept["measurement"][9:12], np.ones(3))
-    assert set(kept) == {"measurement"}
+    np.testing.assert_array_equal(kept["delta"], np.ones(3))
 
 
 def test_stamps_are_given_to_replay() -> None:
     found = handled("replay", (0, 4, 2))[1]
     np.testing.assert_array_equal(found["stamps"], np.array([50, 46, 48]) * H)
-    np.testing.assert_array_equal(found["measurement"], handled("ignore", (0, 4, 2))[1]["measurement"])
+    for name, value in handled("ignore", (0, 4, 2))[1].items():
+        np.testing.assert_array_equal(found[name], value)
 
 
 @pytest.mark.parametrize("delay", ["ignore", "drop", "replay"])
 def test_what_is_given_follows_what_comes_and_when(delay: str) -> None:
     """Drake keeps an output until something that it names as needed changes."""
-    handler = MeasurementHandler(Settings(), Noise(), H, SENSORS, delay)
+    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay)
     context = handler.CreateDefaultContext()
     for k, stamped in [(10, 10), (11, 11), (12, 9), (14, 14)]:
         context.SetTime(k * H)
         for i, (name, size) in enumerate(zip(SENSORS, (14, 14, 11), strict=True)):
             values = np.concatenate([[1.0, stamped * H], np.full(size - 2, float(k + i))])
             handler.GetInputPort(name).FixValue(context, BasicVector(values))
-        measurement = handler.GetOutputPort("measurement").Eval(context)
+        y = handler.GetOutputPort("y").Eval(context)
         dropped = delay == "drop" and k - stamped > 1
-        np.testing.assert_array_equal(measurement[:9], 0.0 * np.arange(9) if dropped else k + np.arange(9) // 3)
+        np.testing.assert_array_equal(y, 0.0 * np.arange(9) if dropped else k + np.arange(9) // 3)
         if delay == "replay":
             np.testing.assert_array_equal(handler.GetOutputPort("stamps").Eval(context), np.full(3, stamped * H))
+
+
+def test_values_of_any_size_are_stacked_with_their_covariances_and_gated_by_what_they_see() -> None:
+    """An altimeter whose message is its value, a two-row sensor that is a fix with more behind it, and a gate on it."""
+    rows = (PAPER[2], ("alt", (row("z_alt", z=1.0),)), ("flow", (row("v_x", x_dot=1.0), row("mix", x=0.6, y=0.8))))
+    measurement, V_flow = make_measurement(rows), np.array([[0.04, 0.01], [0.01, 0.09]])
+    sizes = {"alt": 3, "flow": 2 + 2 + 4 + 1}
+    rng = np.random.default_rng(23)
+    P, e = random_P(rng), rng.normal(size=2)
+    C = np.zeros((2, 12))
+    C[0, 6], C[1, 0], C[1, 1] = 1.0, 0.6, 0.8
+    e /= np.sqrt(e @ np.linalg.solve(C @ P[:12, :12] @ C.T + V_flow, e))
+    xhat = rng.normal(size=15)
+    for length, passes in ((0.999, 1.0), (1.001, 0.0)):
+        V = {"imu": np.eye(3), "alt": np.array([[0.25]]), "flow": None}
+        handler = MeasurementHandler(measurement, sizes, V, {"flow": 0.9}, TICK)
+        context = handler.CreateDefaultContext()
+        value = C @ xhat[:12] + length * np.sqrt(chi2.ppf(0.9, df=2)) * e
+        given = {"alt": [1.0, 0.0, 1.7], "flow": [1.0, 0.0, *value, *V_flow.ravel(), 123.0]}
+        for name, numbers in (given | {"estimate": xhat, "covariance": P.ravel()}).items():
+            handler.GetInputPort(name).FixValue(context, np.array(numbers))
+        y, delta, V2 = (handler.GetOutputPort(name).Eval(context) for name in ("y", "delta", "V2"))
+        np.testing.assert_array_equal(delta, [0.0, 1.0, passes])
+        np.testing.assert_array_equal(y, [0.0, 0.0, 0.0, 1.7, *(passes * value)])
+        np.testing.assert_array_equal(measurement.matrix(V2)[3:, 3:], np.diag([0.25, 0, 0]) + np.pad(V_flow, (1, 0)))

@@ -8,7 +8,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from scipy.linalg import block_diag, solve_discrete_lyapunov
 
-from ortilo_drake.diagrams.closed_loop import make_closed_loop, set_hovering
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, filter_step
 from ortilo_drake.scenario import CommandLink, GilbertElliottLoss, NoLoss, Scenario, load_scenario
@@ -231,7 +231,7 @@ def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> 
     diagram = make_closed_loop(scenario)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    set_hovering(diagram, context, scenario)
+    diagram.SetHovering(context)
     x_0 = np.array([0.05, -0.04, 0.03, 0.01, -0.02, 0.01, 0.02, 0.01, -0.02, 0.02, 0.01, -0.01])
     plant = diagram.GetSubsystemByName("world").GetSubsystemByName("quadrotor")
     r = np.concatenate([[8.0, 1.0, 1.5], np.zeros(9)])

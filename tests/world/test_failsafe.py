@@ -10,7 +10,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Diagram
 from scipy.integrate import solve_ivp
 
-from ortilo_drake.diagrams.closed_loop import set_world_hovering
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
 from ortilo_drake.model.typed_yaml import InputError
@@ -181,7 +180,7 @@ def make_flight(*options: str, name: str = "imu_uwb") -> tuple[Diagram, Simulato
     simulator = Simulator(world)
     config = SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=DT, use_error_control=False)
     ApplySimulatorConfig(config, simulator)
-    set_world_hovering(world, simulator.get_mutable_context(), scenario, np.array([5.0, 2.0, 1.2]))
+    world.SetHovering(simulator.get_mutable_context(), np.array([5.0, 2.0, 1.2]), scenario.servo.yaw)
     return world, simulator
 
 

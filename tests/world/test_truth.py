@@ -10,7 +10,6 @@ import yaml
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from ortilo_drake.diagrams.closed_loop import set_world_hovering
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.room import ORTILO_ROOM
@@ -28,7 +27,7 @@ def flown(scenario: Scenario, change: Callable[[Diagram, Context], None] = lambd
     simulator = Simulator(world)
     fix_steps(simulator, scenario)
     context = simulator.get_mutable_context()
-    set_world_hovering(world, context, load_scenario("imu_uwb"), np.array([8.0, 1.0, 1.5]))
+    world.SetHovering(context, np.array([8.0, 1.0, 1.5]), 0.0)
     if world.HasSubsystemNamed("rotors"):
         world.GetSubsystemByName("rotors").GetMyMutableContextFromRoot(context).SetContinuousState([600.0] * 4)
     change(world, context)

@@ -5,7 +5,7 @@ import xarray as xr
 
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import Lost
-from ortilo_drake.flight.signals import OUTPUTS, Record, Signals
+from ortilo_drake.flight.signals import Record, Signals, output_sizes
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.scenario import Scenario
 
@@ -14,11 +14,12 @@ class FlightRecord:
     """The ticks of a flight; each is told of once its telemetry has had time to come.
 
     Args:
+        scenario: what is flown.
         record: called with everything of a tick, in order; outputs that were lost are NaN.
     """
 
-    def __init__(self, record: Record | None):
-        self._record = record
+    def __init__(self, scenario: Scenario, record: Record | None):
+        self._record, self._sizes = record, output_sizes(scenario.measurement)
         self._states: list[np.ndarray] = []
         self._sent: list[Signals] = []
         self._heard: dict[int, Signals] = {}
@@ -41,7 +42,7 @@ class FlightRecord:
     def outputs(self, tick: int) -> Signals:
         """Return the onboard half's outputs of a tick; NaN where nothing came."""
         heard = self._heard.get(tick, {})
-        return {name: heard.get(name, np.full(size, np.nan)) for name, size in OUTPUTS.items()}
+        return {name: heard.get(name, np.full(size, np.nan)) for name, size in self._sizes.items()}
 
     def record_until(self, end: int) -> None:
         """Tell of the ticks before one that were not told of yet."""

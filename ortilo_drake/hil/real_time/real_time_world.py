@@ -67,7 +67,7 @@ def fly_in_real_time(
     """
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
     room, h, timing = scenario.load_room(), scenario.h, TickTiming(scenario.h)
-    flown, command = FlightRecord(record), Command(scenario.vehicle.hover_thrust)
+    flown, command = FlightRecord(scenario, record), Command(scenario.vehicle.hover_thrust)
     heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
     if show_statistics:

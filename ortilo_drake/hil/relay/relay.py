@@ -15,13 +15,13 @@ from typing import Final
 from ortilo_drake.hil.relay.faults import Faults, Line
 from ortilo_drake.hil.wire.bus import Bus, open_bus
 from ortilo_drake.hil.wire.multicast import address
-from ortilo_drake.hil.wire.packets import CHANNELS, NO_TICK, PORTS
+from ortilo_drake.hil.wire.packets import NO_TICK, channel_of
 from ortilo_drake.hil.wire.unpack import role_of
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.noise import stream_id, uniforms
 
-_FROM: Final = {"world": (*PORTS, "tick"), "onboard": ("command", "telemetry")}
+_FROM_ONBOARD: Final = ("command", "telemetry")
 _ROLES: Final = {"world": ("world", "user"), "onboard": ("onboard",)}  # that a packet without a tick states
 _WAIT = 1  # [ms]
 
@@ -33,14 +33,14 @@ class _Direction:
         self._half, self._target, self.line = half, target, line
         self._due: list[tuple[float, int, str, bytes]] = []
         self._order = itertools.count()  # breaks ties, first come first served
-        for name in (*_FROM[half], *NO_TICK):
-            source.subscribe(CHANNELS[name], partial(self._take, name))
+        for name in (*_FROM_ONBOARD, *NO_TICK) if half == "onboard" else (*ports(), "tick", *NO_TICK):
+            source.subscribe(channel_of(name), partial(self._take, name))
 
     def _take(self, name: str, data: bytes) -> None:
         if name in NO_TICK and role_of(name, data) not in _ROLES[self._half]:
             return
         for due in self.line.take(name, time.monotonic()):
-            heapq.heappush(self._due, (due, next(self._order), CHANNELS[name], data))
+            heapq.heappush(self._due, (due, next(self._order), channel_of(name), data))
 
     def release(self, now: float) -> None:
         """Publish what is due."""

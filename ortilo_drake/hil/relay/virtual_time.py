@@ -72,7 +72,7 @@ def fly_in_virtual_time(
         raise InputError(f"{scenario.name}: camera: must be 'projected' in virtual time")
     world, onboard = WorldHalf(scenario, COMMAND_PERIOD), OnboardHalf(scenario)
     there, back = _Way(Line(to_onboard, seed, "to_onboard")), _Way(Line(to_world, seed, "to_world"))
-    ticks, flown, command = OnboardTicks(scenario), FlightRecord(None), Command(scenario.vehicle.hover_thrust)
+    ticks, flown, command = OnboardTicks(scenario), FlightRecord(scenario, None), Command(scenario.vehicle.hover_thrust)
     room, h, end, lost = scenario.load_room(), scenario.h, flight_ticks(scenario), None
 
     def answer(now: float) -> None:

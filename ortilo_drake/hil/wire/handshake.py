@@ -19,7 +19,7 @@ from ortilo_drake.hil.wire.bus import Bus, open_bus
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.limits import limits_of
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import CHANNELS, FINISHED, LOOKING, PROTOCOL, Hello, encode_hello
+from ortilo_drake.hil.wire.packets import FINISHED, LOOKING, PROTOCOL, Hello, channel_of, encode_hello
 from ortilo_drake.hil.wire.seal import flight_key, hello_key, seal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -64,7 +64,7 @@ def say_hello(bus: Bus, key: bytes, hello: Hello) -> None:
         key: that the halves share.
         hello: what to say.
     """
-    bus.publish(CHANNELS["hello"], seal(hello_key(key), "hello", encode_hello(hello)))
+    bus.publish(channel_of("hello"), seal(hello_key(key), "hello", encode_hello(hello)))
 
 
 def refusal(hello: Hello, digest: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
-from ortilo_drake.hil.wire.packets import CHANNELS, Goal, Hello
+from ortilo_drake.hil.wire.packets import KINDS, Goal, Hello, channel_of
 from ortilo_drake.hil.wire.seal import hello_key
 from ortilo_drake.hil.wire.unpack import Packet, decode
 from ortilo_drake.hil.wire.window import Window
@@ -33,7 +33,7 @@ class Inbox:
 
     Args:
         bus: the bus; only poll handles its subscriptions.
-        names: the channels to listen on, keys of CHANNELS.
+        names: the channels to listen on, of packets.KINDS or a sensor.
         key: that the halves share, see key_file.py.
         flight: what packets are checked against; None lets only a hello pass, until begin.
 
@@ -55,7 +55,7 @@ class Inbox:
         self._count: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
         for name in self._newest:
-            bus.subscribe(CHANNELS[name], partial(self._keep, name))
+            bus.subscribe(channel_of(name), partial(self._keep, name))
 
     def _keep(self, name: str, data: bytes) -> None:
         self._raw.append((name, time.perf_counter(), data))

@@ -21,19 +21,19 @@ from ortilo_drake.model.signals import (
     ARRIVED,
     DETECTION_SIZE,
     MAX_DETECTIONS,
-    MEASUREMENT_DELTA,
-    MEASUREMENT_SIZE,
-    MEASUREMENT_V2,
-    MEASUREMENT_Y,
     N_I,
+    N_X,
     PAYLOAD,
+    SENSORS,
 )
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import described, message_size
 
 ASKED: Final = 8.0  # times what the rotors give: so much a servo may ask for; ideal rotors give it
 SIGMAS: Final = 10.0
 LOOSE: Final = 1000.0  # times what the vehicle does: so wrong an estimate may be, of a filter that has lost it
+LARGEST: Final = 1e6  # of what a registered sensor sends, where it names no limits itself
 FARTHEST: Final = 1e4  # of a goal that somebody may ask for [m]; onboard it is refused if it is not in the room
 
 
@@ -84,7 +84,7 @@ def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
 
 
 def limits_of(scenario: Scenario) -> dict[str, Limits]:
-    """Return the limits of every signal by its name: of packets.PORTS and TELEMETRY, command and goal."""
+    """Return the limits of every signal by its name: of the ports, MEASUREMENT and TELEMETRY, command and goal."""
     room, vehicle, h, disturbance = scenario.load_room(), scenario.vehicle, scenario.h, scenario.world.disturbance
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     size = float(np.linalg.norm(high - low))
@@ -119,14 +119,18 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     motion = np.concatenate((speed * np.ones(3), euler_rates))
     position = size * np.ones(3)
     state = LOOSE * np.concatenate((position, angles, motion, size * np.ones(N_I)))
-    measurement = np.empty(MEASUREMENT_SIZE)
-    measurement[MEASUREMENT_Y] = LOOSE * np.concatenate((position, position, angles))
-    measurement[MEASUREMENT_DELTA] = 1.0
-    measurement[MEASUREMENT_V2] = (LOOSE * size) ** 2
+    measurement = scenario.measurement
+    values = np.abs(measurement.layout.C) @ state[:N_X]
     path = np.concatenate((speed * np.ones(3), force * np.ones(3)))
     latency = scenario.projected_camera.latency
     nothing = np.empty(0)
-    return {
+    own = {}
+    for name in set(scenario.sensors) - set(SENSORS):
+        sensor = described(name)
+        payload = message_size(sensor, scenario, room) - PAYLOAD
+        bounds = np.full(payload, -LARGEST), np.full(payload, LARGEST)
+        own[name] = _message(*(sensor.limits(scenario, room) if sensor.limits else bounds), oldest(name))
+    return own | {
         "imu": _message(-inertial, inertial, oldest("imu")),
         "uwb": _message(np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), oldest("uwb"), list(range(n, 2 * n))),
         "detections": _message(box_low, box_high, oldest("camera") + latency, labels),
@@ -134,7 +138,9 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         "image": Limits(nothing, nothing, oldest=oldest("camera")),
         "velocity": _message(-motion, motion, 0),
         "command": _symmetric(u),
-        "measurement": _symmetric(measurement),
+        "y": _symmetric(values),
+        "delta": Limits(np.zeros(measurement.sizes["delta"]), np.ones(measurement.sizes["delta"])),
+        "V2": _symmetric((LOOSE * size) ** 2 * np.ones(measurement.sizes["V2"])),
         "estimate": _symmetric(state),
         "covariance": _symmetric(np.outer(state, state).ravel()),
         "reference": Limits(np.concatenate((low - 1e-6, -path)), np.concatenate((high + 1e-6, path))),

@@ -18,22 +18,34 @@ from ortilo_drake.hil.wire.lcmtypes.ortilo import (
     lcmt_vector,
 )
 from ortilo_drake.interop.ros.picture_codec import encode_png
-from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.model.parts import known_sensors
+from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
 
-PROTOCOL: Final = 2
-PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick
-CHANNELS: Final = {name: f"ORTILO_{name.upper()}" for name in (*PORTS, "tick", "command", "telemetry", "hello", "goal")}
+PROTOCOL: Final = 3
+PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick, beside registered sensors
+KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets
+MEASUREMENT: Final = ("y", "delta", "V2")  # one after the other in telemetry
 TELEMETRY: Final = {
-    "measurement": MEASUREMENT_SIZE,
     "estimate": N_XBAR,
     "covariance": N_XBAR * N_XBAR,
     "reference": REFERENCE_SIZE,
 }
+ANSWER: Final = {"control", *MEASUREMENT, *TELEMETRY}  # what a whole answer of the onboard half holds
 NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
 LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
 ROLES: Final = ("world", "onboard", "user")
 MAX_HEARD: Final = 8
 MAX_TEXT: Final = 500  # bytes of a text
+
+
+def ports() -> tuple[str, ...]:
+    """Return the names of all ports that a world may send on: PORTS and the registered sensors."""
+    return (*PORTS, *(name for name in known_sensors() if name not in SENSORS))
+
+
+def channel_of(name: str) -> str:
+    """Return the channel of a port or of another kind of packet."""
+    return f"ORTILO_{name.upper()}"
 
 
 class Hello(NamedTuple):
@@ -126,11 +138,13 @@ def encode_command(session: int, tick: int, u: np.ndarray) -> bytes:
 
 
 def encode_telemetry(session: int, tick: int, outputs: dict[str, np.ndarray]) -> bytes:
-    """Return the bytes of an onboard half's outputs, of which those that TELEMETRY names are sent."""
+    """Return the bytes of an onboard half's outputs, of which those of MEASUREMENT and TELEMETRY are sent."""
     message = lcmt_telemetry()
     message.session, message.tick = session, tick
     for name in TELEMETRY:
         setattr(message, name, outputs[name].tolist())
+    message.measurement = [number for name in MEASUREMENT for number in outputs[name].tolist()]
+    message.size = len(message.measurement)
     return _body(message)
 
 

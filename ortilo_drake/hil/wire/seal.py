@@ -24,7 +24,7 @@ def mac(key: bytes, name: str, body: bytes) -> bytes:
 
 
 def seal(key: bytes, name: str, body: bytes) -> bytes:
-    """Return the packet of a body on a channel, a key of packets.CHANNELS."""
+    """Return the packet of a body on a channel, a key of packets.ports or packets.KINDS."""
     return body + mac(key, name, body)
 
 

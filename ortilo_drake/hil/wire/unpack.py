@@ -31,7 +31,7 @@ from ortilo_drake.hil.wire.packet_checks import (
     check_values,
     open_message,
 )
-from ortilo_drake.hil.wire.packets import MAX_HEARD, MAX_TEXT, PORTS, ROLES, STATES, TELEMETRY, Goal, Hello
+from ortilo_drake.hil.wire.packets import KINDS, MAX_HEARD, MAX_TEXT, MEASUREMENT, ROLES, STATES, TELEMETRY, Goal, Hello, ports
 from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.hil.wire.seal import MAC_SIZE
 from ortilo_drake.interop.ros.picture_codec import decode_foreign_png
@@ -49,10 +49,10 @@ class Packet(NamedTuple):
     """A packet that has passed every check.
 
     Attributes:
-        name: of its channel, a key of CHANNELS.
+        name: of its channel, of packets.KINDS or a sensor.
         tick: the tick it belongs to; -1 for one of NO_TICK.
         value: a message vector; a picture (height, width, 4), uint8; for a tick the names of its ports; a command (4);
-            telemetry as a dict from the names of TELEMETRY to vectors; a Hello; a Goal.
+            telemetry as a dict from the names of MEASUREMENT and TELEMETRY to vectors; a Hello; a Goal.
         stamp: a picture's time [s]; 0 for the others (a message vector carries its own).
     """
 
@@ -89,11 +89,11 @@ def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
 
 
 def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
-    longest = _TURN + COUNT_SIZE + sum(COUNT_SIZE + len(port) + 1 for port in PORTS)
+    longest = _TURN + COUNT_SIZE + sum(COUNT_SIZE + len(port) + 1 for port in ports())
     message = open_message(lcmt_tick, name, data, (_TURN + COUNT_SIZE, longest), flight.key, flight.session)
     check_canonical(message, data)
     check_tick(message.tick, flight)
-    if len(set(message.sent)) != len(message.sent) or not set(message.sent) <= set(PORTS):
+    if len(set(message.sent)) != len(message.sent) or not set(message.sent) <= set(ports()):
         raise BadPacket("text")
     return Packet(name, message.tick, tuple(message.sent))
 
@@ -108,10 +108,15 @@ def _decode_command(name: str, data: bytes, flight: Flight) -> Packet:
 
 
 def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
-    length = _TURN + 8 * sum(TELEMETRY.values())
+    sizes = [flight.limits[key].low.size for key in MEASUREMENT]
+    start = _TURN + 8 * sum(TELEMETRY.values())
+    check_size(data, start, 8)
+    length = start + COUNT_SIZE + 8 * sum(sizes)
     message = open_message(lcmt_telemetry, name, data, (length, length), flight.key, flight.session)
     check_tick(message.tick, flight)
     outputs = {key: np.array(getattr(message, key)) for key in TELEMETRY}
+    parts = np.split(np.array(message.measurement), np.cumsum(sizes)[:-1])
+    outputs |= dict(zip(MEASUREMENT, parts, strict=True))
     for key, values in outputs.items():
         check_values(values, flight.limits[key])
     return Packet(name, message.tick, outputs)
@@ -157,7 +162,7 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
     """Return the packet that bytes on a channel are.
 
     Args:
-        name: of the channel, a key of CHANNELS.
+        name: of the channel, of packets.KINDS or a sensor.
         data: any bytes.
         key: of hellos, see seal.hello_key.
         flight: what is known of the flight; without it only a hello can pass.
@@ -167,10 +172,12 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
     """
     if name == "hello":
         return _decode_hello(data, key)
-    if name not in PORTS and name not in _OTHERS:
+    if name not in _OTHERS and name not in ports():
         raise BadPacket("channel")
     if flight is None:
         raise BadPacket("foreign")
+    if name in ports() and name not in flight.limits:
+        raise BadPacket("channel")
     return _OTHERS.get(name, _decode_vector)(name, data, flight)
 
 

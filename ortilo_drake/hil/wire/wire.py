@@ -3,8 +3,8 @@
 from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packets import (
-    CHANNELS,
     Goal,
+    channel_of,
     encode_command,
     encode_goal,
     encode_picture,
@@ -30,8 +30,8 @@ class Outbox:
         self._bus = bus
 
     def send(self, name: str, body: bytes) -> None:
-        """Send a body on a channel, a key of packets.CHANNELS."""
-        self._bus.publish(CHANNELS[name], seal(self.key, name, body))
+        """Send a body on a channel, a key of packets.ports or packets.KINDS."""
+        self._bus.publish(channel_of(name), seal(self.key, name, body))
 
 
 def publish_messages(outbox: Outbox, tick: int, messages: Signals) -> None:

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import find_loss
-from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.interop.log.mcap_records import LoggedMessage, read_logged
 from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SENT, SIGNAL_PREFIX, STRING_TYPE
 from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
@@ -57,8 +56,8 @@ def _about(path: Path) -> dict[str, Any]:
         _ = json.loads(about["scenario"]), str(about["software"])
     except Exception:  # whatever is wrong with a foreign message
         raise InputError(f"{path}: not a log of ortilo-drake: does not begin with {SCENARIO_TOPIC}") from None
-    if found != FORMAT:
-        raise InputError(f"{path}: a log of format {found}, this version reads {FORMAT}")
+    if found not in range(1, FORMAT + 1):
+        raise InputError(f"{path}: a log of format {found}, this version reads 1 to {FORMAT}")
     return about
 
 
@@ -101,6 +100,8 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
         InputError: if there is no such log, or it is not one, or it is damaged.
     """
     file, scenario = log_file(path), log_scenario(path)
+    sizes, parts = output_sizes(scenario.measurement), scenario.measurement.sizes
+    ends = np.cumsum(list(parts.values()))[:-1]
 
     def wanted(topic: str) -> bool:
         if topic in (IMAGE_TOPIC, SCENARIO_TOPIC):
@@ -110,7 +111,9 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     for log_time, group in groupby(read_logged(file, wanted), key=lambda message: message.log_time):
         signals = dict(_decode(file, message) for message in group)
         state = signals.pop("state", None)
-        outputs = {name: signals.pop(name) for name in OUTPUTS if name in signals}
+        if "measurement" in signals:  # of format 1: y, delta and V2 in one
+            signals |= dict(zip(parts, np.split(signals.pop("measurement"), ends), strict=True))
+        outputs = {name: signals.pop(name) for name in sizes if name in signals}
         outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: it never came
         yield LoggedTick(round(log_time * 1e-9 * scenario.control_rate), state, signals, outputs)
 
@@ -135,16 +138,17 @@ def read_log(path: Path) -> xr.Dataset:
     ticks = list(read_ticks(file, images=False))
     if not ticks:
         raise InputError(f"{file}: cut off before its first tick")
-    logged = np.full((ticks[-1].k + 1, sum(LOGGED.values())), np.nan)
-    starts = dict(zip(LOGGED, np.cumsum([0, *LOGGED.values()]).tolist(), strict=False))
+    sizes = scenario.measurement.logged_sizes()
+    logged = np.full((ticks[-1].k + 1, sum(sizes.values())), np.nan)
+    starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
     for tick in ticks:
         signals = tick.outputs if tick.state is None else tick.outputs | {"state": tick.state}
         for name, value in signals.items():
-            if value.shape != (LOGGED[name],):
-                raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {LOGGED[name]}")
-            logged[tick.k, starts[name] : starts[name] + LOGGED[name]] = value
+            if value.shape != (sizes[name],):
+                raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {sizes[name]}")
+            logged[tick.k, starts[name] : starts[name] + sizes[name]] = value
     known = [tick.k for tick in ticks if tick.state is not None]
-    lost = find_loss(logged[known, : LOGGED["state"]], scenario.h, scenario.load_room(), scenario.vehicle)
+    lost = find_loss(logged[known, : sizes["state"]], scenario.h, scenario.load_room(), scenario.vehicle)
     if lost is not None:
         k = known[lost.tick]
         lost = type(lost)(k, k * scenario.h, lost.cause)

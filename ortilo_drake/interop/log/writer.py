@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.signals import OUTPUTS, Signals
+from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.interop.log.bag_metadata import bag_metadata, quality_of_service
 from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
 from ortilo_drake.interop.ros.ros_messages import TAKEN, start_messages, tick_messages
@@ -26,7 +26,7 @@ _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not
 
 def _warm_up(scenario: Scenario, room: Room) -> None:
     """Have all that is compiled for a tick compiled before the first."""
-    outputs = {name: np.zeros(size) for name, size in OUTPUTS.items()}
+    outputs = {name: np.zeros(size) for name, size in output_sizes(scenario.measurement).items()}
     for state in (np.zeros(N_X), None):
         for _, type_name, fields in tick_messages(0.0, state, {}, outputs, scenario, room):
             to_cdr(type_name, fields)
@@ -103,7 +103,7 @@ class LogWriter:
             state: the true x (12), if it is known.
             messages: what crossed to the onboard half: message vectors by port, 'image' (height, width, 4),
                 and 'goal' (2), where it flies to from now on [m].
-            outputs: the onboard half's signals: control, measurement, estimate, covariance, reference.
+            outputs: the onboard half's signals: control, y, delta, V2, estimate, covariance, reference.
 
         Raises:
             InputError: if the file cannot be written.

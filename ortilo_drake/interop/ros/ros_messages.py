@@ -32,7 +32,7 @@ from ortilo_drake.interop.ros.ros_motion import (
 )
 from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, OUTPUT_NAMES, STATE_NAMES, XBAR_NAMES
+from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Scenario
 
@@ -42,12 +42,14 @@ ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
 STRING_TYPE = "std_msgs/msg/String"
 LATCHED = (SCENARIO_TOPIC, "/tf_static", "/reference/path")  # sent once, meant for whoever comes later
 TAKEN, SENT = "taken", "sent"  # messages as the onboard half took them, or as a world sent them that did not wait
-FORMAT = 1  # of /ortilo/scenario and the /ortilo/ signals; a reader refuses another
+FORMAT = 2  # of /ortilo/scenario and the /ortilo/ signals; a reader refuses a newer one
 
 _LABELS = {
     "state": ",".join(STATE_NAMES),
     "control": ",".join(CONTROL_NAMES),
-    "measurement": f"{','.join(OUTPUT_NAMES)},delta_uwb,delta_camera,delta_imu,V2 of each row by row",
+    "y": "values of the sensors, /ortilo/scenario says which",
+    "delta": "1 for each sensor whose value arrived",
+    "V2": "covariance of each sensor's value, row by row",
     "estimate": ",".join(XBAR_NAMES),
     "reference": "r (3), its velocity (3), its acceleration (3)",
 }
@@ -81,7 +83,7 @@ def tick_messages(
         t: t_k = k h [s].
         state: the true x (12), if it is known.
         messages: what crossed to the onboard half in this tick: message vectors by port, 'image', and 'goal' (2) [m].
-        outputs: what the onboard half has at t_k: control, measurement, estimate, covariance, reference.
+        outputs: what the onboard half has at t_k: control, y, delta, V2, estimate, covariance, reference.
         scenario: the scenario.
         room: its room.
     """

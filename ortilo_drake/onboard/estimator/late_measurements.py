@@ -3,7 +3,7 @@
 A measurement taken at t_j that arrives at t_k, j < k, says something of x_j. The exact answer goes back: keep, for each
 of the last N ticks, what the filter believed and what it was given,
 
-    slot j = [j, xhat_{j|j-1}, P_j, (y_j, Delta_j, V2_j), u_j, r_j],
+    slot j = [j, xhat_{j|j-1}, P_j, y_j, delta_j, V2_j, u_j, r_j],
 
 put the measurement into slot j's own rows and repeat the filter's step from j to k. The result is the filter that had
 received everything in order; Y. Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution",
@@ -15,23 +15,37 @@ is done again as well: it becomes what it would have been, and in the tick in wh
 the integral gain times the correction. 'literal' has by then integrated r_j itself, which the repetition takes back.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_I, N_U, N_XBAR
-from ortilo_drake.onboard.estimator.intermittent_filter import filter_step
+from ortilo_drake.model.measurement import Layout, Measurement
+from ortilo_drake.model.signals import N_I, N_U, N_XBAR
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
-# A slot of the history, in order; an empty one has tick -1. Slot j is row j mod N.
-TICK = 0
-XHAT = 1
-COVARIANCE = XHAT + N_XBAR
-MEASUREMENT = COVARIANCE + N_XBAR * N_XBAR
-DELTA = MEASUREMENT + 9
-V2_BLOCKS = DELTA + 3
-CONTROL = MEASUREMENT + MEASUREMENT_SIZE
-REFERENCE = CONTROL + N_U
-SLOT_SIZE = REFERENCE + N_I
+N_BELIEF = N_XBAR + N_XBAR * N_XBAR  # [xhat, P row by row]
+
+
+class Slot(NamedTuple):
+    """Where everything begins in a slot of the history; an empty one has tick -1. Slot j is row j mod N."""
+
+    tick: int
+    belief: int
+    y: int
+    delta: int
+    V2: int
+    u: int
+    r: int
+    size: int
+
+
+def slot_of(measurement: Measurement) -> Slot:
+    """Return the slot that holds such a measurement."""
+    sizes = (1, N_BELIEF, *measurement.sizes.values(), N_U, N_I)
+    return Slot(*(int(n) for n in np.cumsum((0, *sizes))))
 
 
 def history_ticks(horizon: float, h: float) -> int:
@@ -39,23 +53,25 @@ def history_ticks(horizon: float, h: float) -> int:
     return int(horizon / h + 1e-6) + 1  # an age that is the horizon up to rounding is within it
 
 
-def empty_history(ticks: int) -> np.ndarray:
-    """Return a history in which every slot is empty (N, SLOT_SIZE)."""
-    history = np.zeros((ticks, SLOT_SIZE))
-    history[:, TICK] = -1.0
+def empty_history(ticks: int, slot: Slot) -> np.ndarray:
+    """Return a history in which every slot is empty (N, slot.size)."""
+    history = np.zeros((ticks, slot.size))
+    history[:, slot.tick] = -1.0
     return history
 
 
 @njit(cache=True)
-def put_in(slot: np.ndarray, measurement: np.ndarray, sensor: int) -> bool:
-    """Put one sensor's rows of a measurement (39) into a slot; False, and nothing done, if it has them already."""
-    if slot[DELTA + sensor] != 0.0:
+def put_in(
+    row: np.ndarray, slot: Slot, y: np.ndarray, V2: np.ndarray, sensor: int, first: np.ndarray, block: np.ndarray
+) -> bool:
+    """Put one sensor's value and covariance into a slot's row; False, and nothing done, if it has them already."""
+    if row[slot.delta + sensor] != 0.0:
         return False
-    slot[DELTA + sensor] = 1.0
-    for i in range(3):
-        slot[MEASUREMENT + 3 * sensor + i] = measurement[3 * sensor + i]
-    for i in range(9):
-        slot[V2_BLOCKS + 9 * sensor + i] = measurement[12 + 9 * sensor + i]
+    row[slot.delta + sensor] = 1.0
+    for i in range(first[sensor], first[sensor + 1]):
+        row[slot.y + i] = y[i]
+    for i in range(block[sensor], block[sensor + 1]):
+        row[slot.V2 + i] = V2[i]
     return True
 
 
@@ -65,24 +81,24 @@ def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
     if not 0 <= j <= k or k - j >= history.shape[0]:
         return False
     ticks = np.arange(j, k + 1)
-    return bool(np.all(history[ticks % history.shape[0], TICK] == ticks))
+    return bool(np.all(history[ticks % history.shape[0], 0] == ticks))
 
 
 @njit(cache=True)
 def replay_step(
     history: np.ndarray,
-    xhat: np.ndarray,
-    P_flat: np.ndarray,
+    slot: Slot,
+    belief: np.ndarray,
     k: int,
-    measurement: np.ndarray,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
     stamps: np.ndarray,
     h: float,
     u: np.ndarray,
     r: np.ndarray,
-    Phi: np.ndarray,
-    Gamma: np.ndarray,
-    W: np.ndarray,
-    integrator: int,
+    model: FilterModel,
+    layout: Layout,
 ) -> np.ndarray:
     """Return [xhat_{k+1|k}, P_{k+1} row by row] (240) from all that has arrived up to tick k; changes the history.
 
@@ -90,50 +106,48 @@ def replay_step(
     of the same sensor and tick.
 
     Args:
-        history: the last ticks (N, SLOT_SIZE).
-        xhat: xhat_{k|k-1} (15).
-        P_flat: P_k row by row (225).
+        history: the last ticks (N, slot.size).
+        slot: where everything is in a row of it.
+        belief: [xhat_{k|k-1}, P_k row by row] (240).
         k: tick.
-        measurement: what arrived in tick k (39), see model/signals.py.
-        stamps: when each sensor's measurement was true [s] (3); read where it arrived.
+        y: what arrived in tick k (p).
+        delta: of which sensors (s).
+        V2: their covariances (q).
+        stamps: when each sensor's measurement was true [s] (s); read where it arrived.
         h: tick [s].
         u: control of tick k less hover (4).
         r: reference of tick k, of which the first three entries are read.
-        Phi: discrete hover dynamics (12, 12).
-        Gamma: discrete control input (12, 4).
-        W: process noise covariance (12, 12).
-        integrator: INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL or INTEGRATOR_HOLD.
+        model: what the filter believes of the vehicle.
+        layout: of the measurement.
     """
     N = history.shape[0]
     now = history[k % N]
     now[:] = 0.0
-    now[TICK] = k
-    now[XHAT:COVARIANCE] = xhat
-    now[COVARIANCE:MEASUREMENT] = P_flat
-    now[CONTROL:REFERENCE] = u
-    now[REFERENCE:SLOT_SIZE] = r[:3]
+    now[slot.tick] = k
+    now[slot.belief : slot.y] = belief
+    now[slot.u : slot.r] = u
+    now[slot.r : slot.size] = r[:3]
     first = k
-    for sensor in range(3):
+    for sensor in range(delta.size):
         j = tick_of(stamps[sensor], h)
-        there = measurement[9 + sensor] != 0.0
-        if there and reaches_back(history, j, k) and put_in(history[j % N], measurement, sensor):
+        there = delta[sensor] != 0.0 and reaches_back(history, j, k)
+        if there and put_in(history[j % N], slot, y, V2, sensor, layout.first, layout.block):
             first = min(first, j)
-    out = np.empty(N_XBAR + N_XBAR * N_XBAR)
+    out = np.empty(belief.size)
     for j in range(first, k + 1):
-        slot = history[j % N]
+        row = history[j % N]
         out = filter_step(
-            slot[XHAT:COVARIANCE],
-            slot[COVARIANCE:MEASUREMENT],
-            slot[MEASUREMENT:CONTROL],
-            slot[CONTROL:REFERENCE],
-            slot[REFERENCE:SLOT_SIZE],
-            Phi,
-            Gamma,
-            W,
-            integrator,
+            row[slot.belief : slot.y],
+            row[slot.y : slot.delta],
+            row[slot.delta : slot.V2],
+            row[slot.V2 : slot.u],
+            row[slot.u : slot.r],
+            row[slot.r : slot.size],
+            model,
+            layout,
         )
         if j < k:
-            history[(j + 1) % N, XHAT:MEASUREMENT] = out
+            history[(j + 1) % N, slot.belief : slot.y] = out
     return out
 
 
@@ -141,10 +155,10 @@ def replay_step(
 def row_of_past(history: np.ndarray, j: int) -> int:
     """Return the history's row of tick j, the oldest row if j is older, -1 if j is newer than all of it."""
     N = history.shape[0]
-    if j >= 0 and history[j % N, TICK] == j:
+    if j >= 0 and history[j % N, 0] == j:
         return j % N
     oldest, row = np.inf, -1
     for i in range(N):
-        if 0.0 <= history[i, TICK] < oldest:
-            oldest, row = history[i, TICK], i
+        if 0.0 <= history[i, 0] < oldest:
+            oldest, row = history[i, 0], i
     return row if j < oldest and row >= 0 else -1

@@ -1,42 +1,68 @@
 """The intermittent measurements handler (paper, section IV-B).
 
-It stacks what arrived in this tick into y_k, says by Delta_k which of it is there, and gives each sensor's
-noise covariance. The filter forms H_k = Delta_k Cbar and E_k from the arrivals, row by row, in intermittent_filter.py
-(STATE_OF_ROW, integrated_sensor); arrival_matrix and selection_matrix below are the same at full size, as the paper
-writes them.
+It stacks what arrived in this tick into y_k, says by delta_k which of it is there, and gives each sensor's
+noise covariance (model/measurement.py). The filter forms H_k = Delta_k Cbar and E_k from the arrivals.
 
-What becomes of a measurement that comes late is the scenario's to say (filter.delay). With 'ignore' it enters as if it
-were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as if it
+What becomes of a measurement that comes late is the scenario's to say (estimator.delay). With 'ignore' it enters as if
+it were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as if it
 were current; with 'replay' the stamps go to the filter, see late_measurements.py.
 """
 
-from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR, SENSORS, STAMP
+from ortilo_drake.model.measurement import Layout, Measurement
+from ortilo_drake.model.signals import N_XBAR, STAMP
 from ortilo_drake.onboard.gate import squared_gate
-from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
-from ortilo_drake.scenario import Noise
 
 MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes one, so none would leave no camera
+NEVER = -1  # the tick for a handler that drops nothing
+
+
+class Incoming(NamedTuple):
+    """How the sensors' messages stand in one vector.
+
+    Attributes:
+        start: where each sensor's message begins, -1 for one that does not fly (s).
+        V2: the covariances that are believed where none comes with the message (q).
+        with_message: whether a sensor's covariance comes with its message, behind the value (s).
+        gates: largest squared Mahalanobis distance of each sensor from the prediction, inf for none (s).
+    """
+
+    start: np.ndarray
+    V2: np.ndarray
+    with_message: np.ndarray
+    gates: np.ndarray
 
 
 @njit(cache=True)
-def squared_distance(fix: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.ndarray, size: int) -> float:
-    """Return the squared Mahalanobis distance e^T (P_pp + V)^-1 e of a fix from the predicted position.
+def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray) -> float:
+    """Return the squared Mahalanobis distance e^T (C P_xx C^T + V)^-1 e of a value from its prediction.
 
     It is infinite where the prediction is no longer finite.
+
+    Args:
+        e: value less prediction (m).
+        C: the sensor's rows (m, 12).
+        P: the prediction's covariance, row by row (225).
+        V: the value's covariance (m, m).
     """
-    S = np.empty((3, 3))
-    e = np.empty(3)
-    for i in range(3):
-        e[i] = fix[2 + i] - xhat[i]
-        for j in range(3):
-            S[i, j] = P[i * size + j] + V[3 * i + j]
+    m = e.size
+    S = np.empty((m, m))
+    for i in range(m):
+        for j in range(m):
+            total = 0.0
+            for k in range(12):
+                if C[i, k] != 0.0:
+                    for n in range(12):
+                        if C[j, n] != 0.0:
+                            total += C[i, k] * P[15 * k + n] * C[j, n]
+            S[i, j] = total + V[i, j]
     if not (np.all(np.isfinite(S)) and np.all(np.isfinite(e))):  # solve would raise
         return np.inf
     return float(e @ np.linalg.solve(S, e))
@@ -44,145 +70,177 @@ def squared_distance(fix: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.nda
 
 @njit(cache=True)
 def stack_measurements(
-    uwb: np.ndarray,
-    camera: np.ndarray,
-    imu: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    V: np.ndarray,
-    from_fix: np.ndarray,
-    gates: np.ndarray,
+    messages: np.ndarray, xhat: np.ndarray, P: np.ndarray, k: int, h: float, incoming: Incoming, layout: Layout
 ) -> np.ndarray:
-    """Return [y, delta, V2's blocks] of this tick (39).
+    """Return [y, delta, V2, stamps] of tick k (p + 2 s + q).
 
-    y = [uwb position, camera position, imu angles]; delta_j = 1 where sensor j's measurement is there and, for a
-    position, within its gate. Rows that did not arrive hold 0.
+    delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0,
+    and so do their stamps.
 
     Args:
-        uwb: fix message (14).
-        camera: fix message (14).
-        imu: imu message (11).
+        messages: the messages of the sensors that fly, one after the other.
         xhat: prediction (15), for the gates.
         P: its covariance, row by row (225).
-        V: constant noise covariances of the three sensors, row by row (3, 9).
-        from_fix: 1 where a position sensor's covariance comes with each fix (2).
-        gates: largest squared Mahalanobis distance of each position sensor, inf for none (2).
+        k: tick, by which late ones are dropped; NEVER if none is.
+        h: tick [s].
+        incoming: how the messages stand in that vector, and what is believed of them.
+        layout: of the measurement.
     """
-    out = np.zeros(39)
-    for j in range(2):
-        fix = uwb if j == 0 else camera
-        block = fix[5:14] if from_fix[j] else V[j]
-        out[12 + 9 * j : 21 + 9 * j] = block
-        if fix[0] == 0.0:
-            out[12 + 9 * j : 21 + 9 * j] = V[j]
-        elif np.isinf(gates[j]) or squared_distance(fix, xhat, P, block, 15) <= gates[j]:
-            out[3 * j : 3 * j + 3] = fix[2:5]
-            out[9 + j] = 1.0
-    if imu[0] != 0.0:
-        out[6:9] = imu[2:5]
-        out[11] = 1.0
-    out[30:39] = V[2]
+    C, _, _, first, block, _ = layout
+    s, p, q = incoming.start.size, first[-1], block[-1]
+    out = np.zeros(p + s + q + s)
+    delta, stamps = out[p : p + s], out[p + s + q :]
+    out[p + s : p + s + q] = incoming.V2
+    for j in range(s):
+        if incoming.start[j] < 0:
+            continue
+        message = messages[incoming.start[j] :]
+        if message[0] == 0.0:
+            continue
+        m = first[j + 1] - first[j]
+        V = out[p + s + block[j] : p + s + block[j + 1]]
+        if incoming.with_message[j]:
+            V[:] = message[2 + m : 2 + m + m * m]
+        stamps[j] = message[1]
+        if not np.isinf(incoming.gates[j]):
+            e = np.empty(m)
+            for i in range(m):
+                e[i] = message[2 + i]
+                for n in range(12):
+                    if C[first[j] + i, n] != 0.0:
+                        e[i] -= C[first[j] + i, n] * xhat[n]
+            if squared_distance(e, C[first[j] : first[j + 1]], P, V.reshape(m, m)) > incoming.gates[j]:
+                continue
+        if k != NEVER and k - tick_of(message[1], h) > MAX_AGE:
+            continue
+        out[first[j] : first[j + 1]] = message[2 : 2 + m]
+        delta[j] = 1.0
     return out
 
 
-@njit(cache=True)
-def drop_late(measurement: np.ndarray, stamps: np.ndarray, k: int, h: float) -> None:
-    """Take out of a measurement (39) of tick k what is older than MAX_AGE ticks, by the stamps (3)."""
-    for j in range(3):
-        if k - tick_of(stamps[j], h) > MAX_AGE:
-            measurement[3 * j : 3 * j + 3] = 0.0
-            measurement[9 + j] = 0.0
-
-
-def arrival_matrix(delta: np.ndarray) -> np.ndarray:
-    """Return Delta_k (9 x 9): each arrival repeated three times on the diagonal."""
-    return np.diag(np.repeat(delta, 3))
-
-
-def selection_matrix(delta: np.ndarray) -> np.ndarray:
-    """Return E_k = [Delta_1, not Delta_1 and Delta_2, 0] (3 x 9): the position the integrator uses."""
-    E = np.zeros((3, 9))
-    E[:, 0:3] = np.eye(3) * delta[0]
-    E[:, 3:6] = np.eye(3) * (1.0 - delta[0]) * delta[1]
-    return E
-
-
-def _always(value: np.ndarray) -> Callable[[Context], np.ndarray]:
-    """Return what stands in for a port that is not there."""
-    return lambda _: value
-
-
-class MeasurementHandler(LeafSystem):
-    """Turns fixes and imu angles into y_k, the arrivals and V2.
-
-    Ports:
-        uwb (14), camera (14): fix messages; each only if its sensor flies.
-        imu (11): imu message; only if it flies.
-        estimate (15): xhat_k|k-1; only if there is a gate.
-        covariance (225): P_k row by row; only if there is a gate.
-        measurement (39, output): y (9), delta (3), V2's three blocks row by row (27).
-        stamps (3, output): when each sensor's measurement was true [s], 0 where none arrived; only with 'replay'.
-
-    Memoryless, but for the time that 'drop' reads. A sensor that does not fly never arrives. A gate judges a late fix
-    by the present prediction.
+def incoming_of(
+    measurement: Measurement, sizes: dict[str, int], V: dict[str, np.ndarray | None], gates: dict[str, float]
+) -> Incoming:
+    """Return how messages stand in one vector.
 
     Args:
-        settings: gates.
-        noise: V.
+        measurement: the layout of what the filter gets.
+        sizes: of the message of each sensor that flies, in their order in the vector.
+        V: covariance that is believed of each sensor; None where it comes with the message.
+        gates: probability with which a right value stays within its gate, for the sensors that have one.
+    """
+    ends = np.cumsum([0, *sizes.values()])
+    starts = dict(zip(sizes, ends[:-1].tolist(), strict=True))
+    V2 = np.zeros(measurement.sizes["V2"])
+    squared = np.full(len(measurement.sensors), np.inf)
+    for j, sensor in enumerate(measurement.sensors):
+        rows, believed = measurement.rows_of(sensor), V.get(sensor)
+        m = rows.stop - rows.start
+        V2[measurement.block_of(sensor)] = (np.eye(m) if believed is None else believed).ravel()
+        if sensor in gates:
+            squared[j] = squared_gate(gates[sensor], m)
+    start = np.array([starts.get(sensor, -1) for sensor in measurement.sensors], dtype=np.int64)
+    with_message = np.array([V.get(sensor) is None for sensor in measurement.sensors])
+    return Incoming(start, V2, with_message, squared)
+
+
+class MeasurementStack(LeafSystem):
+    """Turns the messages of a tick, in one vector, into the measurement.
+
+    Ports:
+        messages: the messages of the sensors that fly, one after the other.
+        estimate (15), covariance (225): of the prediction; only if there is a gate.
+        measurement (p + 2 s + q, output): y, delta, V2 and stamps.
+
+    Memoryless, but for the time that 'drop' reads.
+
+    Args:
+        size: of all messages.
+        incoming: how they stand in the vector.
+        layout: of the measurement.
+        h: tick [s].
+        drops: whether late values are dropped.
+    """
+
+    def __init__(self, size: int, incoming: Incoming, layout: Layout, h: float, drops: bool):
+        super().__init__()
+        self.set_name("measurement_stack")
+        self._incoming, self._layout, self._h = incoming, layout, h
+        self._messages = self.DeclareVectorInputPort("messages", size)
+        needs = {self._messages.ticket()}
+        sizes = N_XBAR, N_XBAR * N_XBAR
+        self._nothing = np.zeros(sizes[0]), np.zeros(sizes[1])
+        self._predictions = []
+        if not np.all(np.isinf(incoming.gates)):
+            named = zip(("estimate", "covariance"), sizes, strict=True)
+            self._predictions = [self.DeclareVectorInputPort(name, n) for name, n in named]
+            needs |= {port.ticket() for port in self._predictions}
+        if drops:
+            needs.add(self.time_ticket())
+        self._drops = drops
+        length = int(layout.first[-1] + layout.block[-1]) + 2 * incoming.start.size
+        self.DeclareVectorOutputPort("measurement", length, self._calc, prerequisites_of_calc=needs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        xhat, P = [port.Eval(context) for port in self._predictions] or self._nothing
+        k = tick_of(context.get_time(), self._h) if self._drops else NEVER
+        messages = self._messages.Eval(context)
+        output.SetFromVector(stack_measurements(messages, xhat, P, k, self._h, self._incoming, self._layout))
+
+
+class MeasurementHandler(Diagram):
+    """Turns the sensors' messages and fixes into y_k, the arrivals and V2.
+
+    Ports:
+        <sensor>: the message or fix of each sensor that flies: arrived, stamp, value (m) and, where no V is given for
+            it, the value's covariance row by row (m^2); whatever follows is not read.
+        estimate (15), covariance (225): of the prediction; only if there is a gate.
+        y (p, output), delta (s, output), V2 (q, output): the measurement, see model/measurement.py.
+        stamps (s, output): when each sensor's value was true [s], 0 where none arrived.
+
+    A sensor that does not fly never arrives. A gate judges a late fix by the present prediction.
+
+    Args:
+        measurement: the layout of y, delta and V2.
+        sizes: of the message or fix of each sensor that flies.
+        V: covariance that is believed of each sensor (m, m); None where it comes with the message.
+        gates: probability with which a right value stays within its gate, for the sensors that have one.
         h: tick [s], by which 'drop' judges.
-        sensors: which of uwb, camera and imu fly.
         delay: 'ignore', 'drop' or 'replay': what becomes of a late measurement.
     """
 
     def __init__(
         self,
-        settings: HandlerSettings,
-        noise: Noise,
+        measurement: Measurement,
+        sizes: dict[str, int],
+        V: dict[str, np.ndarray | None],
+        gates: dict[str, float],
         h: float,
-        sensors: tuple[str, ...] = SENSORS,
         delay: str = "ignore",
     ):
         super().__init__()
-        self.set_name("measurement_handler")
-        variances = (noise.uwb, noise.camera, noise.imu)
-        self._V = np.array([np.diag(v if v is not None else (1.0, 1.0, 1.0)).ravel() for v in variances])
-        self._from_fix = np.array([noise.uwb is None, noise.camera is None])
-        gates = (settings.uwb_gate, settings.camera_gate)
-        self._gates = np.array([np.inf if gate is None else squared_gate(gate, 3) for gate in gates])
-        is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
-        sizes = {"uwb": FIX_SIZE, "camera": FIX_SIZE, "imu": IMU_SIZE}
-        ports = [self.DeclareVectorInputPort(s, sizes[s]) if s in sensors else None for s in SENSORS]
-        ports += [
-            self.DeclareVectorInputPort(name, size) if is_gated else None
-            for name, size in (("estimate", N_XBAR), ("covariance", N_XBAR * N_XBAR))
-        ]
-        absent = [np.zeros(n) for n in (FIX_SIZE, FIX_SIZE, IMU_SIZE, N_XBAR, N_XBAR * N_XBAR)]
-        self._inputs = [
-            _always(zeros) if port is None else port.Eval for port, zeros in zip(ports, absent, strict=True)
-        ]
-        self._h, messages = h, ports[: len(SENSORS)]
-        needs = {port.ticket() for port in ports if port is not None} or {self.nothing_ticket()}
-        if delay == "drop":
-            calc, needs = self._calc_recent, needs | {self.time_ticket()}
+        builder = DiagramBuilder()
+        incoming = incoming_of(measurement, sizes, V, gates)
+        size = max(sum(sizes.values()), 1)
+        stack = builder.AddSystem(MeasurementStack(size, incoming, measurement.layout, h, delay == "drop"))
+        if sizes:
+            together = builder.AddSystem(Multiplexer(list(sizes.values())))
+            for i, sensor in enumerate(sizes):
+                builder.ExportInput(together.get_input_port(i), sensor)
         else:
-            calc = self._calc_measurement
-        self.DeclareVectorOutputPort("measurement", MEASUREMENT_SIZE, calc, prerequisites_of_calc=needs)
-        if delay == "replay":
-            needs = {port.ticket() for port in messages if port is not None} or {self.nothing_ticket()}
-            self.DeclareVectorOutputPort("stamps", len(SENSORS), self._calc_stamps, prerequisites_of_calc=needs)
+            together = builder.AddSystem(ConstantVectorSource([0.0]))
+        builder.Connect(together.get_output_port(), stack.GetInputPort("messages"))
+        for name in ("estimate", "covariance"):
+            if stack.HasInputPort(name):
+                builder.ExportInput(stack.GetInputPort(name), name)
+        parts = builder.AddSystem(Demultiplexer([*measurement.sizes.values(), measurement.sizes["delta"]]))
+        builder.Connect(stack.get_output_port(), parts.get_input_port())
+        for i, name in enumerate((*measurement.sizes, "stamps")):
+            builder.ExportOutput(parts.get_output_port(i), name)
+        builder.BuildInto(self)
+        self.set_name("measurement_handler")
 
-    def _calc_measurement(self, context: Context, output: BasicVector) -> None:
-        inputs = [value(context) for value in self._inputs]
-        output.SetFromVector(stack_measurements(*inputs, self._V, self._from_fix, self._gates))
 
-    def _stamps(self, context: Context) -> np.ndarray:
-        return np.array([value(context)[STAMP] for value in self._inputs[: len(SENSORS)]])
+from ortilo_drake.model.measurement import make_measurement  # noqa: E402  SHIM
 
-    def _calc_recent(self, context: Context, output: BasicVector) -> None:
-        inputs = [value(context) for value in self._inputs]
-        measurement = stack_measurements(*inputs, self._V, self._from_fix, self._gates)
-        drop_late(measurement, self._stamps(context), tick_of(context.get_time(), self._h), self._h)
-        output.SetFromVector(measurement)
-
-    def _calc_stamps(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._stamps(context))
+arrival_matrix, selection_matrix = make_measurement().arrival_matrix, make_measurement().selection_matrix  # SHIM

@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from ortilo_drake.diagrams.closed_loop import make_closed_loop, set_hovering
-from ortilo_drake.model.signals import MEASUREMENT_DELTA, MEASUREMENT_V2, N_X, N_XBAR
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, filter_gain
+from ortilo_drake.onboard.estimator.filter_loops import filter_gain
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import ConstantNoise, Disturbance, HoverPlanner, Imu, Link, Scenario, Uwb, World
 from ortilo_drake.studies.linearization.operating_point import heading_ahead
@@ -73,27 +74,29 @@ def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e
     diagram = make_closed_loop(ideal)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    set_hovering(diagram, context, ideal)
+    diagram.SetHovering(context)
     onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
-    plant, kalman = world.GetSubsystemByName("quadrotor"), onboard.GetSubsystemByName("kalman_filter")
+    plant = world.GetSubsystemByName("quadrotor")
+    kalman = onboard.GetSubsystemByName("estimator").GetSubsystemByName("kalman_filter")
     its_plant, its_kalman = (system.GetMyMutableContextFromRoot(context) for system in (plant, kalman))
     simulator.AdvanceTo(max(tick - period - 0.5, 0.0) * h)
-    P_before = its_kalman.get_discrete_state(1).value().copy()
+    P_before = its_kalman.get_discrete_state(0).value()[N_XBAR:].copy()
     simulator.AdvanceTo((tick - 0.5) * h)
     context.SetTime(tick * h)  # nothing changes between two ticks
-    P = its_kalman.get_discrete_state(1).value().copy()
+    P = its_kalman.get_discrete_state(0).value()[N_XBAR:].copy()
 
     def after(z: np.ndarray) -> np.ndarray:
         its_plant.SetDiscreteState(z[:N_X])
-        its_kalman.SetDiscreteState(0, z[N_X:])
+        its_kalman.SetDiscreteState(np.concatenate([z[N_X:], P]))
         x = plant.EvalUniquePeriodicDiscreteUpdate(its_plant).value().copy()
-        return np.concatenate([x, kalman.EvalUniquePeriodicDiscreteUpdate(its_kalman).value(0)])
+        return np.concatenate([x, kalman.EvalUniquePeriodicDiscreteUpdate(its_kalman).value(0)[:N_XBAR]])
 
-    z = np.concatenate([its_plant.get_discrete_state().value(), its_kalman.get_discrete_state(0).value()])
-    measurement = onboard.GetOutputPort("measurement").Eval(onboard.GetMyContextFromRoot(context)).copy()
+    z = np.concatenate([its_plant.get_discrete_state().value(), its_kalman.get_discrete_state(0).value()[:N_XBAR]])
+    its_onboard = onboard.GetMyContextFromRoot(context)
+    delta, V2 = (onboard.GetOutputPort(name).Eval(its_onboard).copy() for name in ("delta", "V2"))
     A = np.column_stack([(after(z + dz) - after(z - dz)) / (2.0 * step) for dz in step * np.eye(N_LOOP)])
-    delta, V2 = measurement[MEASUREMENT_DELTA], measurement[MEASUREMENT_V2].reshape(3, 3, 3)
     loop = hover_loop(ideal)
-    K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, INTEGRATORS[ideal.servo.integrator])[:N_X]
+    integrator = INTEGRATORS[ideal.servo.integrator]
+    K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, integrator, ideal.measurement.layout)[:N_X]
     expected = closed_loop_matrix(loop, K, delta)
     return FlownTick(A, expected, K, delta, float(np.max(np.abs(P - P_before)) / np.max(np.abs(P))))

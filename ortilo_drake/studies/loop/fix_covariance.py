@@ -1,7 +1,7 @@
 """Covariance of a position fix at a place: the one that the filter would be told there.
 
 Nothing is derived here anew. The ranges and boxes of the place, without noise, go through the very systems that fly
-(multilateration, landmark fix, handler), and what comes out is V_2 and whether there is a fix at all.
+(multilateration, landmark fix), and what comes out is V_2 and whether there is a fix at all.
 
 What the camera finds is random; here it finds each landmark that it finds more often than not. The landmark fix
 believes of the attitude what the filter, fed by the IMU alone, believes of it in the long run.
@@ -13,29 +13,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.signals import (
+    ARRIVED,
     DETECTION_SIZE,
     DETECTIONS_SIZE,
-    FIX_SIZE,
-    IMU_SIZE,
     MAX_DETECTIONS,
-    MEASUREMENT_DELTA,
-    MEASUREMENT_SIZE,
-    MEASUREMENT_V2,
+    N_I,
+    N_U,
     N_X,
     N_XBAR,
     PAYLOAD,
-    SENSORS,
 )
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, filter_step
-from ortilo_drake.onboard.estimator.kalman_filter import initial_covariance, process_noise
-from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.kalman_filter import filter_model, initial_covariance
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.multilateration import Multilateration
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.sensors.described import described
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
@@ -65,29 +61,28 @@ def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
 
 
 @lru_cache(maxsize=16)
-def _systems(scenario: Scenario) -> tuple[Multilateration, LandmarkFix, MeasurementHandler]:
-    """Return what flies between the messages and the filter."""
+def _solvers(scenario: Scenario) -> tuple[Multilateration, LandmarkFix]:
+    """Return what flies between the messages and the handler."""
     room = scenario.load_room()
     return (
         Multilateration(scenario.multilateration, room.anchor_positions),
         LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
-        MeasurementHandler(scenario.handler, scenario.filter.V, scenario.h, SENSORS),
     )
 
 
 @lru_cache(maxsize=16)
 def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the IMU alone, after settling."""
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
-    every = scenario.imu.link.every
-    xhat, P = np.zeros(N_XBAR), initial_covariance(scenario.filter).ravel()
-    measurement = np.zeros(MEASUREMENT_SIZE)
-    measurement[MEASUREMENT_V2] = np.concatenate([np.eye(3).ravel()] * 2 + [np.diag(scenario.filter.V.imu).ravel()])
+    model = filter_model(scenario.filter, scenario.vehicle, "estimate", scenario.h)
+    measurement, every = scenario.measurement, scenario.imu.link.every
+    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.filter).ravel()))
+    y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
+    V2[measurement.block_of("imu")] = np.diag(scenario.filter.V.imu).ravel()
+    u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.sensors.index("imu")
     for k in range(SETTLED):
-        measurement[11] = float("imu" in scenario.sensors and k % every == 0)
-        P = filter_step(xhat, P, measurement, np.zeros(4), np.zeros(3), Phi, Gamma, W, INTEGRATOR_ESTIMATE)[N_XBAR:]
-    return np.array(P.reshape(N_XBAR, N_XBAR)[3:6, 3:6])
+        delta[imu] = float("imu" in scenario.sensors and k % every == 0)
+        belief = filter_step(belief, y, delta, V2, u, r, model, measurement.layout)
+    return np.array(belief[N_XBAR:].reshape(N_XBAR, N_XBAR)[3:6, 3:6])
 
 
 def uwb_without_noise(scenario: Scenario, x: np.ndarray) -> np.ndarray:
@@ -125,7 +120,7 @@ def likely_detections(scenario: Scenario, x: np.ndarray) -> np.ndarray:
 
 def landmark_fix_at(scenario: Scenario, x: np.ndarray, detections: np.ndarray) -> np.ndarray:
     """Return the fix message (14) that a detections message yields where the filter believes x (12) to be."""
-    _, landmark_fix, _ = _systems(scenario)
+    _, landmark_fix = _solvers(scenario)
     context = landmark_fix.CreateDefaultContext()
     P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
     landmark_fix.GetInputPort("detections").FixValue(context, detections)
@@ -136,7 +131,7 @@ def landmark_fix_at(scenario: Scenario, x: np.ndarray, detections: np.ndarray) -
 
 def range_fix_at(scenario: Scenario, x: np.ndarray, uwb: np.ndarray) -> np.ndarray:
     """Return the fix message (14) that a uwb message yields where the filter believes x (12) to be."""
-    multilateration, _, _ = _systems(scenario)
+    multilateration, _ = _solvers(scenario)
     context = multilateration.CreateDefaultContext()
     multilateration.GetInputPort("uwb").FixValue(context, uwb)
     multilateration.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
@@ -147,36 +142,51 @@ class FixNoise(NamedTuple):
     """What would reach the filter at a place.
 
     Attributes:
-        V: covariances of uwb, camera and imu (3, 3, 3) [m^2], [rad^2]; the identity where there is no fix.
-        there: whether a message of uwb, camera and imu would yield a measurement there (3).
+        V: covariance of each sensor's value, by name [m^2], [rad^2]; the identity where it gives none.
+        there: whether a message of each sensor would yield a value there.
     """
 
-    V: np.ndarray
-    there: np.ndarray
+    V: dict[str, np.ndarray]
+    there: dict[str, bool]
+
+
+def _fix_at(scenario: Scenario, sensor: str, x: np.ndarray) -> np.ndarray | None:
+    """Return the fix message (14) of uwb or camera at state x (12), None where there is none."""
+    if sensor == "uwb":
+        fix = range_fix_at(scenario, x, uwb_without_noise(scenario, x))
+    else:
+        fix = landmark_fix_at(scenario, x, likely_detections(scenario, x))
+    return fix if fix[ARRIVED] else None
 
 
 def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
-    """Return V_2 and what is there at state x (12), by the handler's own output. Links and blackouts are left out."""
-    _, _, handler = _systems(scenario)
-    context = handler.CreateDefaultContext()
-    imu = np.zeros(IMU_SIZE)
-    imu[0] = float("imu" in scenario.sensors)
-    nothing = np.zeros(FIX_SIZE)
-    uwb = range_fix_at(scenario, x, uwb_without_noise(scenario, x)) if "uwb" in scenario.sensors else nothing
-    found = landmark_fix_at(scenario, x, likely_detections(scenario, x)) if "camera" in scenario.sensors else nothing
-    for name, value in (("uwb", uwb), ("camera", found), ("imu", imu)):
-        handler.GetInputPort(name).FixValue(context, value)
-    if handler.HasInputPort("estimate"):  # gates: a fix without noise passes them
-        handler.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
-        handler.GetInputPort("covariance").FixValue(context, np.zeros(N_XBAR**2))
-    measurement = handler.get_output_port().Eval(context)
-    return FixNoise(measurement[MEASUREMENT_V2].reshape(3, 3, 3).copy(), measurement[MEASUREMENT_DELTA] > 0.0)
+    """Return V_2 and what is there at state x (12). Links and blackouts are left out."""
+    room, V, there = scenario.load_room(), {}, {}
+    for name in scenario.measurement.sensors:
+        sensor, m = described(name), len(described(name).rows)
+        V[name], there[name] = np.eye(m), name in scenario.sensors
+        if not there[name]:
+            continue
+        believed = sensor.V(scenario)
+        if name in ("uwb", "camera"):
+            fix = _fix_at(scenario, name, x)
+            there[name] = fix is not None
+            if fix is not None and believed is None:
+                believed = fix[PAYLOAD + m :].reshape(m, m)
+        else:
+            sd = sensor.sd(scenario, room, x[np.newaxis])[0]
+            there[name] = bool(np.isfinite(sd).all())
+            if there[name] and believed is None:
+                believed = np.diag(sd**2)
+        if believed is not None and (there[name] or sensor.V(scenario) is not None):
+            V[name] = believed
+    return FixNoise(V, there)
 
 
 def uwb_covariance(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray | None:
     """Return the covariance (3 x 3) [m^2] of a UWB fix at p_WB (3), None where there is none."""
     noise = fix_noise(scenario.model_copy(update={"sensors": ("uwb",)}), _hovering_at(scenario, p_WB))
-    return noise.V[0] if noise.there[0] else None
+    return noise.V["uwb"] if noise.there["uwb"] else None
 
 
 def camera_covariance(scenario: Scenario, x: np.ndarray) -> np.ndarray | None:
@@ -184,16 +194,16 @@ def camera_covariance(scenario: Scenario, x: np.ndarray) -> np.ndarray | None:
     state = np.zeros(N_X)
     state[: len(x)] = x
     noise = fix_noise(scenario, state)
-    return noise.V[1] if noise.there[1] else None
+    return noise.V["camera"] if noise.there["camera"] else None
 
 
 def V_at(scenario: Scenario, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return V (9 x 9) at state x (12) and which of uwb, camera and imu are there (3).
+    """Return V (p x p) at state x (12) and which sensors are there (s), both in the order of the measurement.
 
     The rows of a sensor that is not there hold the identity.
     """
     noise = fix_noise(scenario, x)
-    return block_diag(*noise.V), noise.there
+    return block_diag(*noise.V.values()), np.array(list(noise.there.values()))
 
 
 def _hovering_at(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray:

@@ -10,25 +10,30 @@ import struct
 class lcmt_telemetry(object):
     """ What the onboard half knew in one tick, for the log. """
 
-    __slots__ = ["session", "tick", "measurement", "estimate", "covariance", "reference", "mac"]
+    __slots__ = ["session", "tick", "estimate", "covariance", "reference", "size", "measurement", "mac"]
 
-    __typenames__ = ["int64_t", "int64_t", "double", "double", "double", "double", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "double", "double", "double", "int32_t", "double", "byte"]
 
-    __dimensions__ = [None, None, [39], [15], [225], [9], [32]]
+    __dimensions__ = [None, None, [15], [225], [9], None, ["size"], [32]]
 
     def __init__(self):
         self.session = 0
         """ LCM Type: int64_t """
         self.tick = 0
         """ LCM Type: int64_t """
-        self.measurement = [ 0.0 for dim0 in range(39) ]
-        """ LCM Type: double[39] """
         self.estimate = [ 0.0 for dim0 in range(15) ]
         """ LCM Type: double[15] """
         self.covariance = [ 0.0 for dim0 in range(225) ]
         """ LCM Type: double[225] """
         self.reference = [ 0.0 for dim0 in range(9) ]
         """ LCM Type: double[9] """
+        self.size = 0
+        """ LCM Type: int32_t """
+        self.measurement = []
+        """
+        y, delta and V2, one after the other
+        LCM Type: double[size]
+        """
         self.mac = b""
         """ LCM Type: byte[32] """
 
@@ -40,10 +45,11 @@ class lcmt_telemetry(object):
 
     def _encode_one(self, buf):
         buf.write(struct.pack(">qq", self.session, self.tick))
-        buf.write(struct.pack('>39d', *self.measurement[:39]))
         buf.write(struct.pack('>15d', *self.estimate[:15]))
         buf.write(struct.pack('>225d', *self.covariance[:225]))
         buf.write(struct.pack('>9d', *self.reference[:9]))
+        buf.write(struct.pack(">i", self.size))
+        buf.write(struct.pack('>%dd' % self.size, *self.measurement[:self.size]))
         buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
@@ -60,17 +66,18 @@ class lcmt_telemetry(object):
     def _decode_one(buf):
         self = lcmt_telemetry()
         self.session, self.tick = struct.unpack(">qq", buf.read(16))
-        self.measurement = struct.unpack('>39d', buf.read(312))
         self.estimate = struct.unpack('>15d', buf.read(120))
         self.covariance = struct.unpack('>225d', buf.read(1800))
         self.reference = struct.unpack('>9d', buf.read(72))
+        self.size = struct.unpack(">i", buf.read(4))[0]
+        self.measurement = struct.unpack('>%dd' % self.size, buf.read(self.size * 8))
         self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_telemetry in parents: return 0
-        tmphash = (0xcde93ceb36ae1b5b) & 0xffffffffffffffff
+        tmphash = (0xc8e431108e99ff6d) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

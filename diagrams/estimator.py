@@ -1,0 +1,135 @@
+"""The paper's estimator: fixes, the intermittent measurements handler and the filter, as one Diagram."""
+
+import numpy as np
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Demultiplexer
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.detector.detector import Detector
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.estimator.kalman_filter import (
+    KalmanFilter,
+    ReplayKalmanFilter,
+    filter_model,
+    initial_covariance,
+)
+from ortilo_drake.onboard.estimator.late_measurements import history_ticks
+from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import described, message_port, message_size
+
+_PREDICTIONS = ("estimate", "covariance")
+
+
+def make_detector(scenario: Scenario, room: Room) -> Detector:
+    """Return what finds landmarks in the pictures of a rendered camera; InputError if its files are wrong."""
+    camera = room.camera.scaled_to(scenario.rendered_camera.width)
+    size = camera.width, camera.height
+    detect = load_detector(scenario.detector, room, size)
+    return Detector(detect, size, scenario.rendered_camera.latency, scenario.h)
+
+
+class IntermittentEstimator(Diagram):
+    """The paper's chain from messages to the estimate: an estimator by the contract of diagrams/onboard.py.
+
+    Ports:
+        uwb, detections, imu, ...: the messages of the sensors that the scenario flies.
+        image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
+        control (4): u_k, f_T absolute.
+        reference (9): r, r_dot, r_ddot.
+        estimate (15, output): xhat_{k|k-1} and the integral.
+        covariance (225, output): P_k row by row.
+        y (p), delta (s), V2 (q) (outputs): the measurement as it reaches the filter in this tick, late ones included.
+
+    Args:
+        scenario: the scenario.
+        xbar_0: first estimate (15).
+        detects: whether the pictures of a rendered camera come here; if not, detections do.
+
+    Raises:
+        InputError: if the detector's files are wrong.
+    """
+
+    def __init__(self, scenario: Scenario, xbar_0: np.ndarray, detects: bool = True):
+        super().__init__()
+        room, h, settings = scenario.load_room(), scenario.h, scenario.filter
+        measurement = scenario.measurement
+        sensors = [described(name) for name in measurement.sensors if name in scenario.sensors]
+        solvers = {s.name: s.make_onboard(scenario, room) for s in sensors if s.make_onboard is not None}
+        about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
+
+        builder = DiagramBuilder()
+        model = filter_model(settings, scenario.vehicle, scenario.servo.integrator, h)
+        arguments = model, measurement, scenario.vehicle.hover_thrust, xbar_0, initial_covariance(settings), h
+        replays = settings.delay == "replay"
+        if replays:
+            sizes = {name: message_port(solvers[name]).size() for name in about}
+            ticks = history_ticks(settings.horizon, h)
+            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes))
+        else:
+            kalman = builder.AddSystem(KalmanFilter(*arguments))
+        self._kalman = kalman
+
+        def split(belief: OutputPort) -> dict[str, OutputPort]:
+            parts = builder.AddSystem(Demultiplexer([N_XBAR, N_XBAR * N_XBAR]))
+            builder.Connect(belief, parts.get_input_port())
+            return {name: parts.get_output_port(i) for i, name in enumerate(_PREDICTIONS)}
+
+        present = split(kalman.GetOutputPort("belief"))
+        fixes: dict[str, OutputPort] = {}
+        for name, solver in solvers.items():
+            builder.AddSystem(solver)
+            prediction, readers = present, [message_port(solver)]
+            if replays and name in about:
+                readers.append(kalman.GetInputPort(f"message_{name}"))
+                prediction = split(kalman.GetOutputPort(f"belief_{name}"))
+            for port in _PREDICTIONS:
+                if solver.HasInputPort(port):
+                    builder.Connect(prediction[port], solver.GetInputPort(port))
+            if name == "camera" and scenario.is_rendered and detects:
+                detector = builder.AddSystem(make_detector(scenario, room))
+                builder.ExportInput(detector.GetInputPort("image"), "image")
+                builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
+                for reader in readers:
+                    builder.Connect(detector.get_output_port(), reader)
+            else:
+                message = builder.ExportInput(readers[0], readers[0].get_name())
+                for reader in readers[1:]:
+                    builder.ConnectInput(message, reader)
+            fixes[name] = solver.get_output_port()
+
+        sizes = {s.name: fixes[s.name].size() if s.name in fixes else message_size(s, scenario, room) for s in sensors}
+        wanted = {"uwb": scenario.handler.uwb_gate, "camera": scenario.handler.camera_gate}
+        V = {name: described(name).V(scenario) for name in measurement.sensors}
+        gates = {name: gate for name, gate in wanted.items() if gate is not None}
+        handler = builder.AddSystem(
+            MeasurementHandler(measurement, sizes, V, gates, h, settings.delay)
+        )
+        for s in sensors:
+            if s.name in fixes:
+                builder.Connect(fixes[s.name], handler.GetInputPort(s.name))
+            else:
+                builder.ExportInput(handler.GetInputPort(s.name), s.name)
+        for port in _PREDICTIONS:
+            if handler.HasInputPort(port):  # it gates
+                builder.Connect(present[port], handler.GetInputPort(port))
+        for port in (*measurement.sizes, *(["stamps"] * replays)):
+            builder.Connect(handler.GetOutputPort(port), kalman.GetInputPort(port))
+        for port in ("control", "reference"):
+            builder.ExportInput(kalman.GetInputPort(port), port)
+        for name, port in present.items():
+            builder.ExportOutput(port, name)
+        for name in measurement.sizes:
+            builder.ExportOutput(handler.GetOutputPort(name), name)
+        builder.BuildInto(self)
+        self.set_name("estimator")
+
+    def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
+        """Set estimate (15) and covariance (15 x 15); the context is the root's."""
+        self._kalman.SetBelief(self._kalman.GetMyMutableContextFromRoot(context), xbar, P)
+
+    @property
+    def has_history(self) -> bool:
+        """Whether past ticks decide what it will estimate, beside the present belief."""
+        return isinstance(self._kalman, ReplayKalmanFilter)

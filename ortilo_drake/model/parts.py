@@ -1,0 +1,179 @@
+"""The register of parts: sensors, estimators, servos and planners that a scenario may name beside the built-in ones.
+
+A part comes from a package that has an entry point in the group ``ortilo_drake.plugins``, whose module registers it
+when it is imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is
+loaded. A scenario file by itself never runs code.
+"""
+
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Final
+from zlib import crc32
+
+import numpy as np
+
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.measurement import Row
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.typed_yaml import Frozen
+
+GROUP: Final = "ortilo_drake.plugins"
+KINDS: Final = ("estimator", "servo", "planner")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Everything that the laboratory knows of a sensor.
+
+    What crosses from the world to the onboard half is its message [arrived, stamp, payload ...] (model/signals.py).
+    What reaches the filter is a value of m rows and its covariance: y = C x + v.
+
+    Attributes:
+        name: in scenarios, tables and logs; its message has that name too.
+        settings: its group in a scenario, a frozen model with at least a field ``link: Link``.
+        rows: what it tells the filter, m rows of y.
+        make_world: (scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one
+            output, the message.
+        make_onboard: (scenario, room) -> System with the message as input, if it wants them estimate (15) and
+            covariance (225), and one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if
+            the message itself begins with the value, or is a fix.
+        payload: numbers in its message after arrived and stamp, where make_onboard is None (else its port tells); None
+            for the value alone, or for value and covariance where V says that it comes with each.
+        V: scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix.
+        sd: (scenario, room, true states (n, 12)) -> the world's noise of each row there, a standard deviation (n, m),
+            NaN where the sensor gives nothing. The Cramer-Rao floor, the tube and the theory bench ask for it.
+        limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
+            hardware-in-the-loop. None takes LARGEST in size.
+    """
+
+    name: str
+    settings: type[Frozen]
+    rows: tuple[Row, ...]
+    make_world: Callable[[Any, Any], Any]
+    sd: Callable[[Any, Any, np.ndarray], np.ndarray]
+    make_onboard: Callable[[Any, Any], Any] | None = None
+    payload: int | None = None
+    V: Callable[[Any], np.ndarray | None] = lambda scenario: None
+    limits: Callable[[Any, Any], tuple[np.ndarray, np.ndarray]] | None = None
+
+
+@dataclass(frozen=True)
+class Part:
+    """An estimator, a servo or a planner that scenarios may name by its kind.
+
+    Attributes:
+        kind: what stands after ``kind:`` in a scenario.
+        settings: its group in a scenario, a frozen model with a field ``kind: Literal[...]``.
+        make: makes it; see diagrams/onboard.py for what each takes and returns.
+    """
+
+    kind: str
+    settings: type[Frozen]
+    make: Callable[..., Any]
+
+
+_SENSORS: dict[str, Sensor] = {}
+_PARTS: dict[tuple[str, str], Part] = {}
+_FILES: list[str] = []  # where parts came from, for worker processes
+
+
+def register_sensor(sensor: Sensor) -> None:
+    """Let scenarios fly a sensor by its name.
+
+    Raises:
+        InputError: if its name is a built-in sensor's or no plain word, or its settings have no link.
+    """
+    if not sensor.name.isidentifier() or sensor.name in (*SENSORS, "detections", "shutter", "image", "velocity"):
+        raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
+    if "link" not in sensor.settings.model_fields:
+        raise InputError(f"sensor: {sensor.name}: its settings need a field 'link: Link'")
+    _SENSORS[sensor.name] = sensor
+    _remember_caller()
+
+
+def register_part(role: str, part: Part) -> None:
+    """Let scenarios name an estimator, a servo or a planner; role is one of KINDS."""
+    if role not in KINDS:
+        raise InputError(f"part: {role!r}: must be one of {', '.join(KINDS)}")
+    if "kind" not in part.settings.model_fields:
+        raise InputError(f"{role}: {part.kind}: its settings need a field 'kind'")
+    _PARTS[role, part.kind] = part
+    _remember_caller()
+
+
+def _remember_caller() -> None:
+    """Remember the file that registers a part, so that worker processes can load it as well."""
+    frame = inspect.currentframe()
+    while frame is not None and frame.f_globals.get("__name__") in (__name__, "ortilo_drake.api"):
+        frame = frame.f_back
+    if frame is None or frame.f_globals.get("__name__", "").partition(".")[0] == "ortilo_drake":
+        return  # comes with the package
+    file = frame.f_globals.get("__file__")
+    if file and str(Path(file).resolve()) not in _FILES:
+        _FILES.append(str(Path(file).resolve()))
+
+
+def plugin_files() -> tuple[str, ...]:
+    """Return the files that registered parts in this process, for load_plugin in another one."""
+    return tuple(_FILES)
+
+
+def load_plugin(file: str | Path) -> None:
+    """Run a Python file that registers parts; once in a process.
+
+    Raises:
+        InputError: if there is no such file, or it fails.
+    """
+    path = Path(file).resolve()
+    name = f"ortilo_plugin_{path.stem}_{crc32(bytes(path)):x}"
+    if str(path) in _FILES or name in sys.modules:
+        return
+    spec = importlib.util.spec_from_file_location(name, path) if path.suffix == ".py" else None
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InputError(f"--plugin {file}: must be a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's file does wrong
+        del sys.modules[name]
+        raise InputError(f"--plugin {file}: {type(error).__name__}: {error}") from error
+
+
+@cache
+def _load_installed() -> None:
+    """Import the plugins of installed packages, ours among them."""
+    for point in entry_points(group=GROUP):
+        point.load()
+
+
+def find_sensor(name: str) -> Sensor | None:
+    """Return the registered sensor of a name, None if there is none; built-in ones are not among them."""
+    if name not in _SENSORS and name.isidentifier() and name not in SENSORS:
+        _load_installed()
+    return _SENSORS.get(name)
+
+
+def find_part(role: str, kind: str) -> Part | None:
+    """Return the registered estimator, servo or planner of a kind, None if there is none."""
+    if (role, kind) not in _PARTS:
+        _load_installed()
+    return _PARTS.get((role, kind))
+
+
+def known_sensors() -> tuple[str, ...]:
+    """Return the names of all sensors, built-in ones first."""
+    _load_installed()
+    return (*SENSORS, *sorted(_SENSORS))
+
+
+def known_kinds(role: str) -> tuple[str, ...]:
+    """Return the registered kinds of a role."""
+    _load_installed()
+    return tuple(sorted(kind for its_role, kind in _PARTS if its_role == role))

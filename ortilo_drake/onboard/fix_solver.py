@@ -1,0 +1,51 @@
+"""A solver that is a function of a message and the estimate: message in, value and covariance out."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
+
+Solve = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray] | None]
+
+
+class FixSolver(LeafSystem):
+    """A memoryless solver.
+
+    Ports:
+        <name> (2 + n): a message [arrived, stamp, payload].
+        estimate (15), covariance (225): of the filter, to solve about; of the message's own tick where the filter
+            replays late ones.
+        fix (2 + m + m^2, output): [arrived, stamp, value, covariance row by row]; zeros where nothing arrived or there
+            is no solution.
+
+    Args:
+        name: the message's.
+        payload: n.
+        rows: m.
+        solve: (payload (n), xhat (15), P (15, 15)) -> value (m) and covariance (m, m), or None.
+    """
+
+    def __init__(self, name: str, payload: int, rows: int, solve: Solve):
+        super().__init__()
+        self.set_name(f"{name}_fix")
+        self._solve = solve
+        self._message = self.DeclareVectorInputPort(name, PAYLOAD + payload)
+        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+        self._covariance = self.DeclareVectorInputPort("covariance", N_XBAR * N_XBAR)
+        needs = {self._message.ticket(), self._estimate.ticket(), self._covariance.ticket()}
+        size = PAYLOAD + rows + rows * rows
+        self.DeclareVectorOutputPort("fix", size, self._calc_fix, prerequisites_of_calc=needs)
+
+    def _calc_fix(self, context: Context, output: BasicVector) -> None:
+        message, found = self._message.Eval(context), None
+        if message[ARRIVED]:
+            P = self._covariance.Eval(context).reshape(N_XBAR, N_XBAR)
+            found = self._solve(message[PAYLOAD:], self._estimate.Eval(context), P)
+        fix = np.zeros(output.size())
+        if found is not None:
+            value, covariance = found
+            fix[ARRIVED], fix[STAMP] = 1.0, message[STAMP]
+            fix[PAYLOAD:] = np.concatenate((np.ravel(value), np.ravel(covariance)))
+        output.SetFromVector(fix)

@@ -1,0 +1,1 @@
+"""The sensors, each described once: its message, its link, its fix, and what it tells the filter."""

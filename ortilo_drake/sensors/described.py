@@ -1,0 +1,82 @@
+"""The descriptions of the sensors that a scenario flies, built-in and registered ones alike."""
+
+import numpy as np
+
+from pydrake.systems.framework import InputPort, System
+
+from ortilo_drake.model.measurement import CAMERA, IMU, UWB
+from ortilo_drake.model.parts import Sensor, find_sensor
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.scenario import Imu as ImuSettings
+from ortilo_drake.scenario import ProjectedCamera as ProjectedCameraSettings
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Uwb as UwbSettings
+from ortilo_drake.world.sensors.imu import Imu
+from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
+from ortilo_drake.world.sensors.uwb import UwbRanging
+
+
+def _diagonal(variances: tuple[float, ...] | None) -> np.ndarray | None:
+    return None if variances is None else np.diag(variances)
+
+
+def _of_fix(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
+    """Say that a position's noise follows from geometry: studies/loop/fix_covariance.py has it."""
+    raise NotImplementedError("the noise of a fix from ranges or boxes is that of studies/loop/fix_covariance.py")
+
+
+BUILT_IN = {
+    "uwb": Sensor(
+        "uwb",
+        UwbSettings,
+        UWB,
+        make_world=lambda scenario, room: UwbRanging(scenario.uwb, room, scenario.seed, scenario.h),
+        sd=_of_fix,
+        make_onboard=lambda scenario, room: Multilateration(scenario.multilateration, room.anchor_positions),
+        V=lambda scenario: _diagonal(scenario.filter.V.uwb),
+    ),
+    "camera": Sensor(
+        "camera",
+        ProjectedCameraSettings,
+        CAMERA,
+        make_world=lambda scenario, room: ProjectedCamera(scenario.projected_camera, room, scenario.seed, scenario.h),
+        sd=_of_fix,
+        make_onboard=lambda scenario, room: LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
+        V=lambda scenario: _diagonal(scenario.filter.V.camera),
+    ),
+    "imu": Sensor(
+        "imu",
+        ImuSettings,
+        IMU,
+        make_world=lambda scenario, room: Imu(scenario.imu, scenario.vehicle.mass, scenario.seed, scenario.h),
+        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.angle_sd),
+        payload=IMU_SIZE - PAYLOAD,
+        V=lambda scenario: _diagonal(scenario.filter.V.imu),
+    ),
+}
+
+
+def described(name: str) -> Sensor:
+    """Return the description of a sensor; KeyError if it is neither built in nor registered."""
+    found = BUILT_IN.get(name) or find_sensor(name)
+    if found is None:
+        raise KeyError(name)
+    return found
+
+
+def message_port(system: System) -> InputPort:
+    """Return the port at which a sensor's messages come in, of the system that make_onboard returned."""
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    return next(port for port in ports if port.get_name() not in ("estimate", "covariance"))
+
+
+def message_size(sensor: Sensor, scenario: Scenario, room: Room) -> int:
+    """Return the size of a sensor's message."""
+    if sensor.make_onboard is not None:
+        return int(message_port(sensor.make_onboard(scenario, room)).size())
+    m = len(sensor.rows)
+    payload = sensor.payload or (m if sensor.V(scenario) is not None else m + m * m)
+    return PAYLOAD + payload

@@ -1,0 +1,47 @@
+"""A sensor that is a function of the true state and of noise: most sensors of one's own need no System of their own."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP
+from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.seeded_system import SeededSystem
+
+Measure = Callable[[np.ndarray, np.ndarray], np.ndarray | list[float] | None]
+
+
+class StateSensor(SeededSystem):
+    """A memoryless sensor of the state.
+
+    Ports:
+        state (12): x of the vehicle.
+        <name> (2 + n, output): [1, t_k, payload]; zeros where the sensor gives nothing.
+
+    Args:
+        name: the sensor's; its noise stream has that name too.
+        payload: n.
+        noises: how many standard normal numbers a message takes.
+        measure: (true x (12), standard normal numbers) -> payload (n), or None where the sensor gives nothing.
+        seed: seed of all noise.
+        h: tick [s].
+    """
+
+    def __init__(self, name: str, payload: int, noises: int, measure: Measure, seed: int, h: float):
+        super().__init__(seed)
+        self.set_name(name)
+        self._measure, self._noises, self._h, self._stream = measure, noises, h, stream_id(name)
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        needs = {self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()}
+        self.DeclareVectorOutputPort(name, PAYLOAD + payload, self._calc, prerequisites_of_calc=needs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        time = context.get_time()
+        v = normals(self.seed_in(context), self._stream, tick_of(time, self._h), self._noises)
+        payload = self._measure(self._state.Eval(context), v)
+        message = np.zeros(output.size())
+        if payload is not None:
+            message[ARRIVED], message[STAMP], message[PAYLOAD:] = 1.0, time, payload
+        output.SetFromVector(message)
