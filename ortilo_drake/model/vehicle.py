@@ -125,7 +125,7 @@ def mixing_matrix(vehicle: Vehicle) -> np.ndarray:
 def mixing_inverse(vehicle: Vehicle) -> np.ndarray:
     """Return M^+ (n x 4): M^+ u are the squared speeds that make u, of all such those of least norm."""
     M = mixing_matrix(vehicle)
-    if vehicle.rotor_count == 4:
+    if vehicle.arms is None:  # the same but for the last bit, which flights of it keep
         return np.linalg.inv(M)
     units = _row_units(vehicle)
     return np.linalg.pinv(M / units) / units.T
