@@ -75,7 +75,7 @@ def test_a_wrong_file_is_refused_in_one_line(folder: Path, text: str | None, wor
 
 @pytest.mark.parametrize("name", ['"a\\0b"', "x" * 5000, '"a\\nb"'])
 def test_a_name_that_no_file_has_is_refused_in_one_line(name: str) -> None:
-    with pytest.raises(InputError, match="vehicle: .*no such vehicle file") as refusal:
+    with pytest.raises(InputError, match=r"vehicle: .*no such vehicle file") as refusal:
         load_scenario("imu_uwb", (f"vehicle={name}",))
     assert len(str(refusal.value)) < 300
     assert "\n" not in str(refusal.value)
