@@ -22,7 +22,7 @@ N_V = N_X // 2  # velocities and Euler rates, which a scenario may lend the serv
 
 
 def make_rotors_and_plant(vehicle: Vehicle, kinematics: str) -> Diagram:
-    """Return the rotors before the continuous plant; state [x; rotor speeds] (16).
+    """Return the rotors before the continuous plant; state [x; rotor speeds] (12 + n).
 
     Ports:
         control (4): the commanded u.

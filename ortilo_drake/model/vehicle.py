@@ -1,16 +1,37 @@
-"""The DJI Matrice 100 as the paper's authors flew it."""
+"""A multirotor as data; by default the DJI Matrice 100 as the paper's authors flew it."""
 
 import math
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import NonNegativeFloat, model_validator
+import numpy as np
+from pydantic import Field, NonNegativeFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yaml
 
 GRAVITY = 9.81  # m/s^2
+MAX_ROTORS = 64
+STEERABLE = 1e-6  # least singular value of a layout of arms, as a share of the largest: weaker is none
+
+
+class Arm(Frozen):
+    """An arm in the plane through the centre of mass, with a rotor at its end that thrusts along B's z.
+
+    Attributes:
+        angle: from B's x axis (ahead), counter-clockwise seen from above [rad].
+        length: distance of the rotor's axis from the centre of mass [m].
+        spin: the way in which the rotor's drag turns the body about B's z: +1 of a rotor that turns clockwise seen
+            from above, -1 of one that turns counter-clockwise.
+    """
+
+    angle: Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)]
+    length: Positive
+    spin: Literal[-1, 1]
 
 
 class Vehicle(Frozen):
-    """Rigid-body and rotor parameters of a quadrotor in X configuration.
+    """Rigid-body and rotor parameters of a multirotor whose rotors are all alike.
 
     The defaults are the M100 of the authors' published simulation world and node parameters (repository
     loizoshad/ORTINa); their printed A and B follow from them by exact zero-order-hold discretisation.
@@ -18,7 +39,10 @@ class Vehicle(Frozen):
     Attributes:
         mass: m [kg].
         inertia: principal moments I_x, I_y, I_z [kg m^2] in B.
-        arm_length: distance of each rotor axis from the centre of mass [m].
+        arm_length: distance of each rotor axis from the centre of mass [m] of a quadrotor in X configuration; not used
+            where `arms` says more.
+        arms: the rotors' places, at least four; by default that X: front left, front right, rear right, rear left,
+            of spin +1, -1, +1, -1.
         rotor_lift: thrust per squared rotor speed [N s^2/rad^2].
         rotor_drag: torque about the rotor axis per squared rotor speed [N m s^2/rad^2].
         rotor_time_constant: first-order lag of a rotor speeding up, slowing down [s].
@@ -30,6 +54,7 @@ class Vehicle(Frozen):
     mass: Positive = 2.7
     inertia: tuple[Positive, Positive, Positive] = (0.1547563, 0.1658929, 0.2077)
     arm_length: Positive = 0.17
+    arms: Annotated[tuple[Arm, ...], Field(min_length=4, max_length=MAX_ROTORS)] | None = None
     rotor_lift: Positive = 1.858582798e-5
     rotor_drag: Positive = 7.905545266e-7
     rotor_time_constant: tuple[Positive, Positive] = (0.0125, 0.025)
@@ -38,10 +63,22 @@ class Vehicle(Frozen):
 
     @model_validator(mode="after")
     def _can_hover(self) -> "Vehicle":
-        if self.hover_rotor_speed >= self.rotor_max_speed:
+        rank = np.linalg.matrix_rank(mixing_matrix(self) / _row_units(self), rtol=STEERABLE)
+        if rank < 4:
+            raise ValueError(
+                f"arms: {self.rotor_count} rotors of these angles, lengths and spins have rank {rank} in thrust, roll, "
+                "pitch and yaw: must be 4, to make each without the others"
+            )
+        shares = _hover_shares(self)
+        if shares.min() <= 0.0:
+            raise ValueError(
+                f"arms.{shares.argmin()}: at hover this rotor would not lift: "
+                "the centre of mass must lie well between the rotors"
+            )
+        if self.hover_rotor_speeds.max() >= self.rotor_max_speed:
             raise ValueError(
                 f"rotor_max_speed: {self.rotor_max_speed} cannot lift mass {self.mass}, "
-                f"hover needs {self.hover_rotor_speed:.1f} rad/s"
+                f"hover needs {self.hover_rotor_speeds.max():.1f} rad/s"
             )
         return self
 
@@ -51,9 +88,70 @@ class Vehicle(Frozen):
         return self.mass * GRAVITY
 
     @property
-    def hover_rotor_speed(self) -> float:
-        """Speed [rad/s] of each rotor at hover."""
-        return math.sqrt(self.hover_thrust / (4.0 * self.rotor_lift))
+    def rotor_count(self) -> int:
+        """The number n of rotors."""
+        return 4 if self.arms is None else len(self.arms)
+
+    @property
+    def largest_thrust(self) -> float:
+        """Total thrust of all rotors at full speed [N]."""
+        return self.rotor_count * self.rotor_lift * self.rotor_max_speed**2
+
+    @property
+    def hover_rotor_speeds(self) -> np.ndarray:
+        """Speeds of the rotors at hover (n) [rad/s]."""
+        return np.sqrt(_hover_shares(self) * self.hover_thrust / self.rotor_lift)
+
+
+def rotor_places(vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return x and y in B [m] and the spin of each rotor (n each)."""
+    if vehicle.arms is None:  # in closed form, to the last bit: cos and sin of 45 degrees round differently
+        a = vehicle.arm_length / np.sqrt(2.0)
+        return a * np.array([1, 1, -1, -1]), a * np.array([1, -1, -1, 1]), np.array([1, -1, 1, -1])
+    angle, length, spin = np.array([(arm.angle, arm.length, arm.spin) for arm in vehicle.arms]).T
+    return length * np.cos(angle), length * np.sin(angle), spin
+
+
+def mixing_matrix(vehicle: Vehicle) -> np.ndarray:
+    """Return M (4 x n) with u = M [W_1^2 ... W_n^2], W_i the rotor speeds [rad/s].
+
+    A rotor at (x, y) with lift k W^2 and drag c W^2 makes the thrust k W^2, the torque r x F = (y, -x) k W^2 about B's
+    x and y, and spin c W^2 about its z.
+    """
+    k, c, (x, y, spin) = vehicle.rotor_lift, vehicle.rotor_drag, rotor_places(vehicle)
+    return np.array([k * np.ones(len(x)), k * y, -k * x, c * spin])
+
+
+def mixing_inverse(vehicle: Vehicle) -> np.ndarray:
+    """Return M^+ (n x 4): M^+ u are the squared speeds that make u, of all such those of least norm."""
+    M = mixing_matrix(vehicle)
+    if vehicle.arms is None:  # the same but for the last bit, which flights of it keep
+        return np.linalg.inv(M)
+    units = _row_units(vehicle)
+    return np.linalg.pinv(M / units) / units.T
+
+
+def _row_units(vehicle: Vehicle) -> np.ndarray:
+    """Return what the rows of M (4 x 1) are measured in, so that a rank does not depend on units or size."""
+    lift, longest = vehicle.rotor_lift, np.hypot(*rotor_places(vehicle)[:2]).max()
+    return np.array([[lift], [lift * longest], [lift * longest], [vehicle.rotor_drag]])
+
+
+def _hover_shares(vehicle: Vehicle) -> np.ndarray:
+    """Return the share of the weight that each rotor carries at hover (n)."""
+    shares, n = mixing_inverse(vehicle)[:, 0] * vehicle.rotor_lift, vehicle.rotor_count
+    return np.where(np.isclose(shares, 1.0 / n, rtol=1e-12, atol=0.0), 1.0 / n, shares)  # equal but for rounding
 
 
 M100 = Vehicle()
+
+
+def load_vehicle(path: Path) -> Vehicle:
+    """Read a vehicle's file: the fields of Vehicle, with the M100's values for those that are left out.
+
+    Raises:
+        InputError: naming file, field, value and what is allowed.
+    """
+    if not exists(path):
+        raise InputError(f"vehicle: {str(path)[:200]!r}: no such vehicle file")
+    return load_yaml(Vehicle, path)

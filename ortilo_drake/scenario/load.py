@@ -6,6 +6,7 @@ from typing import Any
 
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
+from ortilo_drake.model.vehicle import load_vehicle
 from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
@@ -60,6 +61,12 @@ _FILES = {
 }
 
 
+def _with_vehicle(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the settings with the values of the vehicle's file, if they name one, in its place: all of them."""
+    name = data.get("vehicle")
+    return data | {"vehicle": load_vehicle(folder / name).model_dump(mode="json")} if isinstance(name, str) else data
+
+
 def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the settings of a file, laid over those of its base; that may have one too."""
     data = parse_yaml(read_text(path), source)
@@ -67,6 +74,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    data = _with_vehicle(data, path.parent)
     base = data.pop("base", None)
     if base is None:
         return data
@@ -116,19 +124,21 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
     data.setdefault("name", path.stem)
-    scenario = _laid_over(validate(Scenario, data, source), settings, seed, source)
     # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
-    scenario = _relative_to(Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent, scenario)
+    folder = Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent
+    scenario = _laid_over(validate(Scenario, data, source), settings, seed, source, folder)
+    scenario = _relative_to(folder, scenario)
     scenario.load_room()
     return scenario
 
 
-def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, source: str) -> Scenario:
+def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, source: str, folder: Path) -> Scenario:
     if not settings and seed is None:
         return scenario
     data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
     for setting in settings:
         _set_field(data, setting)
+        data = _with_vehicle(data, folder)
     if seed is not None:
         data["seed"] = seed
     return validate(Scenario, data, source)
@@ -136,7 +146,7 @@ def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, 
 
 def with_settings(scenario: Scenario, settings: tuple[str, ...], seed: int | None = None) -> Scenario:
     """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario."""
-    scenario = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name))
+    scenario = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name, Path.cwd()))
     scenario.load_room()
     return scenario
 

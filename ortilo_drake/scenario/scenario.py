@@ -51,6 +51,7 @@ class Scenario(Frozen):
         control_rate: ticks a second, 1 / h [Hz].
         settle: time flown after the path's end [s].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
+        vehicle: what flies; a scenario file may name a file of a vehicle's fields instead, found as a room's is.
         sensors: which of uwb, camera and imu fly; the others never arrive.
         camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
             boxes that a detector would have found from what was measured of it, eighty times as fast.

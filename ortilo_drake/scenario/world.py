@@ -14,7 +14,7 @@ class IdealRotors(Frozen):
 
 
 class FirstOrderRotors(Frozen):
-    """Mixing to four rotor speeds, limits of speed, and a first-order lag with the vehicle's time constants."""
+    """Mixing to the speeds of the rotors, limits of speed, and a first-order lag with the vehicle's time constants."""
 
     kind: Literal["first_order"]
 

@@ -1,12 +1,14 @@
 """Limits that no flight reaches, and what lies beyond them is refused."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hil_link import FLIGHT_KEY
 
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.hil.wire.handshake import flight_of
-from ortilo_drake.hil.wire.limits import FARTHEST, limits_of
+from ortilo_drake.hil.wire.limits import FARTHEST, largest_command, limits_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
     TELEMETRY,
@@ -20,6 +22,7 @@ from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.unpack import decode
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages, publish_telemetry
 from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.model.vehicle import Arm, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
 LATE = ("camera_link.delay=2", "camera_link.random_delay=1", "imu.link.delay=3")
@@ -158,3 +161,11 @@ def test_limits_grow_with_what_they_come_from() -> None:
     walls = len(SCENARIO.load_room().wall_boxes)
     ranges = slice(PAYLOAD, PAYLOAD + FLIGHT.anchors)
     np.testing.assert_allclose(biased["uwb"].high[ranges] - here["uwb"].high[ranges], walls)
+
+
+def test_the_largest_command_is_the_most_that_some_of_the_rotors_make() -> None:
+    arms = [Arm(angle=a, length=0.3, spin=spin) for a, spin in ((0.1, 1), (1.2, -1), (2.2, 1), (-2.9, -1), (-1.3, 1))]
+    vehicle = Vehicle(arms=tuple(arms))
+    at_full_speed = np.array(list(product((0.0, 838.0**2), repeat=5)))
+    most = np.abs(at_full_speed @ mixing_matrix(vehicle).T).max(axis=0)
+    np.testing.assert_allclose(largest_command(vehicle), 8.0 * most, rtol=1e-12)

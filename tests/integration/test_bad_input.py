@@ -78,6 +78,8 @@ def room_file(folder: Path, **changes: Any) -> str:
         ("settle=1.0e+9", ["settle"]),
         ("planner={kind: hover, duration: 1.0e+300}", ["duration"]),
         ("vehicle.mass=1000", ["mass", "1000"]),
+        ("vehicle=nowhere.yaml", ["vehicle", "nowhere.yaml", "no such vehicle file"]),
+        ("vehicle.arms=[]", ["vehicle.arms", "[]", "at least 4"]),
         ("name=a/b", ["name", "a/b"]),
         ("name=''", ["name"]),
         # variances that are negative, and V not positive definite

@@ -1,14 +1,17 @@
 """The vehicle's own numbers: what they say together, and what no vehicle can be."""
 
+import math
+
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from ortilo_drake.model.vehicle import M100, Vehicle
+from ortilo_drake.model.vehicle import M100, Arm, Vehicle, mixing_matrix, rotor_places
 
 
 def test_at_hover_four_rotors_carry_the_weight() -> None:
     assert M100.hover_thrust == pytest.approx(2.7 * 9.81, rel=1e-3)
-    assert 4.0 * M100.rotor_lift * M100.hover_rotor_speed**2 == pytest.approx(M100.hover_thrust, rel=1e-12)
+    assert set(M100.hover_rotor_speeds) == {math.sqrt(2.7 * 9.81 / (4.0 * M100.rotor_lift))}  # to the last bit
 
 
 def test_the_m100_is_a_quadrotor_of_its_makers_size_that_can_fly() -> None:
@@ -25,7 +28,53 @@ def test_the_m100_is_a_quadrotor_of_its_makers_size_that_can_fly() -> None:
 def test_a_vehicle_too_heavy_for_its_rotors_is_refused(share: float, flies: bool) -> None:
     most = 4.0 * M100.rotor_lift * M100.rotor_max_speed**2 / (M100.hover_thrust / M100.mass)
     if flies:
-        assert Vehicle(mass=share * most).hover_rotor_speed < M100.rotor_max_speed
+        assert max(Vehicle(mass=share * most).hover_rotor_speeds) < M100.rotor_max_speed
     else:
         with pytest.raises(ValidationError, match=r"rotor_max_speed: 838\.0 cannot lift mass"):
             Vehicle(mass=share * most)
+
+
+def around(n: int, length: float = 0.3, angle: float = 2.0 * math.pi, spins: tuple[int, ...] = (1, -1)) -> Vehicle:
+    """A vehicle of n rotors on an arc that begins ahead."""
+    return Vehicle(
+        arms=tuple(Arm(angle=angle * i / n, length=length, spin=spins[i % len(spins)]) for i in range(n)),
+    )
+
+
+@pytest.mark.parametrize("n", [4, 6, 8, 10])
+def test_rotors_around_the_body_share_its_weight(n: int) -> None:
+    speed = math.sqrt(2.7 * 9.81 / (n * M100.rotor_lift))
+    np.testing.assert_allclose(around(n).hover_rotor_speeds, speed, rtol=1e-12)
+    assert around(n).largest_thrust == pytest.approx(n * M100.rotor_lift * 838.0**2, rel=1e-12)
+
+
+def test_the_default_is_an_x_of_four_arms() -> None:
+    arms = [Arm(angle=math.radians(a), length=0.17, spin=s) for a, s in ((45, 1), (-45, -1), (-135, 1), (135, -1))]
+    named = Vehicle(arms=tuple(arms))
+    for ours, theirs in zip(rotor_places(M100), rotor_places(named), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-15)
+    np.testing.assert_allclose(mixing_matrix(M100), mixing_matrix(named), rtol=1e-15)
+
+
+def test_of_two_rotors_over_each_other_each_carries_half() -> None:
+    pairs = [Arm(angle=math.pi / 2 * i, length=0.3, spin=s) for i in range(4) for s in (1, -1)]
+    speed = math.sqrt(2.7 * 9.81 / (8 * M100.rotor_lift))
+    np.testing.assert_allclose(Vehicle(arms=tuple(pairs)).hover_rotor_speeds, speed, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: around(3), "at least 4 items"),
+        (lambda: around(65), "at most 64 items"),
+        (lambda: around(4, spins=(1,)), "arms: 4 rotors of these angles, lengths and spins have rank 3 in thrust"),
+        (lambda: around(8, angle=0.0), "arms: 8 rotors .* rank 2 .*: must be 4"),
+        (lambda: around(6, angle=math.pi / 2), r"arms.\d: at hover this rotor would not lift: the centre of mass must"),
+        (lambda: Arm(angle=45.0, length=0.3, spin=1), r"less than or equal to 6\.28"),
+        (lambda: Arm(angle=0.0, length=0.3, spin=0), "spin\n"),
+        (lambda: around(4, length=0.0), "greater than 0"),
+    ],
+)
+def test_a_layout_that_cannot_fly_is_refused(make, says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        make()

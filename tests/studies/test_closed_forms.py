@@ -5,12 +5,12 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
 
-from ortilo_drake.model.vehicle import M100
+from ortilo_drake.model.vehicle import M100, Arm, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import KalmanFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.scenario import Noise, Scenario, World
-from ortilo_drake.studies.linearization.closed_forms import agreement
+from ortilo_drake.studies.linearization.closed_forms import agreement, closed_form
 from ortilo_drake.studies.linearization.linearize import linearize
 from ortilo_drake.studies.linearization.operating_point import frozen_gain
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
@@ -51,6 +51,18 @@ def test_closed_loop_is_the_matrix_of_the_theory(integrator: str) -> None:
     L = servo_gain(M100, scenario.servo.weights, H)
     apart = np.concatenate([np.linalg.eigvals(Phibar - Gammabar @ L), np.linalg.eigvals(Phi - K @ C)])
     np.testing.assert_allclose(np.poly(loop.A), np.real(np.poly(apart)), rtol=1e-6, atol=1e-3)
+
+
+def test_five_rotors_of_unlike_speeds_agree_with_their_closed_form() -> None:
+    arms = tuple(Arm(angle=2.0 * np.pi * i / 5, length=0.3, spin=(-1) ** i) for i in range(5))
+    scenario = flown().model_copy(update={"vehicle": Vehicle(arms=arms)})
+    assert np.ptp(scenario.vehicle.hover_rotor_speeds) > 100.0
+    for lag in ("up", "down"):
+        by_drake, by_hand = (f(scenario, "rotors_and_plant", lag=lag) for f in (linearize, closed_form))
+        assert by_drake.A.shape == (17, 17)
+        assert by_drake.states[-1] == "W_5"
+        for name, its, ours in zip("ABCD", by_drake, by_hand, strict=False):
+            np.testing.assert_allclose(its, ours, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
 def test_every_part_agrees_with_its_closed_form() -> None:

@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 
 from ortilo_drake.diagrams.linear_loop import make_linear_loop
 from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
-from ortilo_drake.model.vehicle import M100
+from ortilo_drake.model.vehicle import M100, mixing_matrix
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
@@ -17,7 +17,7 @@ from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.studies.linearization.linearize import differentiate_tick, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, operating_point, reference_at
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
-from ortilo_drake.world.vehicle.rotors import commanded_speeds, mixing_matrix, rotor_acceleration, wrench_of
+from ortilo_drake.world.vehicle.rotors import commanded_speeds, rotor_acceleration, wrench_of
 
 H = 1.0 / 30.0
 INERTIA = np.array(M100.inertia)
@@ -80,7 +80,7 @@ def test_rotors_follow_the_linearisation_on_their_side(lag: str, sign: float) ->
     """Commands that speed all rotors up, or slow all down, and speeds that lag behind them."""
     M = mixing_matrix(M100)
     M_inverse, tau = np.linalg.inv(M), np.array(M100.rotor_time_constant)
-    hover, W_0 = np.array([M100.hover_thrust, 0.0, 0.0, 0.0]), M100.hover_rotor_speed
+    hover, W_0 = np.array([M100.hover_thrust, 0.0, 0.0, 0.0]), M100.hover_rotor_speeds[0]
     system = linearize(flown(), "rotors_and_plant", lag=lag)
     rng = np.random.default_rng(5)
     for _ in range(20):

@@ -26,7 +26,7 @@ from ortilo_drake.model.signals import (
     PAYLOAD,
     SENSORS,
 )
-from ortilo_drake.model.vehicle import GRAVITY, Vehicle
+from ortilo_drake.model.vehicle import GRAVITY, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described, message_size
 
@@ -66,10 +66,9 @@ def _message(low: np.ndarray, high: np.ndarray, oldest: int, whole: list[int] | 
 
 def largest_command(vehicle: Vehicle) -> np.ndarray:
     """Return the largest size of u (4) that a servo may ask for [N, N m]."""
-    rotor = vehicle.rotor_max_speed**2
-    lift = vehicle.rotor_lift * rotor
-    tilting = 2.0 * lift * vehicle.arm_length / math.sqrt(2.0)
-    return ASKED * np.array([4.0 * lift, tilting, tilting, 2.0 * vehicle.rotor_drag * rotor])
+    by_rotor = mixing_matrix(vehicle) * vehicle.rotor_max_speed**2
+    either_way = [np.maximum(sign * by_rotor, 0.0).sum(axis=1) for sign in (1.0, -1.0)]
+    return ASKED * np.maximum(*either_way)
 
 
 def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:

@@ -5,30 +5,30 @@ import numpy as np
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.model.vehicle import GRAVITY, Vehicle
+from ortilo_drake.model.vehicle import GRAVITY, Vehicle, mixing_inverse, mixing_matrix
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.linearize import PARTS, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, heading_ahead, with_one_lag
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop, loop_gain
-from ortilo_drake.world.vehicle.rotors import mixing_matrix
 
 
 def rotors_and_plant_matrices(vehicle: Vehicle, lag: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (16 x 16) and B (16 x 4) of [x; W] at hover in closed form.
+    """Return A (12 + n square) and B (12 + n x 4) of [x; W] at hover in closed form, of n rotors.
 
-    The wrench is M [W^2], the commanded speed sqrt(M^-1 u), W_0 the speed at hover. With 2 W_0 dW = M^-1 du:
+    The wrench is M [W^2], the commanded speed sqrt(M^+ u), W_0 the speeds at hover. With 2 W_0 dW = M^+ du:
 
-        x_dot = A x + B (2 W_0 M) W,   W_dot = (M^-1 u / (2 W_0) - W) / tau
+        x_dot = A x + B (M 2 W_0) W,   W_dot = (M^+ u / (2 W_0) - W) / tau
 
     Args:
         vehicle: mass, inertia and rotors.
         lag: 'up' or 'down', whose tau is taken.
     """
     tau = with_one_lag(vehicle, lag).rotor_time_constant[0]
-    wrench = 2.0 * vehicle.hover_rotor_speed * mixing_matrix(vehicle)
-    A, B = np.zeros((N_X + 4, N_X + 4)), np.zeros((N_X + 4, N_U))
-    A[:N_X, :N_X], A[:N_X, N_X:], A[N_X:, N_X:] = hover_A(), hover_B(vehicle) @ wrench, -np.eye(4) / tau
-    B[N_X:] = np.linalg.inv(wrench) / tau
+    n, slope = vehicle.rotor_count, 2.0 * vehicle.hover_rotor_speeds
+    A, B = np.zeros((N_X + n, N_X + n)), np.zeros((N_X + n, N_U))
+    A[:N_X, :N_X], A[:N_X, N_X:] = hover_A(), hover_B(vehicle) @ (mixing_matrix(vehicle) * slope)
+    A[N_X:, N_X:] = -np.eye(n) / tau
+    B[N_X:] = mixing_inverse(vehicle) / slope[:, np.newaxis] / tau
     return A, B
 
 

@@ -15,6 +15,7 @@ from pydrake.systems.primitives import FirstOrderTaylorApproximation, Linearize
 from ortilo_drake.diagrams.linear_loop import make_linear_loop, make_rotors_and_plant, make_servo
 from ortilo_drake.model.signals import CONTROL_NAMES, N_I, N_X, REFERENCE_SIZE, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import mixing_inverse
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import resting_integral
 from ortilo_drake.scenario import Scenario
@@ -22,7 +23,7 @@ from ortilo_drake.studies.linearization.operating_point import frozen_gain, oper
 from ortilo_drake.studies.loop.hover_loop import N_LOOP
 from ortilo_drake.theory.modes.modes import names_of
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
-from ortilo_drake.world.vehicle.rotors import commanded_speeds, mixing_matrix
+from ortilo_drake.world.vehicle.rotors import commanded_speeds
 
 PARTS = ("plant", "rotors_and_plant", "sampled_plant", "servo", "closed_loop")
 REFERENCE_NAMES = tuple(f"r_{axis}{dots}" for dots in ("", "_dot", "_ddot") for axis in "xyz")
@@ -108,8 +109,8 @@ def linearize(
     h = None
     if part == "rotors_and_plant":
         diagram: Any = make_rotors_and_plant(with_one_lag(vehicle, lag), kinematics)
-        speeds = commanded_speeds(u, np.linalg.inv(mixing_matrix(vehicle)), vehicle.rotor_max_speed)
-        x, names = np.concatenate([x, speeds]), (*STATE_NAMES, "W_1", "W_2", "W_3", "W_4")
+        speeds = commanded_speeds(u, mixing_inverse(vehicle), vehicle.rotor_max_speed)
+        x, names = np.concatenate([x, speeds]), (*STATE_NAMES, *(f"W_{i + 1}" for i in range(len(speeds))))
     elif part in ("plant", "sampled_plant"):
         h = scenario.h if part == "sampled_plant" else None
         diagram = QuadrotorPlant_[float](vehicle, kinematics, h or 0.0)

@@ -158,7 +158,7 @@ class Failsafe(LeafSystem):
             np.array([settings.braking_frequency, settings.altitude_frequency, settings.yaw_frequency]),
             vehicle.mass,
             np.array(vehicle.inertia),
-            4.0 * vehicle.rotor_lift * vehicle.rotor_max_speed**2,
+            vehicle.largest_thrust,
         )
         self._command = self.DeclareVectorInputPort("command", COMMAND_SIZE)
         self._x = self.DeclareVectorInputPort("state", N_X)

@@ -1,4 +1,4 @@
-"""Four rotors between the commanded and the actual wrench.
+"""Rotors between the commanded and the actual wrench.
 
 The functions are compiled by numba for floats; their ``.py_func`` is the same source as plain Python and runs on arrays
 of Drake's AutoDiffXd. The limits and the two time constants are not smooth: where a rotor's speed is the commanded one,
@@ -17,35 +17,21 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.signals import N_U
-from ortilo_drake.model.vehicle import M100, Vehicle
-
-
-def mixing_matrix(vehicle: Vehicle) -> np.ndarray:
-    """Return M (4 x 4) with u = M [W_1^2 ... W_4^2], W_i the rotor speeds [rad/s].
-
-    X configuration: rotors 1 to 4 stand front left, front right, rear right, rear left, each at 45 degrees from
-    B's axes; 1 and 3 turn clockwise seen from above, so that their drag turns the body the other way (+tau_z).
-    """
-    k, c, a = vehicle.rotor_lift, vehicle.rotor_drag, vehicle.arm_length / np.sqrt(2.0)
-    return np.array(
-        [
-            [k, k, k, k],
-            [k * a, -k * a, -k * a, k * a],
-            [-k * a, -k * a, k * a, k * a],
-            [c, -c, c, -c],
-        ]
-    )
+from ortilo_drake.model.vehicle import M100, Vehicle, mixing_inverse, mixing_matrix
 
 
 @register_jitable
 def times(M: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return M v for M (4 x 4), summed from the left; of any scalar."""
-    return np.array([M[i, 0] * v[0] + M[i, 1] * v[1] + M[i, 2] * v[2] + M[i, 3] * v[3] for i in range(4)])
+    """Return M v, each row summed from the left; of any scalar."""
+    product = M[:, 0] * v[0]
+    for j in range(1, M.shape[1]):
+        product = product + M[:, j] * v[j]
+    return product
 
 
 @njit(cache=True)
 def commanded_speeds(u: np.ndarray, M_inverse: np.ndarray, max_speed: float) -> np.ndarray:
-    """Return the rotor speeds that make u, each limited to [0, max_speed] [rad/s]."""
+    """Return the rotor speeds (n) that make u, by M^+ (n x 4), each limited to [0, max_speed] [rad/s]."""
     squared = times(M_inverse, u)
     nothing = squared - squared  # 0 of the same scalar, whose root AutoDiff can take
     return np.minimum(np.sqrt(np.maximum(squared, nothing)), max_speed)
@@ -60,16 +46,13 @@ def rotor_acceleration(speeds: np.ndarray, commanded: np.ndarray, time_constant:
 
 @njit(cache=True)
 def wrench_of(speeds: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return u = M [W_1^2 ... W_4^2]."""
+    """Return u = M [W_1^2 ... W_n^2]."""
     return times(M, speeds**2)
 
 
-_M, _M_INVERSE, _MAX_SPEED, _TIME_CONSTANT = slice(0, 16), slice(16, 32), 32, slice(33, 35)
-
-
 def _rotors_of(vehicle: Vehicle) -> np.ndarray:
-    M = mixing_matrix(vehicle)
-    return np.concatenate((M.ravel(), np.linalg.inv(M).ravel(), [vehicle.rotor_max_speed], vehicle.rotor_time_constant))
+    M, M_inverse = mixing_matrix(vehicle), mixing_inverse(vehicle)
+    return np.concatenate((M.ravel(), M_inverse.ravel(), [vehicle.rotor_max_speed], vehicle.rotor_time_constant))
 
 
 # Without a scope Drake reads the sources of all frames to find it.
@@ -78,18 +61,18 @@ def Rotors_(T: type) -> type:
     """Return the rotors for a scalar type: float or AutoDiffXd."""
 
     class Impl(LeafSystem_[T]):
-        """Mixing to four rotor speeds, their limits and a first-order lag.
+        """Mixing to the speeds of n rotors, their limits and a first-order lag.
 
         Ports:
             control (4): the commanded u.
             wrench (4, output): u as the rotors make it; depends on the state alone.
 
-        Continuous state: the four rotor speeds [rad/s], at hover in the default context. The lag is stiff beside the
+        Continuous state: the rotor speeds (n) [rad/s], at hover in the default context. The lag is stiff beside the
         control period (tau = 12.5 ms): simulate with steps of at most 10 ms.
 
         Parameters of the Context:
-            rotors (35): M row by row (16), M^-1 row by row (16), largest speed [rad/s], time constants of a rotor
-                speeding up and slowing down [s]; the vehicle's by default.
+            rotors (8 n + 3): M row by row (4 n), M^+ row by row (4 n), largest speed [rad/s], time constants of a
+                rotor speeding up and slowing down [s]; the vehicle's by default.
         """
 
         def _construct(self, vehicle: Vehicle = M100, converter: Any = None) -> None:
@@ -100,9 +83,12 @@ def Rotors_(T: type) -> type:
             self._commanded_speeds, self._acceleration, self._wrench_of = (
                 f if T is float else f.py_func for f in functions
             )
+            n = vehicle.rotor_count
+            self._M, self._M_inverse, self._max_speed = slice(0, 4 * n), slice(4 * n, 8 * n), 8 * n
+            self._time_constant = slice(8 * n + 1, 8 * n + 3)
             self._rotors = self.DeclareNumericParameter(BasicVector_[T](_rotors_of(vehicle)))
             self._control = self.DeclareVectorInputPort("control", N_U)
-            self.DeclareContinuousState(BasicVector_[T]([T(vehicle.hover_rotor_speed)] * 4))
+            self.DeclareContinuousState(BasicVector_[T]([T(W) for W in vehicle.hover_rotor_speeds]))
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
             self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc=needs)
 
@@ -110,17 +96,20 @@ def Rotors_(T: type) -> type:
             Impl._construct(self, other._vehicle, converter=converter)
 
         def SetVehicle(self, context: Any, vehicle: Vehicle) -> None:
-            """Set the rotors' parameters in a context of this system; their speeds stay."""
+            """Set the rotors' parameters in a context of this system; their speeds stay, and their number must."""
+            if vehicle.rotor_count != self._vehicle.rotor_count:
+                raise ValueError(f"arms: {vehicle.rotor_count} rotors: this world has {self._vehicle.rotor_count}")
             context.get_mutable_numeric_parameter(self._rotors).SetFromVector(_rotors_of(vehicle))
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
             speeds = context.get_continuous_state_vector().CopyToVector()
             p = context.get_numeric_parameter(self._rotors).CopyToVector()
-            commanded = self._commanded_speeds(self._control.Eval(context), p[_M_INVERSE].reshape(4, 4), p[_MAX_SPEED])
-            derivatives.SetFromVector(self._acceleration(speeds, commanded, p[_TIME_CONSTANT]))
+            M_inverse = p[self._M_inverse].reshape(-1, N_U)
+            commanded = self._commanded_speeds(self._control.Eval(context), M_inverse, p[self._max_speed])
+            derivatives.SetFromVector(self._acceleration(speeds, commanded, p[self._time_constant]))
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
-            M = context.get_numeric_parameter(self._rotors).CopyToVector()[_M].reshape(4, 4)
+            M = context.get_numeric_parameter(self._rotors).CopyToVector()[self._M].reshape(N_U, -1)
             output.SetFromVector(self._wrench_of(context.get_continuous_state_vector().CopyToVector(), M))
 
     return Impl
