@@ -1,12 +1,14 @@
 """The closed loop: world and onboard half joined by wires, with a log of everything at every tick."""
 
+from collections.abc import Callable
+
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Multiplexer, VectorLog, VectorLogSink
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.onboard import MakeEstimator, MakeServo, Onboard
+from ortilo_drake.diagrams.onboard import Onboard, Parts
 from ortilo_drake.diagrams.world import World
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -27,8 +29,7 @@ class ClosedLoop(Diagram):
         scenario: the scenario.
         trajectory: the path to fly; by default what the scenario's planner plans.
         meshcat: if given, shows the flight in it.
-        make_estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py.
-        make_servo: makes the servo in place of the scenario's.
+        parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
 
     Raises:
         InputError: if there is no path or no servo gain, or if the onboard half wants what the world does not send.
@@ -39,15 +40,12 @@ class ClosedLoop(Diagram):
         scenario: Scenario,
         trajectory: Trajectory | None = None,
         meshcat: Meshcat | None = None,
-        make_estimator: MakeEstimator | None = None,
-        make_servo: MakeServo | None = None,
+        parts: Parts = Parts(),
     ):
         super().__init__()
         builder = DiagramBuilder()
         self._world = world = builder.AddSystem(World(scenario))
-        onboard = builder.AddSystem(
-            Onboard(scenario, trajectory, make_estimator=make_estimator, make_servo=make_servo)
-        )
+        onboard = builder.AddSystem(Onboard(scenario, trajectory, parts=parts))
         self._onboard, self._yaw = onboard, getattr(scenario.servo, "yaw", 0.0)
         for k in range(onboard.num_input_ports()):
             port = onboard.get_input_port(k)
@@ -92,8 +90,21 @@ def make_closed_loop(
     scenario: Scenario,
     trajectory: Trajectory | None = None,
     meshcat: Meshcat | None = None,
-    make_estimator: MakeEstimator | None = None,
-    make_servo: MakeServo | None = None,
+    estimator: Callable[[Scenario, np.ndarray], System] | None = None,
+    servo: Callable[[Scenario], System] | None = None,
+    planner: Callable[[Scenario], Trajectory] | None = None,
 ) -> ClosedLoop:
-    """Return the closed loop of a scenario; arguments and errors as ClosedLoop's."""
-    return ClosedLoop(scenario, trajectory, meshcat, make_estimator, make_servo)
+    """Return the closed loop of a scenario, with parts of one's own where they are given.
+
+    Args:
+        scenario: the scenario.
+        trajectory: the path to fly; by default what the planner plans.
+        meshcat: if given, shows the flight in it.
+        estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py.
+        servo: makes the servo.
+        planner: makes the path.
+
+    Raises:
+        InputError: as ClosedLoop.
+    """
+    return ClosedLoop(scenario, trajectory, meshcat, Parts(estimator, servo, planner))

@@ -1,16 +1,17 @@
 """The onboard half: an estimator, a servo and a planner, each exchangeable.
 
-    make_estimator(scenario, xbar_0)  -> System with the sensors' messages as inputs, named as the world's outputs, and
+    estimator(scenario, xbar_0)       -> System with the sensors' messages as inputs, named as the world's outputs, and
                                          control (4) and reference (9) if it wants them; outputs estimate (12, or 15
                                          with the integral of the position error) and covariance (its square)
-    make_servo(scenario)              -> System with inputs estimate (15), reference (9); output control (4)
-    make_planner(scenario)            -> the path as a Trajectory p_WB(t) (3 rows) [m]
+    servo(scenario)                   -> System with inputs estimate (15), reference (9); output control (4)
+    planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m]
 
-Each may be given to make_onboard and make_closed_loop, or registered and named in the scenario by its kind. A System
-that is one of a kind may be a LeafSystem or a Diagram; none of them sees anything of the world but messages.
+Such a function may be given to make_closed_loop, or registered and named in the scenario by its kind. What it returns may
+be a LeafSystem or a Diagram; it sees nothing of the world but messages.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
@@ -26,8 +27,15 @@ from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import LqServo_, resting_integral
 from ortilo_drake.scenario import LqServo, Scenario
 
-MakeEstimator = Callable[[Scenario, np.ndarray], System]
-MakeServo = Callable[[Scenario], System]
+
+class Parts(NamedTuple):
+    """Parts in place of those that a scenario names, as the functions above."""
+
+    estimator: Callable[[Scenario, np.ndarray], System] | None = None
+    servo: Callable[[Scenario], System] | None = None
+    planner: Callable[[Scenario], Trajectory] | None = None
+
+
 _OWN_INPUTS = ("control", "reference")  # of an estimator, beside messages
 
 
@@ -60,8 +68,7 @@ class Onboard(Diagram):
         scenario: the scenario.
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
         detects: whether the pictures of a rendered camera come here; if not, detections do.
-        make_estimator: in place of the scenario's.
-        make_servo: in place of the scenario's.
+        parts: in place of the scenario's.
 
     Raises:
         InputError: if there is no path or no servo gain, if the detector's files are wrong, or if a part of one's own
@@ -73,19 +80,18 @@ class Onboard(Diagram):
         scenario: Scenario,
         trajectory: Trajectory | None = None,
         detects: bool = True,
-        make_estimator: MakeEstimator | None = None,
-        make_servo: MakeServo | None = None,
+        parts: Parts = Parts(),
     ):
         super().__init__()
-        trajectory = trajectory or path_of(scenario)
+        trajectory = trajectory or path_of(scenario, parts.planner)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
         builder = DiagramBuilder()
         planner = builder.AddSystem(make_planner(trajectory))
         self._planner, reference = planner, planner.get_output_port()
 
         xbar_0 = initial_estimate(scenario, r_0)
-        estimator = builder.AddSystem(_estimator_of(scenario, xbar_0, detects, make_estimator))
-        servo = builder.AddSystem(_servo_of(scenario, make_servo))
+        estimator = builder.AddSystem(_estimator_of(scenario, xbar_0, detects, parts.estimator))
+        servo = builder.AddSystem(_servo_of(scenario, parts.servo))
         self._estimator = estimator
         _require(servo, ("estimate", "reference"), ("control",), "servo")
         _require(estimator, (), ("estimate", "covariance"), "estimator")
@@ -134,11 +140,14 @@ class Onboard(Diagram):
         return bool(getattr(self._estimator, "has_history", True))
 
 
-def path_of(scenario: Scenario) -> Trajectory:
-    """Return the path that a scenario's planner plans, p_WB(t) (3 rows) [m]; InputError if there is none."""
+def path_of(scenario: Scenario, planner: Callable[[Scenario], Trajectory] | None = None) -> Trajectory:
+    """Return the path that a scenario's planner plans, or the one given, p_WB(t) (3 rows) [m]; InputError if none is."""
     found = find_part("planner", scenario.planner.kind) if not _is_built_in(scenario.planner) else None
-    if found is not None:
-        trajectory: Trajectory = found.make(scenario)
+    planner = planner or (found.make if found else None)
+    if planner is not None:
+        trajectory = planner(scenario)
+        if not isinstance(trajectory, Trajectory) or (trajectory.rows(), trajectory.cols()) != (3, 1):
+            raise InputError(f"planner: returns {type(trajectory).__name__}: must be a Trajectory of 3 rows")
         return trajectory
     return plan(scenario.planner, scenario.load_room(), scenario.vehicle)
 
@@ -148,26 +157,26 @@ def _is_built_in(settings: object) -> bool:
 
 
 def _estimator_of(
-    scenario: Scenario, xbar_0: np.ndarray, detects: bool, make_estimator: MakeEstimator | None
+    scenario: Scenario, xbar_0: np.ndarray, detects: bool, make: Callable[[Scenario, np.ndarray], System] | None
 ) -> System:
     """Return the estimator that is given, or that the scenario names."""
-    if make_estimator is None:
+    if make is None:
         kind = getattr(getattr(scenario, "estimator", None), "kind", "intermittent")
         found = find_part("estimator", kind) if kind != "intermittent" else None
         if found is None:
             return IntermittentEstimator(scenario, xbar_0, detects)
-        make_estimator = found.make
-    return make_estimator(scenario, xbar_0)
+        make = found.make
+    return make(scenario, xbar_0)
 
 
-def _servo_of(scenario: Scenario, make_servo: MakeServo | None) -> System:
+def _servo_of(scenario: Scenario, make: Callable[[Scenario], System] | None) -> System:
     """Return the servo that is given, or that the scenario names."""
-    if make_servo is None:
+    if make is None:
         found = find_part("servo", scenario.servo.kind) if not _is_built_in(scenario.servo) else None
         if found is None:
             return LqServo_[float](scenario.servo, scenario.vehicle, scenario.h)
-        make_servo = found.make
-    return make_servo(scenario)
+        make = found.make
+    return make(scenario)
 
 
 def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], role: str) -> None:
@@ -222,8 +231,7 @@ def make_onboard(
     scenario: Scenario,
     trajectory: Trajectory | None = None,
     detects: bool = True,
-    make_estimator: MakeEstimator | None = None,
-    make_servo: MakeServo | None = None,
+    parts: Parts = Parts(),
 ) -> Onboard:
     """Return the onboard half of a scenario; arguments and errors as Onboard's."""
-    return Onboard(scenario, trajectory, detects, make_estimator, make_servo)
+    return Onboard(scenario, trajectory, detects, parts)

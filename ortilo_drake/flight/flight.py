@@ -9,7 +9,8 @@ import xarray as xr
 from pydrake.geometry import Meshcat
 
 from ortilo_drake import __version__
-from ortilo_drake.diagrams.closed_loop import ClosedLoop, make_closed_loop
+from ortilo_drake.diagrams.closed_loop import ClosedLoop
+from ortilo_drake.diagrams.onboard import Parts, path_of
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
@@ -36,15 +37,17 @@ class FlightSimulator:
     Args:
         scenario: the scenario; its own seed is not used.
         meshcat: shows each flight live; it is then paced by the wall clock.
+        parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
 
     Raises:
         InputError: if the scenario cannot be flown, see check_flyable.
     """
 
-    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None):
+    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = Parts()):
         self._scenario, self._is_live = scenario, meshcat is not None
-        self._ticks = check_flyable(scenario)
-        self._diagram = make_closed_loop(scenario, meshcat=meshcat)
+        trajectory = path_of(scenario, parts.planner)
+        self._ticks = check_flyable(scenario, trajectory)
+        self._diagram = ClosedLoop(scenario, trajectory, meshcat, parts)
         # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
         # scene differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
@@ -82,7 +85,10 @@ class FlightSimulator:
 
 
 def fly(
-    scenario: Scenario, progress: Callable[[int], None] | None = None, meshcat: Meshcat | None = None
+    scenario: Scenario,
+    progress: Callable[[int], None] | None = None,
+    meshcat: Meshcat | None = None,
+    parts: Parts = Parts(),
 ) -> xr.Dataset:
     """Fly one scenario, its seed included; for many seeds of it make one FlightSimulator.
 
@@ -90,6 +96,7 @@ def fly(
         scenario: the scenario.
         progress: called with the number of ticks flown.
         meshcat: shows the flight live; it is then paced by the wall clock.
+        parts: estimator, servo and planner in place of the scenario's.
 
     Returns:
         A Dataset over ticks; see FlightSimulator.fly.
@@ -97,7 +104,7 @@ def fly(
     Raises:
         InputError: if the scenario cannot be flown, see check_flyable.
     """
-    return FlightSimulator(scenario, meshcat).fly(scenario.seed, progress)
+    return FlightSimulator(scenario, meshcat, parts).fly(scenario.seed, progress)
 
 
 def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lost: Lost | None) -> xr.Dataset:

@@ -1,11 +1,13 @@
 """Checks whether a scenario can be flown: one answer for `ortilo scenario check` and `ortilo fly`."""
 
+from pydrake.trajectories import Trajectory
+
 from ortilo_drake.diagrams.onboard import path_of
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.world.radio.image_delay import check_kept
 from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
@@ -13,13 +15,13 @@ from ortilo_drake.world.sensors.camera_calibration import load_calibration
 LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
 
 
-def flight_ticks(scenario: Scenario) -> int:
-    """Return how many ticks a flight takes: its path and the time to settle.
+def flight_ticks(scenario: Scenario, path: Trajectory | None = None) -> int:
+    """Return how many ticks a flight takes: its path, or the one given, and the time to settle.
 
     Raises:
         InputError: if there is no path, or the flight is too long to be logged.
     """
-    seconds = path_of(scenario).end_time() + scenario.settle
+    seconds = (path or path_of(scenario)).end_time() + scenario.settle
     ticks = round(seconds * scenario.control_rate)
     size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks
     if size > LARGEST_LOG:
@@ -30,7 +32,7 @@ def flight_ticks(scenario: Scenario) -> int:
     return ticks
 
 
-def check_flyable(scenario: Scenario) -> int:
+def check_flyable(scenario: Scenario, path: Trajectory | None = None) -> int:
     """Return how many ticks a flight takes, once all that it needs has been found to be there.
 
     Raises:
@@ -38,8 +40,9 @@ def check_flyable(scenario: Scenario) -> int:
             calibration is wrong, or nothing can be rendered here.
     """
     room = scenario.load_room()
-    ticks = flight_ticks(scenario)
-    servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    ticks = flight_ticks(scenario, path)
+    if isinstance(scenario.servo, LqServo):
+        servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     if "camera" not in scenario.sensors:
         return ticks
     try:
