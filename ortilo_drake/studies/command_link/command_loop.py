@@ -14,18 +14,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_U, N_X, SENSORS, STATE_NAMES
+from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.hover_loop import (
-    N_LOOP,
-    HoverLoop,
-    arrivals_of,
-    closed_loop_matrix,
-    hover_loop,
-    loop_gain,
-)
+from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, hover_loop, open_loop
 from ortilo_drake.theory.modes.modes import unseen_modes
 
 SETTLED = 1e-13  # relative change of the periodic covariance at which it counts as steady
@@ -105,12 +98,10 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
         states = ", ".join(f"eigenvalue {mode.eigenvalue.real:g} of {' '.join(mode.states)}" for mode in unseen)
         raise InputError(f"sensors: {', '.join(scenario.sensors) or 'none'}: leave unseen {states}")
     Ks, _ = periodic_predictor(loop.Phi, loop.C, loop.W, V, deltas)
-    G = np.zeros((N_LOOP, N_U))
-    G[:N_X] = loop.Gamma
-    L = loop_gain(loop)
-    F = np.array([closed_loop_matrix(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]) + G @ L
+    ticks = [open_loop(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]
+    F = np.array([tick.A for tick in ticks])
     N = np.array([_noise(loop, K, delta, V) for K, delta in zip(Ks, deltas, strict=True)])
-    return CommandedLoop(F, G, L, N)
+    return CommandedLoop(F, ticks[0].B, ticks[0].C, N)
 
 
 def _noise(loop: HoverLoop, K: np.ndarray, delta: np.ndarray, V: np.ndarray) -> np.ndarray:

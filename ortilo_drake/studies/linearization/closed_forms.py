@@ -47,7 +47,7 @@ def servo_matrix(scenario: Scenario) -> np.ndarray:
     if scenario.servo.form == "paper":
         feed[:] = 0.0
     L = loop_gain(loop)
-    return np.hstack([-L[:, N_X:], feed, -L[:, 6 : N_X if loop.lends_velocities else 6]])
+    return np.hstack([-L[:, N_X:], feed, -L[:, list(loop.true_states)]])
 
 
 def closed_loop_input(scenario: Scenario, delta: np.ndarray) -> np.ndarray:

@@ -5,16 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_sylvester
 
-from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_X, STATE_NAMES
+from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_Y, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.measurement_handler import selection_matrix
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows
-from ortilo_drake.studies.loop.hover_loop import HoverLoop, arrivals_of
+from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, open_loop
 from ortilo_drake.theory.margins.loop_response import OpenLoop
 from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.riccati.riccati import solve
-
-VELOCITIES = range(6, 12)
 
 
 class InputLoop(NamedTuple):
@@ -76,43 +73,27 @@ def input_loop(
 ) -> InputLoop:
     """Return the loop at the plant's input with the steady predictor of those sensors, each in every tick.
 
-        x_{k+1}    = Phi x + Gamma a
-        xhat_{k+1} = Phi xhat - Gamma v + K (y - C xhat),   v = L [xhat; i], or with true states in place of their xhat
-        i_{k+1}    = i - E y, or i - p_hat with the integrator 'estimate'
+    It is hover_loop.open_loop without the states that no sensor sees.
 
     Args:
-        hover: the scenario's matrices.
+        hover: the scenario's matrices; its own true_states are not used.
         V: covariance of all nine measurements (9 x 9).
         sensors: which of uwb, camera and imu arrive.
         true_states: numbers of the states that the servo has from the truth; VELOCITIES for the paper's scenarios,
             all twelve for full state feedback, whose integral then follows the true position.
     """
+    hover = hover._replace(true_states=true_states)
     delta = arrivals_of(sensors)
     rows, V = arrived_rows(sensors, V)
-    C = hover.C[rows]
-    K, lost = lasting_gain(hover.Phi, C, hover.W, V)
-    lost = tuple(name for name in lost if STATE_NAMES.index(name) not in true_states)
-    T = np.zeros((N_X, N_X))  # selects the true states
-    T[list(true_states), list(true_states)] = 1.0
-    x, xhat, i = slice(0, N_X), slice(N_X, 2 * N_X), slice(2 * N_X, 2 * N_X + N_I)
-    C_v = np.hstack([hover.L[:, :N_X] @ T, hover.L[:, :N_X] @ (np.eye(N_X) - T), hover.L[:, N_X:]])
-    A = np.zeros((2 * N_X + N_I,) * 2)
-    A[x, x] = hover.Phi
-    A[xhat, x], A[xhat, xhat] = K @ C, hover.Phi - K @ C
-    A[xhat] -= hover.Gamma @ C_v
-    A[i, i] = np.eye(N_I)
-    if len(true_states) == N_X:
-        A[i, x] = -np.eye(N_I, N_X)
-    elif hover.integrator == "estimate":
-        A[i, xhat] = -np.eye(N_I, N_X)
-    else:
-        A[i, x] = -selection_matrix(delta) @ hover.C
-    B = np.zeros((len(A), hover.Gamma.shape[1]))
-    B[x] = hover.Gamma
+    K = np.zeros((N_X, N_Y))
+    K[:, rows], unseen = lasting_gain(hover.Phi, hover.C[rows], hover.W, V)
+    lost = tuple(name for name in unseen if STATE_NAMES.index(name) not in true_states)
+    whole = open_loop(hover, K, delta)
     names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), *INTEGRAL_NAMES)
     keep = [k for k, name in enumerate(names) if name not in lost]
     if len(true_states) == N_X:  # the filter then feeds nothing
-        keep = [*range(N_X), *range(2 * N_X, len(A))]
+        keep = [*range(N_X), *range(2 * N_X, N_LOOP)]
     elif hover.integrator != "estimate" and not delta[:2].any():  # no fix: the integral holds still
         keep = [k for k in keep if k < 2 * N_X]
-    return InputLoop(OpenLoop(A[np.ix_(keep, keep)], B[keep], C_v[:, keep]), lost, tuple(names[k] for k in keep))
+    kept = OpenLoop(whole.A[np.ix_(keep, keep)], whole.B[keep], whole.C[:, keep])
+    return InputLoop(kept, lost, tuple(names[k] for k in keep))

@@ -13,8 +13,8 @@ import numpy as np
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.hover_loop import HoverLoop, hover_loop
-from ortilo_drake.studies.loop.input_loop import VELOCITIES, InputLoop, input_loop
+from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, hover_loop
+from ortilo_drake.studies.loop.input_loop import InputLoop, input_loop
 from ortilo_drake.theory.margins.loop_margins import SILENT, channel_margins, joint_margins
 from ortilo_drake.theory.margins.loop_response import LOWEST, closed, one_channel, response, spectral_radius
 
@@ -66,7 +66,7 @@ def cases(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str
     if {"uwb", "camera"} <= set(present):
         losses["without uwb and camera"] = tuple(s for s in present if s == "imu")
     loops = {name: input_loop(hover, V, left) for name, left in losses.items() if left}
-    loops["true velocities"] = input_loop(hover, V, present, tuple(VELOCITIES))
+    loops["true velocities"] = input_loop(hover, V, present, VELOCITIES)
     loops["full state"] = input_loop(hover, V, present, tuple(range(N_X)))
     return loops
 
