@@ -22,6 +22,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import forward_in_place
 
 
 class Record(NamedTuple):
@@ -88,9 +89,10 @@ def predictor_step(
         Phi: dynamics (12, 12).
         Gamma: input (12, 4).
         noise: W, V and scale.
-        work: room to compute in (43, 12).
+        work: room to compute in (31, 13).
     """
-    U, S, z, FP, x_new = work[0:9], work[9:18], work[18], work[30:42], work[42]
+    # U and z = L^-1 e side by side: one forward substitution serves both
+    U, S, FP, x_new = work[0:9], work[9:18], work[18:30], work[30, :12]
     m, n_counted, total = 0, 0, 0.0
     used, n_used = np.empty(3, dtype=np.int64), 0
     for turn in range(6):  # what is counted comes first, so that the first pivots are its own density
@@ -99,7 +101,7 @@ def predictor_step(
             continue
         for i in range(3):
             row = STATE_OF_ROW[3 * s + i]
-            z[m + i] = y[3 * s + i] - x[row]
+            U[m + i, 12] = y[3 * s + i] - x[row]
             for j in range(12):
                 U[m + i, j] = P[row, j]
             for a in range(n_used):
@@ -113,23 +115,13 @@ def predictor_step(
         m += 3
         if turn < 3:
             n_counted += 3
+    forward_in_place(S, U, m)  # NaN if S is not positive definite: then so is log L
     for i in range(m):
-        for j in range(i + 1):
-            for k in range(j):
-                S[i, j] -= S[i, k] * S[j, k]
-            if j < i:
-                S[i, j] /= S[j, j]
-        S[i, i] = np.sqrt(S[i, i])  # NaN if S is not positive definite: then so is log L
-        for k in range(i):
-            z[i] -= S[i, k] * z[k]
-            for j in range(12):
-                U[i, j] -= S[i, k] * U[k, j]
-        z[i] /= S[i, i]
+        z = U[i, 12]
         for j in range(12):
-            U[i, j] /= S[i, i]
-            x[j] += U[i, j] * z[i]
+            x[j] += U[i, j] * z
         if i < n_counted:
-            total -= 0.5 * (np.log(2.0 * np.pi) + z[i] ** 2) + np.log(S[i, i])
+            total -= 0.5 * (np.log(2.0 * np.pi) + z**2) + np.log(S[i, i])
     for a in range(m):
         for i in range(12):
             for j in range(i, 12):
@@ -172,7 +164,7 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
         Gamma: discrete control input (12, 4).
         counts: which ticks count (n); the others are filtered all the same.
     """
-    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12)), 0.0
+    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((31, 13)), 0.0
     for k in range(record.y.shape[0]):
         share = predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
         if counts[k]:
@@ -187,7 +179,7 @@ def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarr
     Arguments as in log_likelihood.
     """
     n = record.y.shape[0]
-    x, P, work = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12))
+    x, P, work = record.xhat_0.copy(), record.P_0.copy(), np.zeros((31, 13))
     estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))
     for k in range(n):
         estimates[k], covariances[k] = x, P
