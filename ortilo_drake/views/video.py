@@ -1,4 +1,4 @@
-"""A flight as a video, and one moment of it as a picture."""
+"""A flight as a video."""
 
 import io
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.views.flight_frames import make_frames, make_views
+from ortilo_drake.views.flight_frames import make_frames
 from ortilo_drake.views.scene_view import class_bgr
 from ortilo_drake.world.scenery.rendering import check_egl
 
@@ -121,27 +121,5 @@ def flight_video(flight: xr.Dataset, path: Path, progress: Progress | None = Non
         _write_mp4(drawn, draw, ticks, fps, step)
     else:
         _write_gif(drawn, draw, ticks, fps, scenario.load_room(), step)
-    write_bytes(path, drawn.getvalue())
-    return path
-
-
-def flight_picture(flight: xr.Dataset, tick: int, path: Path) -> Path:
-    """Draw one moment of a flight, camera and room side by side.
-
-    Args:
-        flight: the flight.
-        tick: which tick of it.
-        path: the file, .png.
-
-    Raises:
-        InputError: if the tick is not in the flight, the suffix is another, or as in flight_video.
-    """
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give .png")
-    if not 0 <= tick < flight.sizes["tick"]:
-        raise InputError(f"tick: {tick}: the flight has ticks 0 to {flight.sizes['tick'] - 1}")
-    picture = make_views(flight, PANEL[".mp4"])(tick)
-    drawn = io.BytesIO()
-    _image(picture).save(drawn, "PNG")
     write_bytes(path, drawn.getvalue())
     return path

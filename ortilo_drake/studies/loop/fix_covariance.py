@@ -171,32 +171,3 @@ def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
         handler.GetInputPort("covariance").FixValue(context, np.zeros(N_XBAR**2))
     measurement = handler.get_output_port().Eval(context)
     return FixNoise(measurement[MEASUREMENT_V2].reshape(3, 3, 3).copy(), measurement[MEASUREMENT_DELTA] > 0.0)
-
-
-def uwb_covariance(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray | None:
-    """Return the covariance (3 x 3) [m^2] of a UWB fix at p_WB (3), None where there is none."""
-    noise = fix_noise(scenario.model_copy(update={"sensors": ("uwb",)}), _hovering_at(scenario, p_WB))
-    return noise.V[0] if noise.there[0] else None
-
-
-def camera_covariance(scenario: Scenario, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance (3 x 3) [m^2] of a landmark fix at state x (12, or the first six), None without one."""
-    state = np.zeros(N_X)
-    state[: len(x)] = x
-    noise = fix_noise(scenario, state)
-    return noise.V[1] if noise.there[1] else None
-
-
-def V_at(scenario: Scenario, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return V (9 x 9) at state x (12) and which of uwb, camera and imu are there (3).
-
-    The rows of a sensor that is not there hold the identity.
-    """
-    noise = fix_noise(scenario, x)
-    return block_diag(*noise.V), noise.there
-
-
-def _hovering_at(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray:
-    x = np.zeros(N_X)
-    x[:3], x[5] = p_WB, scenario.servo.yaw
-    return x

@@ -134,14 +134,6 @@ def unreached_modes(
     return unseen_modes(A.T, B.T, names, radius, None if scale is None else 1.0 / scale)
 
 
-def check_pair(
-    Phi: np.ndarray, Gamma: np.ndarray, what: str, names: tuple[str, ...] | None = None, scale: np.ndarray | None = None
-) -> None:
-    """Raise InputError naming the modes that do not decay and that no control reaches, if (Phi, Gamma) has any."""
-    if hidden := unreached_modes(Phi, Gamma, names, scale=scale):
-        raise InputError(f"{what}: (Phi, Gamma) is not stabilisable, no control reaches {listed(hidden)}")
-
-
 def check_detectable(
     Phi: np.ndarray, C: np.ndarray, what: str, names: tuple[str, ...] | None = None, scale: np.ndarray | None = None
 ) -> None:
