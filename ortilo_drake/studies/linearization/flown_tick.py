@@ -1,4 +1,4 @@
-"""A tick of the diagram that flies as a matrix, by differences, beside the closed form."""
+"""The matrix of one tick of the flying diagram, by central differences, compared with the closed form."""
 
 from typing import Any, NamedTuple
 
@@ -16,14 +16,14 @@ from ortilo_drake.studies.loop.hover_loop import N_LOOP, closed_loop_matrix, hov
 
 
 class FlownTick(NamedTuple):
-    """A tick of the diagram that flies as a matrix, beside the closed form.
+    """The matrix of one tick of the flying diagram, and the closed form.
 
     Attributes:
         A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} by differences (27 x 27).
         expected: closed_loop_matrix with the gain of that tick (27 x 27).
         K: the filter's gain in that tick (12 x 9).
         delta: what arrived in it (3).
-        gain_change: by how much P changed over a period of the sensors, relative to its largest entry.
+        gain_change: change of P over a period of the sensors, relative to its largest entry.
     """
 
     A: np.ndarray
@@ -55,10 +55,10 @@ def without_noise(scenario: Scenario) -> Scenario:
 
 
 def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e-5) -> FlownTick:
-    """Return a tick of the closed loop that flies (diagrams/closed_loop.py), by central differences, and its matrix.
+    """Return the matrix of a tick of the flying closed loop (diagrams/closed_loop.py), by central differences.
 
-    It hovers without noise, see without_noise, with ranging, multilateration, imu, handler and filter in place, until
-    that tick. Then vehicle and estimate are moved in the Context, one state at a time, and the tick's update is read.
+    Until that tick the loop hovers without noise (see without_noise), with ranging, multilateration, imu, handler and
+    filter in place. Then each state of vehicle and estimate is moved in the Context, and the tick's update is read.
 
     Args:
         scenario: the scenario.
@@ -76,20 +76,20 @@ def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e
     set_hovering(diagram, context, ideal)
     onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
     plant, kalman = world.GetSubsystemByName("quadrotor"), onboard.GetSubsystemByName("kalman_filter")
-    its_plant, its_kalman = (system.GetMyMutableContextFromRoot(context) for system in (plant, kalman))
+    plant_context, kalman_context = (system.GetMyMutableContextFromRoot(context) for system in (plant, kalman))
     simulator.AdvanceTo(max(tick - period - 0.5, 0.0) * h)
-    P_before = its_kalman.get_discrete_state(1).value().copy()
+    P_before = kalman_context.get_discrete_state(1).value().copy()
     simulator.AdvanceTo((tick - 0.5) * h)
     context.SetTime(tick * h)  # nothing changes between two ticks
-    P = its_kalman.get_discrete_state(1).value().copy()
+    P = kalman_context.get_discrete_state(1).value().copy()
 
     def after(z: np.ndarray) -> np.ndarray:
-        its_plant.SetDiscreteState(z[:N_X])
-        its_kalman.SetDiscreteState(0, z[N_X:])
-        x = plant.EvalUniquePeriodicDiscreteUpdate(its_plant).value().copy()
-        return np.concatenate([x, kalman.EvalUniquePeriodicDiscreteUpdate(its_kalman).value(0)])
+        plant_context.SetDiscreteState(z[:N_X])
+        kalman_context.SetDiscreteState(0, z[N_X:])
+        x = plant.EvalUniquePeriodicDiscreteUpdate(plant_context).value().copy()
+        return np.concatenate([x, kalman.EvalUniquePeriodicDiscreteUpdate(kalman_context).value(0)])
 
-    z = np.concatenate([its_plant.get_discrete_state().value(), its_kalman.get_discrete_state(0).value()])
+    z = np.concatenate([plant_context.get_discrete_state().value(), kalman_context.get_discrete_state(0).value()])
     measurement = onboard.GetOutputPort("measurement").Eval(onboard.GetMyContextFromRoot(context)).copy()
     A = np.column_stack([(after(z + dz) - after(z - dz)) / (2.0 * step) for dz in step * np.eye(N_LOOP)])
     delta, V2 = measurement[MEASUREMENT_DELTA], measurement[MEASUREMENT_V2].reshape(3, 3, 3)

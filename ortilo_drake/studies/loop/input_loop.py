@@ -20,7 +20,7 @@ class InputLoop(NamedTuple):
     Attributes:
         loop: from the control that reaches the plant, a, to v = L [xhat; i]; closed by a = -v.
         lost: names of the vehicle's states that no sensor sees; they feed nothing back and are left out of the loop.
-        names: of the loop's states: the vehicle's, the filter's with a hat, the integrals.
+        names: names of the loop's states: the vehicle's, the filter's with a hat, the integrals.
     """
 
     loop: OpenLoop
@@ -28,16 +28,17 @@ class InputLoop(NamedTuple):
     names: tuple[str, ...]
 
 
-def lasting_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the steady predictor's gain K (12 x p) of the rows of C, and the names of the states that are not seen.
 
-    Where some modes are not seen, their covariance grows without bound, yet the gain has a limit: split as
-    x = [s; l], s seen and l lost, with Phi = [[Phi_s, 0], [Phi_ls, Phi_l]] and C = [C_s, 0]. P_s solves s's own
-    Riccati equation; the covariance between l and s has the limit
+    The covariance of unseen modes grows without bound, yet the gain has a limit. Split the state as x = [s; l], s seen
+    and l lost, with Phi = [[Phi_s, 0], [Phi_ls, Phi_l]] and C = [C_s, 0]. P_s solves s's own Riccati equation. The
+    covariance between l and s has the limit
 
         P_ls = Phi_l P_ls F^T + Phi_ls P_s F^T + W_ls,   F = Phi_s - K_s C_s,
 
-    as the radius of Phi_l times that of F is below 1; and K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T + V)^-1.
+    because the radius of Phi_l times that of F is below 1. Then
+    K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T + V)^-1.
 
     Args:
         Phi: (12 x 12).
@@ -86,12 +87,12 @@ def input_loop(
     delta = arrivals_of(sensors)
     rows, V = arrived_rows(sensors, V)
     K = np.zeros((N_X, N_Y))
-    K[:, rows], unseen = lasting_gain(hover.Phi, hover.C[rows], hover.W, V)
+    K[:, rows], unseen = steady_gain(hover.Phi, hover.C[rows], hover.W, V)
     lost = tuple(name for name in unseen if STATE_NAMES.index(name) not in true_states)
     whole = open_loop(hover, K, delta)
     names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), *INTEGRAL_NAMES)
     keep = [k for k, name in enumerate(names) if name not in lost]
-    if len(true_states) == N_X:  # the filter then feeds nothing
+    if len(true_states) == N_X:  # the servo then uses nothing of the filter
         keep = [*range(N_X), *range(2 * N_X, N_LOOP)]
     elif hover.integrator != "estimate" and not delta[:2].any():  # no fix: the integral holds still
         keep = [k for k in keep if k < 2 * N_X]

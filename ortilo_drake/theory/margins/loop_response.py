@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-LOWEST = 1e-4  # rad a tick; below it the double integrators with integral action only rise
+LOWEST = 1e-4  # rad a tick; below it |L| only rises, by the double integrators and the integral action
 
 
 class OpenLoop(NamedTuple):
@@ -47,7 +47,7 @@ def spectral_radius(A: np.ndarray) -> float:
     return float(abs(np.linalg.eigvals(A)).max())
 
 
-def grid(count: int = 1500) -> np.ndarray:
+def frequency_grid(count: int = 1500) -> np.ndarray:
     """Return frequencies from LOWEST to pi, evenly spaced in their logarithm."""
     return np.geomspace(LOWEST, math.pi, count)
 
@@ -56,12 +56,12 @@ def _scalar(loop: OpenLoop, omega: float) -> complex:
     return complex(response(loop, np.array([omega]))[0, 0, 0])
 
 
-def roots(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> list[float]:
+def crossings(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> list[float]:
     """Return the frequencies at which a scalar loop has |L| = 1 ('gain') or Im L = 0 ('phase'), ascending.
 
     Args:
         loop: a loop of one channel.
-        omega: frequencies, ascending; two crossings between neighbours are not told from none.
+        omega: frequencies, ascending; two crossings between neighbouring frequencies are missed.
         values: L there.
         kind: 'gain' or 'phase'.
     """
@@ -70,7 +70,7 @@ def roots(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> l
         return np.log(np.abs(L)) if kind == "gain" else np.sin(np.angle(L))
 
     m = measure(values)
-    # At omega = pi the imaginary part is 0 but for rounding: the last step is left out, the caller takes pi itself.
+    # At omega = pi the imaginary part is 0 up to rounding. The last step is left out here; the caller adds pi.
     changes = np.flatnonzero((m[:-1] * m[1:] < 0.0) & ((kind == "gain") | (np.arange(len(m) - 1) < len(m) - 2)))
     found = []
     for k in changes:
@@ -83,7 +83,7 @@ def roots(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> l
 
 
 def peak(function: Callable[[float], float], omega: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Return the largest value of a function over frequency, refined about the grid's best point, and where it is.
+    """Return the largest value of a function over frequency, refined about the grid's best point, and its frequency.
 
     Args:
         function: of one frequency, to a float.
