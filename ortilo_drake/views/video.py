@@ -22,8 +22,8 @@ SUFFIXES = (".gif", ".mp4")
 SPEED = 3.0  # times real time: a flight of a minute takes 20 s to watch
 RATE = {".mp4": 10.0, ".gif": 2.5}  # frames a second of flight [Hz]
 PANEL = {".mp4": 640, ".gif": 320}  # width of camera and room [px]
-COLORS = 24  # of a gif, besides those of the classes: more show more of the bricks' grain, which costs most of its size
-SAMPLES = 12  # frames that they are chosen from
+COLORS = 24  # of a gif, besides those of the classes; more would show the bricks' grain, at most of the file's size
+SAMPLES = 12  # frames from which the colours are chosen
 
 Progress = Callable[[int, int], None]
 Draw = Callable[[int], np.ndarray]
@@ -72,7 +72,7 @@ def _image(frame: np.ndarray) -> Image.Image:
 
 
 def _palette(frames: list[np.ndarray], fixed: list[tuple[int, int, int]]) -> Image.Image:
-    """Return an image that carries a palette: the commonest colours of some frames, and fixed ones, all as BGR."""
+    """Return an image with a palette of the commonest colours of some frames, and fixed colours, all as BGR."""
     common = _image(np.vstack(frames)).quantize(COLORS, Image.Quantize.MEDIANCUT).getpalette() or []
     palette = Image.new("P", (1, 1))
     palette.putpalette(common[: 3 * COLORS] + [part for color in fixed for part in reversed(color)])
@@ -89,7 +89,7 @@ def _write_gif(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, room
             step(k + 1, len(ticks))
 
     images = frames()
-    duration = 10 * round(100 / fps)  # a gif counts hundredths of a second
+    duration = 10 * round(100 / fps)  # the unit of a gif is a hundredth of a second
     next(images).save(file, "GIF", save_all=True, append_images=images, duration=duration, loop=0)
 
 

@@ -1,12 +1,13 @@
 """The flying loop with a link between the command and the rotors, as matrices.
 
-At hover z_{k+1} = F z_k + G a_k + n_k with z = [x; xhat; i], the command u_k = -L z_k and a_k what the rotors get of
-it. Filter and integrator know the command alone: their part of it is in F. Behind a link of delay d the state grows to
+At hover z_{k+1} = F z_k + G a_k + n_k. The state is z = [x; xhat; i], the command is u_k = -L z_k, and a_k is the
+control that reaches the rotors. Filter and integrator know the command, not a_k, so their response to it is in F.
+Behind a link of delay d the state grows to
 
     [z; a_{k-1}; u_{k-1}; ...; u_{k-d}]    (a_{k-1} only where lost packets are held),
 
-a_k = u_{k-d} where it arrives, else a_{k-1} ('hold') or 0 ('zero'). Whether a packet is lost at sending or at arrival
-makes no difference in law, the delay being constant.
+a_k is u_{k-d} if that arrives, else a_{k-1} ('hold') or 0 ('zero'). The delay is constant, so a packet lost at sending
+and one lost at arrival have the same statistics.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The cost of lost control packets: mean-square stability and the second moment of the flying loop at hover.
 
-A packet lost in a tick leaves the rotors with the last command ('hold') or at hover ('zero'), and filter and servo do
-not learn of it. The loop is then jump-linear (command_loop.py), and stable in mean square if and only if the second
+When a packet is lost, the rotors keep the last command ('hold') or return to hover ('zero'). Filter and servo do not
+know of the loss. The loop is then jump-linear (command_loop.py), and stable in mean square if and only if the second
 moment's operator has spectral radius below 1 (jump_linear.py: Costa, Fragoso and Marques).
 
 Mean-square instability is not loss of every flight: the second moment may diverge through rare bursts while almost

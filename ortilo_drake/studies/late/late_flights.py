@@ -17,7 +17,7 @@ ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
 
 
 class LateLinks(NamedTuple):
-    """What every sensor's link does, and what the command's does.
+    """Loss and delay of the sensors' links, all alike, and of the command link.
 
     Attributes:
         loss: probability that a message is lost, independently.

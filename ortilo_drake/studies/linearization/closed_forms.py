@@ -1,4 +1,4 @@
-"""The matrices of every part at hover and yaw 0 in closed form, without Drake, and how far Drake's are from them."""
+"""The closed forms of every part's matrices at hover and yaw 0, and their distance from Drake's."""
 
 import numpy as np
 

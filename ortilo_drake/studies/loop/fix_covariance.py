@@ -1,10 +1,10 @@
-"""Covariance of a position fix at a place: the one that the filter would be told there.
+"""Covariance of a position fix at a place, as the filter would receive it there.
 
-Nothing is derived here anew. The ranges and boxes of the place, without noise, go through the very systems that fly
-(multilateration, landmark fix, handler), and what comes out is V_2 and whether there is a fix at all.
+No formula is derived anew. Ranges and boxes of the place, without noise, go through the systems that fly
+(multilateration, landmark fix, handler). Their output is V_2 and whether there is a fix at all.
 
-What the camera finds is random; here it finds each landmark that it finds more often than not. The landmark fix
-believes of the attitude what the filter, fed by the IMU alone, believes of it in the long run.
+The camera finds landmarks at random. Here it finds those whose detection rate is at least one half. The landmark fix
+takes the attitude's covariance from a filter that has long been fed by the IMU alone.
 """
 
 from functools import lru_cache
@@ -66,7 +66,7 @@ def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
 
 @lru_cache(maxsize=16)
 def _systems(scenario: Scenario) -> tuple[Multilateration, LandmarkFix, MeasurementHandler]:
-    """Return what flies between the messages and the filter."""
+    """Return the systems that fly between the messages and the filter."""
     room = scenario.load_room()
     return (
         Multilateration(scenario.multilateration, room.anchor_positions),
@@ -144,7 +144,7 @@ def range_fix_at(scenario: Scenario, x: np.ndarray, uwb: np.ndarray) -> np.ndarr
 
 
 class FixNoise(NamedTuple):
-    """What would reach the filter at a place.
+    """The noise of the fixes at a place, and which there are.
 
     Attributes:
         V: covariances of uwb, camera and imu (3, 3, 3) [m^2], [rad^2]; the identity where there is no fix.

@@ -1,6 +1,6 @@
-"""The flying loop at hover as matrices. The theory starts from them.
+"""The flying loop at hover as matrices. All linear studies use these.
 
-Everything is per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
+All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
 the filter's prediction of it, and the integral of the position error.
 """
 
