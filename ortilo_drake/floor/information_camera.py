@@ -94,7 +94,7 @@ def box_rows(
     Args:
         ticks: the ticks of the pictures that reached the vehicle (k).
         truth: true states (n, 12).
-        room: landmarks and what may hide them.
+        room: landmarks, and walls and stands that may hide them.
         labels: the landmarks' classes (l).
         camera: the camera.
         tables: rates and errors.

@@ -99,10 +99,10 @@ def predicted_bound(
     """Return P_k of each tick, the bound on the error covariance of x_{k|k-1} (ticks, m, m).
 
     Args:
-        rows: what is seen (l, 10), in the order of ticks, see information_rows.py.
+        rows: the measurements (l, 10), in the order of ticks, see information_rows.py.
         ticks: number of ticks.
         Phi: dynamics (m, m), position and angles the first six states.
-        W: covariance of what is new in each tick (m, m).
+        W: covariance of the process noise of a tick (m, m).
         P_0: covariance of x_0 (m, m).
         spacing: ticks between the nodes of slow errors.
     """

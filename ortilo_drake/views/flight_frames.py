@@ -35,7 +35,7 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
 
     Returns:
         The picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the last row
-        of what is drawn over time.
+        of the plots over time.
     """
     time = flight["time"].values
     error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]

@@ -114,7 +114,7 @@ def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
 
 
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
-    """Draw what tuning changed: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
+    """Draw the effect of a tuning: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
     fit = tuning.fit
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(11, 0.32 * len(fit.values) + 2.2), layout="constrained")

@@ -104,7 +104,7 @@ DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
 def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
     """Return how consistent the filter was on flights of one scenario, as plain data.
 
-    Lost flights count up to their loss. See time_average and whiteness_report for what each entry holds.
+    Lost flights count up to their loss. The entries are those of time_average and whiteness_report.
 
     Returns:
         scenario, flights, lost, nees[position, x, y, z, state][region], nis[sensor][region], whiteness[sensor]; None

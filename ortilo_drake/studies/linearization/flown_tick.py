@@ -22,7 +22,7 @@ class FlownTick(NamedTuple):
         A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} by differences (27 x 27).
         expected: closed_loop_matrix with the gain of that tick (27 x 27).
         K: the filter's gain in that tick (12 x 9).
-        delta: what arrived in it (3).
+        delta: the arrivals in it (3).
         gain_change: change of P over a period of the sensors, relative to its largest entry.
     """
 
@@ -63,7 +63,7 @@ def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e
     Args:
         scenario: the scenario.
         tick: k, late enough for a steady gain (gain_change says how steady it is) and at least a period of the
-            sensors; what arrives in it decides which matrix it is.
+            sensors; the arrivals in it decide which matrix it is.
         step: how far each state is moved.
     """
     ideal = without_noise(scenario)

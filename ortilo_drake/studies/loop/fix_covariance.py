@@ -156,7 +156,7 @@ class FixNoise(NamedTuple):
 
 
 def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
-    """Return V_2 and what is there at state x (12), by the handler's own output. Links and blackouts are left out."""
+    """Return the noise of the fixes at state x (12), by the handler's own output, without links and blackouts."""
     _, _, handler = _systems(scenario)
     context = handler.CreateDefaultContext()
     imu = np.zeros(IMU_SIZE)

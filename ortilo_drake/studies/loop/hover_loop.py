@@ -68,7 +68,7 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
     """Return K = Phi P C^T (C P C^T + V)^-1 and P, the steady one-step predictor of x.
 
     P = Phi P Phi^T + W - Phi P C^T (C P C^T + V)^-1 C P Phi^T, the filter's DARE. (Phi, C) must be detectable and V
-    positive definite; theory/riccati/riccati.py checks both and says what is wrong.
+    positive definite; theory/riccati/riccati.py checks both.
     """
     P = solve_discrete_are(Phi.T, C.T, W, V)
     K = np.linalg.solve(C @ P @ C.T + V, C @ P @ Phi.T).T

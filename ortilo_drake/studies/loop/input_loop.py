@@ -47,7 +47,7 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) ->
         V: (p x p).
 
     Raises:
-        InputError: if what is not seen is not a set of whole states, or the seen part's equation is ill-posed.
+        InputError: if the unseen modes are not whole states, or the seen part's equation is ill-posed.
     """
     lost_names = {name for mode in unseen_modes(Phi, C, STATE_NAMES) for name in mode.states}
     l = np.array([name in lost_names for name in STATE_NAMES])  # noqa: E741 - the letter of the equations

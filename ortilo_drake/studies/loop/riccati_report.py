@@ -94,7 +94,7 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
 
     Returns:
         'servo': solver -> figures. 'filter': 'uwb+camera+imu' and so on -> the same, or {'error': the modes that no
-        sensor sees}. 'ill_posed': case -> {'error': ours, solver: what it does by itself}.
+        sensor sees}. 'ill_posed': case -> solver_outcomes.
     """
     filters: dict[str, Any] = {}
     for name, sensors in reversed(sensor_subsets(scenario.sensors).items()):

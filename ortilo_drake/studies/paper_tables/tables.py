@@ -106,7 +106,7 @@ def efficiency_table(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def make_tables(preset: str, summaries: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Return the tables of an ensemble, what `ortilo tables --json` holds.
+    """Return the tables of an ensemble, as `ortilo tables --json` writes them.
 
     Lost flights are counted, not averaged.
 

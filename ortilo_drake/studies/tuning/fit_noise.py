@@ -125,12 +125,12 @@ def fit_noise(
 
     Args:
         scenario: the scenario that was flown.
-        records: what its filter was given, one of each flight.
+        records: the filter's inputs, one record a flight.
         settle: ticks that do not count, after a tilt and at the start, where a flight has less error than P_0 says.
         progress: called with the number of likelihoods computed so far.
 
     Raises:
-        InputError: if nothing arrived near hover, or nothing can be told from what did.
+        InputError: if nothing arrived near hover, or the arrivals determine no number.
     """
     before = noise_numbers(scenario)
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)

@@ -66,7 +66,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
     """Return W and V of a scenario's filter for a record that another one flew.
 
     Args:
-        scenario: the scenario; its sensors and what V is taken from are those of the recorded one.
+        scenario: the scenario; its sensors and the sources of its V are those of the recorded one.
         recorded: the scenario of the record.
         counted: the sensors that the likelihood counts.
     """

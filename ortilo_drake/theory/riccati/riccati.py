@@ -123,7 +123,7 @@ def solve(
 
     Raises:
         InputError: if the problem is ill-posed, before solving and the same for every solver, naming the modes; or if
-            the solver fails on a well-posed one, or what it returns does not stabilise.
+            the solver fails on a well-posed one, or its solution does not stabilise.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")

@@ -68,7 +68,7 @@ def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
     Returns:
         'error': the message of require_well_posed, None if the problem is well-posed; and by solver the 'outcome'
         ('ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution',
-        'returns NaN') with its 'message', and for what it returns 'spectral_radius' of the closed loop, 'residual'
+        'returns NaN') with its 'message', and for a returned X 'spectral_radius' of the closed loop, 'residual'
         and 'X'.
     """
     try:

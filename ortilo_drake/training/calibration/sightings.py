@@ -89,7 +89,7 @@ def match_landmarks(
 
 
 def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes]]]) -> Sightings:
-    """Return the sightings of flights, each given as states (k, 12) and what the detector found at each.
+    """Return the sightings of flights, each given as states (k, 12) and the detections at each.
 
     Args:
         room: the room flown in.
