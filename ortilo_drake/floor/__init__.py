@@ -1,1 +1,1 @@
-"""The Cramer-Rao bound of a flight: what the measurements of its arrivals could tell at best."""
+"""The Cramer-Rao bound of a flight: the least error that any estimator could have with the messages that arrived."""

@@ -1,30 +1,31 @@
-"""The Cramer-Rao floor: no estimator of the position errs less than this, whatever it does with the measurements.
+"""The Cramer-Rao floor: the least mean squared error that any estimator of the position can have.
 
-The posterior bound for discrete-time filtering (Tichavsky, Muravchik and Nehorai, "Posterior Cramer-Rao bounds for
-discrete-time nonlinear filtering", IEEE Trans. Signal Processing 46, 1998; Van Trees, 1968), for linear dynamics
+It is the posterior bound for discrete-time filtering (Tichavsky, Muravchik and Nehorai, "Posterior Cramer-Rao bounds
+for discrete-time nonlinear filtering", IEEE Trans. Signal Processing 46, 1998; Van Trees, 1968), for linear dynamics
 
     x_{k+1} = Phi x_k + Gamma u_k + w_k,   w_k normal of covariance W,
 
-of the one-step prediction of x_k from what was seen before tick k, in covariance form, since W has rank 6:
+for the one-step prediction of x_k from the measurements before tick k. It is in covariance form because W has rank 6:
 
     P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W,   P_0 = 0.
 
-J_k is the information in what was seen in tick k and reached the vehicle, W that of the world's disturbance, whatever
-the filter believes. Flights start exactly at the filter's first estimate, hence P_0 = 0. The part of a camera's errors
-that persists from picture to picture is estimated along (information_filter.py): it is no news in every picture.
+J_k is the information of the measurements that were taken in tick k and reached the vehicle. W is the covariance of the
+world's disturbance, not the filter's. Flights start exactly at the filter's first estimate, hence P_0 = 0. The part of
+a camera's errors that persists from picture to picture is estimated as well (information_filter.py), so it is not
+counted as new in every picture.
 
-What bound it is: for each flight J_k is taken at the true trajectory and its own arrivals, and the bounds are averaged
-over ticks and flights. This is the covariance of an estimator that is told all Jacobians. Where the measurements are
-linear it is the posterior bound given the arrivals; else it differs from that by how much the information varies over
-the estimator's error, little where that is small against the distance of anchors and landmarks.
+Kind of bound. J_k is taken at each flight's true trajectory and arrivals, and the bounds are averaged over ticks and
+flights. This is the covariance of an estimator that knows all Jacobians. With linear measurements it is the posterior
+bound given the arrivals. Otherwise the two differ because the information varies over the estimator's error. The
+difference is small if that error is small against the distance of anchors and landmarks.
 
-Whatever is not exact errs towards more information, a lower floor:
-- what comes late counts from the tick in which it was true;
-- which box is which landmark and by how much walls lengthen a range is known, and so is the control that acted;
+Every approximation adds information, so it lowers the floor:
+- a late measurement counts from the tick in which it was taken;
+- the landmark of each box, the excess of a range behind walls, and the control that acted count as known;
 - messages that gave no fix, or were refused, count.
-Left out is what the paper's filter does not use: body rates and specific force of the imu message, the sizes of
-boxes, boxes cut by the border, that a landmark is missed or a message does not come. So the floor is that of
-estimators from ranges, box centres and angles. Phi is that of hover, also where the vehicle flies nonlinearly.
+Data that the paper's filter does not use is left out: body rates and specific force of the imu message, the sizes of
+boxes, boxes cut by the border, and the absence of a landmark or a message. So the floor holds for estimators from
+ranges, box centres and angles. Phi is that of hover, also for a vehicle that flies nonlinearly.
 """
 
 import numpy as np
@@ -42,7 +43,7 @@ from ortilo_drake.scenario import Scenario
 def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     """Return the least mean squared error of x_{k|k-1}'s position per axis at every tick of a flight [m^2] (n, 3).
 
-    None where the camera's detector is one whose errors nobody has measured.
+    None where the errors of the camera's detector have not been measured.
 
     Args:
         scenario: the scenario flown, its seed included.
@@ -53,7 +54,7 @@ def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
 
 
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
-    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). As position_floor."""
+    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
     room, camera, spacing = scenario.load_room(), np.empty((0, ROW_SIZE)), 1
     if "camera" in scenario.sensors:
         tables = camera_tables(scenario, room)

@@ -1,7 +1,7 @@
 """The arrivals of a flight: which messages reached the vehicle.
 
-The link's noise is a pure function of (seed, stream, tick), so its decisions are made again here from the truth, by the
-link's own functions. That also tells of messages that gave no fix, or one that a gate refused.
+The link's noise is a pure function of (seed, stream, tick), so the link's own functions repeat its decisions from the
+truth. The result includes messages that gave no fix and those that a gate refused.
 """
 
 import numpy as np
@@ -33,11 +33,11 @@ def messages_sent(
 
 
 def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
-    """Return for each tick whether what 'uwb', 'camera' or 'imu' saw in it reached the vehicle, then or later (n).
+    """Return whether a sensor's measurement of each tick reached the vehicle, in that tick or later (n).
 
     Args:
         scenario: the scenario flown, its seed included.
-        sensor: which.
+        sensor: 'uwb', 'camera' or 'imu'.
         truth: true states x_k (n, 12).
     """
     if sensor not in scenario.sensors:

@@ -1,4 +1,4 @@
-"""Information on the pose in the camera's boxes: the centres of those that the image border does not cut.
+"""Fisher information on the pose in the centres of the camera's boxes, without those that the image border cuts.
 
 The centre errs by e = m q(z), z = sqrt(w) s + sqrt(1 - w) v (world/sensors/camera_calibration.py): m the size of the
 error, q its quantile, v new in every picture, s slow. With the score of e and of s, and Stein's lemma, one box's
@@ -6,16 +6,16 @@ Fisher information about (centre, s), averaged over s, is that of a normal error
 
     e = (m / E) (sqrt(w) s + sqrt(1 - w) v),   E = E[1 / q'(z)],                             (row with a slow error)
 
-and, because q is not straight, more about the centre alone (0 for a normal error):
+and, if q is not straight, a further part about the centre alone (0 for a normal error):
 
     (F - E^2 + w / (1 - w) Var[1 / q'(z)]) / m^2,   F = E[((z + q'' / q') / q')^2],          (row without)
 
-F the information about the centre of an error that is all new. q goes through the measured quantiles as a monotone
-cubic and straight on beyond: the corners of the straight pieces that the projected camera draws from would hold
-information without bound, which nobody has measured.
+where F is the information about the centre of an error that is all new. q is a monotone cubic through the measured
+quantiles, continued by straight lines. The projected camera draws from straight pieces, whose corners would hold
+unbounded information that was never measured.
 
-A landmark counts by its detection rate: the bound is convex in the information, so that its mean over what was found is
-not below the bound of the mean information.
+A landmark's information is weighted by its detection rate. The bound is convex in the information, so the mean bound
+over the found landmarks is not below the bound of the mean information.
 """
 
 from functools import cache
@@ -35,7 +35,7 @@ from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, loa
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
 from ortilo_drake.world.sensors.landmark_view import Surroundings, landmark_views, surroundings
 
-_MOST_SLOW = 1.0 - 1e-6  # an error that is all slow tells infinitely much by its changes
+_MOST_SLOW = 1.0 - 1e-6  # the changes of an error that is all slow would hold unbounded information
 
 
 class CenterErrors(NamedTuple):
@@ -94,7 +94,7 @@ def box_rows(
     Args:
         ticks: the ticks of the pictures that reached the vehicle (k).
         truth: true states (n, 12).
-        room: landmarks and what may hide them.
+        room: landmarks, and walls and stands that may hide them.
         labels: the landmarks' classes (l).
         camera: the camera.
         tables: rates and errors.
@@ -133,7 +133,7 @@ def _own_calibration() -> CameraCalibration:
 
 
 def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
-    """Return the tables of the camera that a scenario flies; None for a detector whose errors nobody has measured."""
+    """Return the tables of the camera that a scenario flies; None if its detector's errors have not been measured."""
     errors: MeasuredErrors | ParametricErrors = scenario.projected_camera.errors
     if scenario.is_rendered:
         if scenario.detector.cfg is not None:

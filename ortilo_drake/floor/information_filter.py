@@ -2,13 +2,14 @@
 
     P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W
 
-The inverses are never formed: J_k comes as rows (information_rows.py), and each is one scalar update
+The inverses are never formed. J_k comes as rows (information_rows.py), and each row is one scalar update
 
     P <- P - P g g^T P / (g^T P g + r),
 
-which needs neither P nor J_k regular and allows r = 0. A slowly changing error joins the state while it is seen: the
-linear interpolation between its nodes n_j, n_{j+1}, new and standard normal every ``spacing`` ticks, as the projected
-camera draws it (world/sensors/projected_camera.py). With both nodes in the state that is a Markov process, and exact.
+which allows singular P and J_k, and r = 0. A slowly changing error is part of the state while it is seen. It is the
+linear interpolation between two nodes n_j, n_{j+1}; a new standard normal node is drawn every ``spacing`` ticks, as in
+the projected camera (world/sensors/projected_camera.py). With both nodes in the state the process is Markov, so the
+update is exact.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ from numba.extending import register_jitable
 
 @register_jitable
 def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: float, k: np.ndarray) -> None:
-    """Take a row into the leading n x n of P; its slow error is a n_j + b n_{j+1}, the nodes at before, before + 1."""
+    """Update the leading n x n of P by a row, whose slow error is a n_j + b n_{j+1}, nodes at before and before + 1."""
     k[:n] = 0.0
     for j in range(6):
         g = row[1 + j]
@@ -65,9 +66,9 @@ def _predict(P: np.ndarray, n: int, Phi: np.ndarray, W: np.ndarray, work: np.nda
 
 @register_jitable
 def _new_nodes(P: np.ndarray, m: int, number: np.ndarray, used: np.ndarray, count: int) -> int:
-    """Begin a new interval: each used slow error's later node becomes its earlier one, a new one is drawn.
+    """Begin a new interval: the later node of each slow error becomes its earlier one, and a new node is drawn.
 
-    Errors not used in the last interval are dropped: nothing is known of them any more. Return how many are kept.
+    Errors not used in the last interval are dropped, since nothing is known of them any more. Return the number kept.
     """
     kept, old = 0, np.empty(m + count, dtype=np.int64)
     for i in range(m):
@@ -98,10 +99,10 @@ def predicted_bound(
     """Return P_k of each tick, the bound on the error covariance of x_{k|k-1} (ticks, m, m).
 
     Args:
-        rows: what is seen (l, 10), in the order of ticks, see information_rows.py.
-        ticks: how many.
+        rows: the measurements (l, 10), in the order of ticks, see information_rows.py.
+        ticks: number of ticks.
         Phi: dynamics (m, m), position and angles the first six states.
-        W: covariance of what is new in each tick (m, m).
+        W: covariance of the process noise of a tick (m, m).
         P_0: covariance of x_0 (m, m).
         spacing: ticks between the nodes of slow errors.
     """

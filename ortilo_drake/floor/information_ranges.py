@@ -2,7 +2,8 @@
 
 A range r = d + s(d) v, v standard normal, has the log-likelihood -ln s - (r - d)^2 / (2 s^2), and its Fisher
 information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory",
-1993, eq. 3.31): noise that grows with the distance tells of it. With s = s_0 + s_1 d that is (1 + 2 s_1^2) / s^2.
+1993, eq. 3.31): noise that grows with the distance holds information about it. With s = s_0 + s_1 d it is
+(1 + 2 s_1^2) / s^2.
 """
 
 import numpy as np
@@ -15,9 +16,9 @@ from ortilo_drake.world.sensors.uwb import ranging_settings
 
 
 def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the ranges to every anchor that there are in the ticks where uwb is seen.
+    """Return the rows of the ranges that there are, to every anchor, in the ticks in which uwb is seen.
 
-    What a wall adds to a range is taken as known.
+    The excess of a range behind a wall is taken as known.
 
     Args:
         settings: the world's noise, walls and greatest distance.

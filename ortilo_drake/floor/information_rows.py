@@ -1,7 +1,8 @@
-"""Fisher information as rows, each a scalar measurement of the pose with noise of its own.
+"""Fisher information as rows; a row is one scalar measurement of the pose.
 
-A row says: in this tick g^T (p_WB, rpy) + a s + v is seen, v of variance r, s a slowly changing error (or none). Its
-information g g^T / r may be without bound (r = 0): nothing is ever inverted. Rows of a flight are one array (m, 10).
+A row stands for the measurement g^T (p_WB, rpy) + a s + v in one tick, where v is noise of variance r and s is a slowly
+changing error (or none). Its information g g^T / r may be unbounded (r = 0), because it is never formed. The rows of a
+flight are one array (m, 10).
 """
 
 import numpy as np
@@ -20,7 +21,7 @@ def rows_of(ticks: np.ndarray, gradients: np.ndarray, variances: np.ndarray) -> 
     """Return rows without a slow error (m, 10).
 
     Args:
-        ticks: when each is seen (m).
+        ticks: the tick of each (m).
         gradients: g (m, 6).
         variances: r (m).
     """

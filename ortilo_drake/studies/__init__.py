@@ -1,1 +1,1 @@
-"""Questions asked of the laboratory, a folder each: theory on the flying diagram, flights, figures, report."""
+"""Studies, one folder a question: theory applied to the flying diagram, flights, figures and report."""

@@ -1,1 +1,1 @@
-"""Theorems on matrices; nothing here knows a scenario."""
+"""Theory of filters and loops as functions of matrices, independent of any scenario."""

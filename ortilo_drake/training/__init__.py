@@ -1,1 +1,1 @@
-"""The making of the shipped detector: auto-labelled renders, training, evaluation, export, calibration."""
+"""Making of the shipped detector: auto-labelled renders, training, evaluation, export, calibration."""

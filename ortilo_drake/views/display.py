@@ -1,4 +1,4 @@
-"""A flight in Meshcat: live, or as one page to keep."""
+"""A flight in Meshcat: live in the browser, or as one HTML page."""
 
 from collections.abc import Callable
 

@@ -15,8 +15,8 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.pictures import save_picture
 
-DRAWN = ["truth", "reference", "due", "arrival"]  # what trajectory_figure and arrival_figure read of a flight
-# Okabe and Ito's colours, told apart by everyone.
+DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
+# Okabe and Ito's colours, which colour-blind readers can tell apart.
 COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00"}
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 STYLE: Any = {
@@ -52,10 +52,10 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
 
 
 def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
-    """Draw the true paths of many flights in the room beside the planned one (the paper's figure).
+    """Draw the true paths of many flights in the room, with the planned path (the paper's figure).
 
     Args:
-        flights: the flights by scenario; the first of each is drawn strong.
+        flights: the flights by scenario; the first of each is drawn in a stronger line.
         path: the image file.
     """
     with mpl.rc_context(STYLE):
@@ -112,7 +112,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
-    """Draw a tick where each position fix was used, and a faint one where it was due and is missing."""
+    """Draw a mark where each position fix was used, and a faint one where a due fix is missing."""
     time = flight["time"].values
     for row, sensor in enumerate(("camera", "uwb")):
         due = flight["due"].sel(sensor=sensor).values

@@ -17,11 +17,11 @@ from ortilo_drake.views.scene_view import draw_boxes, make_camera_view, make_roo
 DPI = 100
 CURSOR = (30, 30, 30)
 STRIP_HEIGHT = 240
-_PATH_STEP = 0.1  # between two points of a drawn path [m]
+_PATH_STEP = 0.1  # distance between two points of a drawn path [m]
 
 
 def blackout_mask(flight: xr.Dataset, sensor: str) -> np.ndarray:
-    """Return whether the scenario lets nothing of a sensor through, for every tick (n)."""
+    """Return whether a sensor is blacked out by the scenario, for every tick (n)."""
     time, p_WB = flight["time"].values, flight["truth"].values[:, :3]
     mask = np.zeros(len(time), dtype=bool)
     for blackout in scenario_of(flight).link_of(sensor).blackouts:
@@ -35,7 +35,7 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
 
     Returns:
         The picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the last row
-        of what is drawn over time.
+        of the plots over time.
     """
     time = flight["time"].values
     error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
@@ -75,7 +75,7 @@ def _write(picture: np.ndarray, text: str) -> None:
 
 
 def _thinned(points: np.ndarray) -> np.ndarray:
-    """Return the number of every point that is a step farther along a path than the one before, and of the last."""
+    """Return the indices of points about _PATH_STEP apart along a path, the last point included."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     _, kept = np.unique(np.floor(way / _PATH_STEP), return_index=True)
     return np.union1d(kept, [len(points) - 1])
@@ -84,7 +84,7 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
     """Return the function from a tick to camera and room side by side, blue, green, red (height, 2 panel, 3).
 
-    The camera shows the last picture taken, with the boxes found in it; whether they arrived, the arrivals tell.
+    The camera's side shows the last picture taken with the boxes found in it, also if they did not arrive.
 
     Args:
         flight: the flight.
@@ -96,7 +96,7 @@ def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
     scenario = scenario_of(flight)
     room = scenario.load_room()
     model = room.camera.scaled_to(scenario.image_width)
-    height = 2 * round(panel * model.height / model.width / 2)  # videos want even sizes
+    height = 2 * round(panel * model.height / model.width / 2)  # video codecs need even sizes
     time, x = flight["time"].values, flight["truth"].values
     planned = flight["reference"].values
     shown = _thinned(x[:, :3])

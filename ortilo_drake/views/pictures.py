@@ -1,4 +1,4 @@
-"""Pictures on disk, by matplotlib."""
+"""Files of matplotlib figures."""
 
 import io
 from pathlib import Path
@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a kind of picture that cannot be drawn; InputError says which can."""
+    """Check that matplotlib can write a file of that suffix; InputError names the suffixes that it can."""
     allowed = Figure().canvas.get_supported_filetypes()
     if path.suffix[1:] not in allowed:
         raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {', '.join(sorted(allowed))}")

@@ -1,4 +1,4 @@
-"""Pictures of a recorded state: what the vehicle's camera saw, and the vehicle in its room."""
+"""Pictures of a recorded state: the view of the vehicle's camera, and the vehicle in its room."""
 
 from collections.abc import Callable
 
@@ -34,8 +34,8 @@ from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 BEHIND = np.array(
     [-4.2, -1.0, 3.4]
-)  # the viewer from the vehicle, in W: so steep that low walls behind hide nothing [m]
-AHEAD = np.array([1.2, 0.0, -0.2])  # what it looks at, from the vehicle, in W [m]
+)  # the viewer from the vehicle, in W, steep enough to look over low walls behind [m]
+AHEAD = np.array([1.2, 0.0, -0.2])  # the point it looks at, from the vehicle, in W [m]
 VIEW_ANGLE = np.deg2rad(55.0)  # vertical
 PLANNED, FLOWN = (230, 160, 60), (20, 20, 230)  # blue, green, red
 
@@ -46,8 +46,8 @@ RoomView = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def make_camera_view(scenario: Scenario) -> CameraView:
     """Return the function from a time and a state (12) to the camera's picture and the boxes found in it.
 
-    A flight keeps no pictures; the same state gives the same picture, and the same picture or seed the same boxes. The
-    picture is blue, green, red (height, width, 3), uint8; the boxes are the rows of a detections message (k, 6).
+    A flight keeps no pictures, but the same state gives the same picture, and the same picture or seed the same boxes.
+    The picture is blue, green, red (height, width, 3), uint8; the boxes are the rows of a detections message (k, 6).
 
     Raises:
         InputError: if there is no EGL or a file of the detector is wrong.
@@ -88,9 +88,9 @@ def draw_boxes(picture: np.ndarray, boxes: np.ndarray, room: Room, scale: float)
 
     Args:
         picture: the camera's picture, enlarged.
-        boxes: rows (label, score, u_min, v_min, u_max, v_max), in pixels of the picture before (k, 6).
+        boxes: rows (label, score, u_min, v_min, u_max, v_max), in pixels of the original picture (k, 6).
         room: names and colours of the classes.
-        scale: by how much it was enlarged.
+        scale: factor of the enlargement.
     """
     for label, score, *box in boxes:
         name = room.classes[int(label)]
@@ -125,8 +125,8 @@ def _draw_line(picture: np.ndarray, points: np.ndarray, seen: np.ndarray, color:
 def make_room_view(room: Room, planned: np.ndarray, width: int, height: int) -> RoomView:
     """Return the function from a state (12) and a path flown p_W (m, 3) to a picture of the vehicle in the room.
 
-    It is seen from the west, behind and above; the walls on that side are left out. The planned path is blue, the path
-    flown red, both only where no wall hides them. The picture is blue, green, red (height, width, 3), uint8.
+    The view is from the west, behind and above; the walls on that side are left out. The planned path is blue, the
+    flown path red, both drawn only where no wall hides them. The picture is blue, green, red (height, width, 3), uint8.
 
     Args:
         room: the room.

@@ -1,4 +1,4 @@
-"""A flight as a video, and one moment of it as a picture."""
+"""A flight as a video."""
 
 import io
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.views.flight_frames import make_frames, make_views
+from ortilo_drake.views.flight_frames import make_frames
 from ortilo_drake.views.scene_view import class_bgr
 from ortilo_drake.world.scenery.rendering import check_egl
 
@@ -22,8 +22,8 @@ SUFFIXES = (".gif", ".mp4")
 SPEED = 3.0  # times real time: a flight of a minute takes 20 s to watch
 RATE = {".mp4": 10.0, ".gif": 2.5}  # frames a second of flight [Hz]
 PANEL = {".mp4": 640, ".gif": 320}  # width of camera and room [px]
-COLORS = 24  # of a gif, besides those of the classes: more show more of the bricks' grain, which costs most of its size
-SAMPLES = 12  # frames that they are chosen from
+COLORS = 24  # of a gif, besides those of the classes; more would show the bricks' grain, at most of the file's size
+SAMPLES = 12  # frames from which the colours are chosen
 
 Progress = Callable[[int, int], None]
 Draw = Callable[[int], np.ndarray]
@@ -72,7 +72,7 @@ def _image(frame: np.ndarray) -> Image.Image:
 
 
 def _palette(frames: list[np.ndarray], fixed: list[tuple[int, int, int]]) -> Image.Image:
-    """Return an image that carries a palette: the commonest colours of some frames, and fixed ones, all as BGR."""
+    """Return an image with a palette of the commonest colours of some frames, and fixed colours, all as BGR."""
     common = _image(np.vstack(frames)).quantize(COLORS, Image.Quantize.MEDIANCUT).getpalette() or []
     palette = Image.new("P", (1, 1))
     palette.putpalette(common[: 3 * COLORS] + [part for color in fixed for part in reversed(color)])
@@ -89,7 +89,7 @@ def _write_gif(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, room
             step(k + 1, len(ticks))
 
     images = frames()
-    duration = 10 * round(100 / fps)  # a gif counts hundredths of a second
+    duration = 10 * round(100 / fps)  # the unit of a gif is a hundredth of a second
     next(images).save(file, "GIF", save_all=True, append_images=images, duration=duration, loop=0)
 
 
@@ -121,27 +121,5 @@ def flight_video(flight: xr.Dataset, path: Path, progress: Progress | None = Non
         _write_mp4(drawn, draw, ticks, fps, step)
     else:
         _write_gif(drawn, draw, ticks, fps, scenario.load_room(), step)
-    write_bytes(path, drawn.getvalue())
-    return path
-
-
-def flight_picture(flight: xr.Dataset, tick: int, path: Path) -> Path:
-    """Draw one moment of a flight, camera and room side by side.
-
-    Args:
-        flight: the flight.
-        tick: which tick of it.
-        path: the file, .png.
-
-    Raises:
-        InputError: if the tick is not in the flight, the suffix is another, or as in flight_video.
-    """
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give .png")
-    if not 0 <= tick < flight.sizes["tick"]:
-        raise InputError(f"tick: {tick}: the flight has ticks 0 to {flight.sizes['tick'] - 1}")
-    picture = make_views(flight, PANEL[".mp4"])(tick)
-    drawn = io.BytesIO()
-    _image(picture).save(drawn, "PNG")
     write_bytes(path, drawn.getvalue())
     return path

@@ -9,7 +9,7 @@ from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.training.calibration.sightings import look
+from ortilo_drake.training.calibration.sightings import detect_in_flight
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 pytestmark = [pytest.mark.egl, pytest.mark.long]
@@ -58,7 +58,7 @@ def errors():
     camera = room.camera.scaled_to(scenario.rendered_camera.width)
     assert scenario.rendered_camera.width == scenario.projected_camera.width
     detect = load_detector(scenario.detector, room, (camera.width, camera.height))
-    found = look(room, camera.width, states, detect, lambda: None)
+    found = detect_in_flight(room, camera.width, states, detect, lambda: None)
     rendered = [detections_message(0.0, *boxes) for boxes in found]
     projected = [projected_messages(scenario, states, 1000 + k) for k in range(REALISATIONS)]
     return fix_errors(scenario, states, rendered), np.array([fix_errors(scenario, states, m) for m in projected])

@@ -12,7 +12,9 @@ from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, load_scenario
 from ortilo_drake.studies.command_link.command_flights import POINT, command_cases, command_flights, hover_V
-from ortilo_drake.studies.command_link.command_loss import deviation
+from ortilo_drake.studies.command_link.command_loop import commanded_loop
+from ortilo_drake.studies.command_link.command_loss import lossy_loop
+from ortilo_drake.theory.jump_linear.jump_linear import steady_second_moment
 
 SHORT = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"
 NOTHING_LOST = "command_link.loss={kind: bernoulli, probability: 0.0}"
@@ -65,7 +67,8 @@ def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
     assert lossy["flown_rms"] == pytest.approx(lossy["predicted_rms"], rel=0.3)
     V = hover_V(scenario)
     flown = scenario.model_copy(update={"command_link": links[0]})
-    perfect, predicted = (float(np.sqrt(np.trace(deviation(s, V)[:3, :3]))) for s in (scenario, flown))
+    moments = [steady_second_moment(lossy_loop(commanded_loop(s, V), s.command_link)) for s in (scenario, flown)]
+    perfect, predicted = (float(np.sqrt(np.trace(S.mean(axis=0)[:3, :3]))) for S in moments)
     assert predicted == pytest.approx(lossy["predicted_rms"], rel=1e-6)
     assert lossy["flown_rms"] > 1.3 * perfect  # it tells a lossy link from a perfect one
     assert not late["stable"]

@@ -19,7 +19,7 @@ from safetensors.torch import save  # noqa: E402
 
 from ortilo_drake.onboard.detector.darknet_file import network_bytes, read_network  # noqa: E402
 from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork  # noqa: E402
-from ortilo_drake.onboard.detector.darknet_weights import read_darknet, read_weights, weights_bytes  # noqa: E402
+from ortilo_drake.onboard.detector.darknet_weights import read_weights  # noqa: E402
 from ortilo_drake.onboard.detector.detector_network import OWN_NETWORK  # noqa: E402
 
 CFG = """[net]\nwidth=64\nheight=32\nchannels=3
@@ -64,18 +64,6 @@ def test_reads_darknets_order_under_every_header(major: int, minor: int, tmp_pat
     read = [value.detach().numpy().ravel() for value in order if value is not None]
     np.testing.assert_array_equal(np.concatenate(read), values)
     assert first.convolution.weight[1, 2, 0, 1].item() == 16 + 27 + 18 + 1  # (filters, inputs, rows, columns)
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_weights_there_and_back(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
-    folder = tmp_path_factory.mktemp("weights")
-    made, cfg, weights = network(seed), folder / "net.cfg", folder / "net.weights"
-    cfg.write_text(CFG)
-    weights.write_bytes(weights_bytes(made, seen=seed))
-    assert weights.read_bytes()[:20] == header(0, 2, seed)
-    read = read_darknet(cfg, weights)
-    assert not read.training
-    assert_same(made, read)
 
 
 @pytest.mark.parametrize(

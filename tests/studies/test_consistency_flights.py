@@ -10,7 +10,7 @@ import xarray as xr
 from ortilo_drake.flight.metrics import position_nees
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.consistency.consistency_flights import consistency_report, regions
+from ortilo_drake.studies.consistency.consistency_flights import consistency_report, region_masks
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 
@@ -21,7 +21,7 @@ def flight(flown: Any) -> xr.Dataset:
 
 
 def test_regions_divide_the_flight(flight: xr.Dataset) -> None:
-    masks = regions(flight)
+    masks = region_masks(flight)
     parts = np.array([masks[name] for name in ("start", "blackout", "after", "clear")])
     assert (parts.sum(axis=0) == 1).all()
     assert masks["blackout"].any()

@@ -6,7 +6,7 @@ import pytest
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.loop.fix_covariance import V_at, attitude_covariance, camera_covariance, uwb_covariance
+from ortilo_drake.studies.loop.fix_covariance import attitude_covariance, fix_noise
 from ortilo_drake.studies.loop.hover_loop import steady_predictor
 
 STILL = (
@@ -15,6 +15,7 @@ STILL = (
     "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.7, 0.4, 1.5]]}",
     "uwb.link.blackouts=[]",
 )
+AT = np.array([3.0, 1.0, 1.5, *[0.0] * 9])  # hovering
 
 
 def scenario_with(*settings: str) -> Scenario:
@@ -36,12 +37,12 @@ def test_covariances_are_those_of_a_flight_without_errors() -> None:
     flight = fly(scenario)
     checked = 0
     for k in range(0, flight.sizes["tick"], 15):
-        V, there = V_at(scenario, flight["truth"].values[k])
+        V, there = fix_noise(scenario, flight["truth"].values[k])
         np.testing.assert_array_equal(there, flight["arrival"].values[k])
         # The estimate that the fix is linearised at is not quite the truth: the feed-forward is that of hover.
         for s in range(2):
             flown = flight["measurement_covariance"].values[k, s]
-            np.testing.assert_allclose(V[3 * s : 3 * s + 3, 3 * s : 3 * s + 3], flown, rtol=0.02, atol=1e-6)
+            np.testing.assert_allclose(V[s], flown, rtol=0.02, atol=1e-6)
             checked += int(there[s])
     assert checked >= 10
 
@@ -52,10 +53,9 @@ def test_covariances_are_about_those_of_a_flight_with_errors() -> None:
     found: dict[int, list[float]] = {0: [], 1: []}
     for s, latency in ((0, 0), (1, 1)):
         for k in np.flatnonzero(flight["arrival"].values[:, s]):
-            V, there = V_at(scenario, flight["truth"].values[k - latency])
+            V, there = fix_noise(scenario, flight["truth"].values[k - latency])
             flown = flight["measurement_covariance"].values[k, s]
-            block = V[3 * s : 3 * s + 3, 3 * s : 3 * s + 3]
-            error = float(np.linalg.norm(block - flown) / np.linalg.norm(flown))
+            error = float(np.linalg.norm(V[s] - flown) / np.linalg.norm(flown))
             found[s].append(error if there[s] else np.inf)
     assert np.median(found[0]) < 0.1  # noise of the ranges is in their weights
     assert np.median(found[1]) < 0.15  # the filter's own attitude covariance is in the camera's
@@ -63,30 +63,31 @@ def test_covariances_are_about_those_of_a_flight_with_errors() -> None:
 
 def test_uwb_covariance_is_the_inverse_of_the_information() -> None:
     scenario = Scenario()
-    p_WB = np.array([3.0, 1.0, 1.5])
-    to_anchors = p_WB - scenario.load_room().anchor_positions
+    to_anchors = AT[:3] - scenario.load_room().anchor_positions
     distance = np.linalg.norm(to_anchors, axis=1)
     J = to_anchors / distance[:, None]
     expected = np.linalg.inv(J.T @ np.diag((0.0075 * distance) ** -2.0) @ J)
-    found = uwb_covariance(scenario, p_WB)
-    assert found is not None
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    V, there = fix_noise(scenario, AT)
+    assert there[0]
+    np.testing.assert_allclose(V[0], expected, rtol=1e-6)
 
 
 def test_constant_V_stands_in_for_the_geometry() -> None:
     scenario = load_scenario("paper_imu_uwb_yolo", ("camera=projected",))
-    found = uwb_covariance(scenario, np.array([3.0, 1.0, 1.5]))
-    assert found is not None
-    np.testing.assert_array_equal(found, 0.05 * np.eye(3))
+    V, there = fix_noise(scenario, AT)
+    assert there[0]
+    np.testing.assert_array_equal(V[0], 0.05 * np.eye(3))
 
 
-@pytest.mark.parametrize("x", [np.array([21.0, -3.2, 1.5, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.5, 0.0, 0.0, np.pi])])
-def test_no_landmark_in_sight_is_no_fix(x: np.ndarray) -> None:
-    assert camera_covariance(Scenario(), x) is None
+@pytest.mark.parametrize("pose", [(21.0, -3.2, 1.5, 0.0, 0.0, 0.0), (0.0, 0.0, 1.5, 0.0, 0.0, np.pi)])
+def test_no_landmark_in_sight_is_no_fix(pose: tuple[float, ...]) -> None:
+    V, there = fix_noise(Scenario(), np.array([*pose, *[0.0] * 6]))
+    assert not there[1]
+    np.testing.assert_array_equal(V[1], np.eye(3))
 
 
 def test_too_few_ranges_are_no_fix() -> None:
-    assert uwb_covariance(load_scenario("imu_uwb", ("uwb.max_distance=1.0",)), np.array([3.0, 1.0, 1.5])) is None
+    assert not fix_noise(load_scenario("imu_uwb", ("uwb.max_distance=1.0",)), AT).there[0]
 
 
 def test_attitude_covariance_is_that_of_the_steady_filter() -> None:

@@ -10,8 +10,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, closed_loop_matrix, hover_loop, steady_predictor
-from ortilo_drake.studies.loop.input_loop import input_loop, lasting_gain
-from ortilo_drake.studies.loop.margins import cases, margins_report
+from ortilo_drake.studies.loop.input_loop import input_loop, steady_gain
+from ortilo_drake.studies.loop.margins import loops_by_case, margins_report
 from ortilo_drake.theory.margins.loop_margins import channel_margins, joint_margins
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed, one_channel, response, spectral_radius
 from ortilo_drake.theory.riccati.riccati import solve
@@ -20,7 +20,7 @@ V = np.diag([0.02] * 3 + [0.01] * 3 + [1e-4] * 3)
 ALL = ("uwb", "camera", "imu")
 SCENARIO = Scenario()
 HOVER = hover_loop(SCENARIO)
-LOOPS = cases(HOVER, V, ALL)
+LOOPS = loops_by_case(HOVER, V, ALL)
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +189,7 @@ def test_integrator_in_closed_form(c):
 def test_gain_has_a_limit_where_the_covariance_has_none(first, lost):
     rows = slice(6, 9) if first == 6 else slice(0, 6)
     Phi, C, W, V_s = HOVER.Phi, HOVER.C[rows], HOVER.W, V[rows, rows]
-    K, names = lasting_gain(Phi, C, W, V_s)
+    K, names = steady_gain(Phi, C, W, V_s)
     assert names == tuple(STATE_NAMES[k] for k in lost)
     P = 0.01 * np.eye(12)
     for _ in range(3000):

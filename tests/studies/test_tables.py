@@ -13,8 +13,8 @@ from ortilo_drake.studies.paper_tables.tables import (
     ENOUGH_FLIGHTS,
     PAPER,
     STATISTICS,
+    bootstrap_interval,
     drop_in_x,
-    interval,
     make_tables,
     statistics,
 )
@@ -90,7 +90,7 @@ def test_statistics_agree_with_pythons_own(n: int) -> None:
 
 def test_no_values_have_no_statistics() -> None:
     assert statistics([]) == dict.fromkeys(("mean", "median", "p75", "p25"))
-    assert interval([0.1], "mean") is None
+    assert bootstrap_interval([0.1], "mean") is None
     assert drop_in_x([0.1], [0.1, 0.2]) is None
     assert drop_in_x([0.1, 0.2], []) is None
 
@@ -105,11 +105,11 @@ def test_an_interval_is_the_percentile_bootstraps(statistic: str) -> None:
     values = np.random.default_rng(3).gamma(2.0, 0.01, 20)
     function = {"mean": np.mean, "median": np.median, "p75": lambda v: np.quantile(v, 0.75)}[statistic]
     drawn = plain_bootstrap(values, function, 4000)
-    found = interval(values.tolist(), statistic)
+    found = bootstrap_interval(values.tolist(), statistic)
     assert found is not None
     # Four sd of a 2.5 % quantile's own error from 4,000 draws.
     np.testing.assert_allclose(found, np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * drawn.std())
-    assert interval(values.tolist(), statistic) == found  # nothing drawn afresh
+    assert bootstrap_interval(values.tolist(), statistic) == found  # nothing drawn afresh
 
 
 def test_the_drops_interval_resamples_both_ensembles() -> None:
@@ -245,9 +245,9 @@ def test_efficiency_is_over_single_flights_and_over_all_of_them() -> None:
         assert table["floor"] == pytest.approx(stdlib.fmean(floors))
         assert table["all"]["value"] == pytest.approx(sum(s["mse"][axis] for s in rows) / sum(floors))
         assert table["ticks"]["value"] == pytest.approx(2.0 * stdlib.fmean(values))
-        assert table["ticks"]["interval"] == pytest.approx([2.0 * v for v in interval(values, "mean") or []])
+        assert table["ticks"]["interval"] == pytest.approx([2.0 * v for v in bootstrap_interval(values, "mean") or []])
         for statistic in STATISTICS:
-            assert table["intervals"][statistic] == interval(values, statistic)
+            assert table["intervals"][statistic] == bootstrap_interval(values, statistic)
         for name in NAMES:
             title = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}[name]
             printed = text.split("Cramer-Rao")[1].split(f"| {title} | x | y | z |")[1].splitlines()[2:9]

@@ -12,7 +12,7 @@ import pytest
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.riccati.riccati import RAW, SOLVERS
-from ortilo_drake.theory.riccati.riccati_check import check, residual
+from ortilo_drake.theory.riccati.riccati_check import assess, residual
 from ortilo_drake.theory.riccati.riccati_condition import condition
 
 SQRT5 = np.sqrt(5.0)
@@ -201,7 +201,7 @@ def test_residual_and_closed_form(name, solver):
     if X_exact is not None:
         assert np.linalg.norm(X - X_exact) / np.linalg.norm(X_exact) < ERRORS.get((name, solver), TOLERANCE)
     if len(A) < 100:
-        result = check(A, B, Q, R, X, N)
+        result = assess(A, B, Q, R, X, N)
         assert result.spectral_radius < 1
         assert 0 < result.distance_to_instability <= 1 - result.spectral_radius + 1e-12
 
@@ -230,7 +230,7 @@ def test_reasons_hold():
     A, B, Q, R, N, X_exact = CASES["2.5 tau=1e8"]
     with pytest.raises(InputError, match="recursion: still changes"):
         SOLVERS["recursion"](A, B, Q, R)
-    radius = check(A, B, Q, R, X_exact).spectral_radius
+    radius = assess(A, B, Q, R, X_exact).spectral_radius
     assert 1 - radius == pytest.approx(2.236e-8, rel=0.01)
 
 
@@ -240,7 +240,7 @@ def test_reasons_hold():
 )
 def test_figures_printed_with_the_collection(name, radius, norm, kappa):
     A, B, Q, R, _, X = CASES[name]
-    assert check(A, B, Q, R, X).spectral_radius == pytest.approx(radius, rel=5e-5)
+    assert assess(A, B, Q, R, X).spectral_radius == pytest.approx(radius, rel=5e-5)
     assert np.linalg.norm(X, 2) == pytest.approx(norm, rel=5e-5)
     assert condition(A, B, Q, R, X) == pytest.approx(kappa, rel=5e-5)
 

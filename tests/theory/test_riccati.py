@@ -14,8 +14,8 @@ from ortilo_drake.studies.loop.hover_loop import hover_loop, steady_predictor
 from ortilo_drake.studies.loop.riccati_report import filter_dare, riccati_report, servo_and_filter_dares, servo_dare
 from ortilo_drake.theory.modes.modes import unreached_modes, unseen_modes
 from ortilo_drake.theory.riccati.riccati import RAW, SOLVERS, gain, solve
-from ortilo_drake.theory.riccati.riccati_check import check
-from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, what_solvers_do
+from ortilo_drake.theory.riccati.riccati_check import assess
+from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, solver_outcomes
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 from ortilo_drake.theory.riccati.stability_radius import least_singular_value, stability_radius
 
@@ -40,7 +40,7 @@ def test_four_solvers_agree_on_random_problems(seed, cross):
     solutions = [solver(A, B, Q, R, N) for solver in SOLVERS.values()]
     for X in solutions:
         assert np.allclose(X, solutions[0], rtol=0, atol=1e-7 * np.linalg.norm(X))
-        assert check(A, B, Q, R, X, N).spectral_radius < 1
+        assert assess(A, B, Q, R, X, N).spectral_radius < 1
 
 
 @settings(max_examples=15, deadline=None)
@@ -107,7 +107,7 @@ def test_complex_matrices_are_refused_not_cut(solver, name):
     with pytest.raises(InputError, match=f"^{name}: is complex: must be a matrix of real numbers$"):
         solver(**matrices)
     with pytest.raises(InputError, match=f"^{name}: is complex"):
-        check(X=X, **matrices)
+        assess(X=X, **matrices)
     with pytest.raises(InputError, match=f"^{name}: is complex"):
         require_well_posed(**matrices)
 
@@ -138,7 +138,7 @@ def test_drake_ends_the_process_and_scipy_is_silent():
     X = RAW["scipy"](A, B, Q, R)
     assert abs(np.linalg.eigvals(A - B @ gain(A, B, R, X))).max() == pytest.approx(1, abs=1e-9)
 
-    told = {case: what_solvers_do(*matrices) for case, matrices in ILL_POSED.items()}
+    told = {case: solver_outcomes(*matrices) for case, matrices in ILL_POSED.items()}
     json.dumps(told, allow_nan=False)
     assert all(row["error"] for row in told.values())
     assert all(row["drake"]["outcome"] == "ends the process" for row in told.values())
@@ -147,7 +147,7 @@ def test_drake_ends_the_process_and_scipy_is_silent():
     assert told["hidden outside"]["scipy"]["spectral_radius"] == pytest.approx(0.5)
     assert told["Q indefinite"]["scipy"]["outcome"] == "returns a solution: stabilising, indefinite"
     assert told["Q not symmetric"]["doubling"]["outcome"] == "returns what is no solution"
-    well_posed = what_solvers_do(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
+    well_posed = solver_outcomes(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
     assert well_posed["error"] is None
     assert all(row["X"][0][0] == pytest.approx((1 + np.sqrt(5)) / 2) for row in list(well_posed.values())[1:])
 

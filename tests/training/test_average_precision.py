@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.training.judging.average_precision import average_precision, iou_matrix, match
+from ortilo_drake.training.judging.average_precision import average_precision, iou_matrix, match_detections
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS
 
 
@@ -19,7 +19,9 @@ def truth_of(*objects: tuple[int, tuple[float, float, float, float], float]) -> 
 
 def found(truth: np.ndarray, *detections: tuple[int, float, tuple[float, float, float, float]]) -> list[int]:
     labels, scores = np.array([d[0] for d in detections]), np.array([d[1] for d in detections])
-    return match(labels, scores, np.array([d[2] for d in detections], dtype=float).reshape(-1, 4), truth).tolist()
+    return match_detections(
+        labels, scores, np.array([d[2] for d in detections], dtype=float).reshape(-1, 4), truth
+    ).tolist()
 
 
 # --- the curve ------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from ortilo_drake.training.calibration.estimates import (
     both_below,
     fit_slow,
     fit_table,
-    hat_shares,
+    knot_shares,
     latent_correlation,
     slow_correlation,
 )
@@ -246,7 +246,7 @@ def test_nothing_found_and_no_seeds_are_refused(tmp_path):
         calibration_of.estimate(seen, ROOM.classes, SIZE, 0.1, {})
 
 
-def test_hat_shares_are_shares():
-    W = hat_shares(KNOTS, np.linspace(-2.0, 9.0, 37))
+def test_knot_shares_are_shares():
+    W = knot_shares(KNOTS, np.linspace(-2.0, 9.0, 37))
     np.testing.assert_allclose(W.sum(axis=1), 1.0)
     np.testing.assert_allclose(W @ KNOTS, np.clip(np.linspace(-2.0, 9.0, 37), 0.0, 7.0), atol=1e-12)

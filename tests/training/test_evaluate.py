@@ -11,7 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.detector_network import OWN_CLASSES
 from ortilo_drake.scenario import Detector
-from ortilo_drake.training.judging.evaluate import evaluate, milliseconds_per_frame, whole
+from ortilo_drake.training.judging.evaluate import evaluate, is_whole, milliseconds_per_frame
 from ortilo_drake.training.judging.judge import draw_boxes, judge
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 
@@ -81,7 +81,7 @@ def test_boxes_that_the_border_cuts_tell_nothing_of_centres() -> None:
     assert found["recall"] == 1.0
     assert found["center_error_px"]["p95"] == 0.0
     np.testing.assert_array_equal(
-        whole(np.array([[1.1, 1.1, 157.9, 117.9], [0.9, 5, 9, 9], [5, 5, 158.1, 9], [5, 5, 9, 118.1]]), W, H),
+        is_whole(np.array([[1.1, 1.1, 157.9, 117.9], [0.9, 5, 9, 9], [5, 5, 158.1, 9], [5, 5, 9, 118.1]]), W, H),
         [True, False, False, False],
     )
 

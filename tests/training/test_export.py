@@ -20,7 +20,7 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: nothing
 
 from ortilo_drake.onboard.detector.darknet_file import network_bytes, read_network  # noqa: E402
 from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork  # noqa: E402
-from ortilo_drake.training.network.export import export, fold  # noqa: E402
+from ortilo_drake.training.network.export import export, fold_batch_norm  # noqa: E402
 
 pytestmark = pytest.mark.training
 
@@ -103,7 +103,7 @@ def test_folding_leaves_the_heads_as_they_were() -> None:
     with torch.inference_mode():
         before = network(images)
     with torch.no_grad():
-        fold(network)
+        fold_batch_norm(network)
     assert all(layer.norm is None for layer in network.convolutions())
     with torch.inference_mode():
         for one, other in zip(before, network(images), strict=True):

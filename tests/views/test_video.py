@@ -13,12 +13,11 @@ from PIL import Image
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views import video
 from ortilo_drake.views.flight_frames import STRIP_HEIGHT, blackout_mask, error_strip, make_views
 from ortilo_drake.views.scene_view import class_bgr, draw_boxes, make_camera_view, make_room_view, viewer_pose
-from ortilo_drake.views.video import flight_picture, flight_video, frame_ticks
+from ortilo_drake.views.video import flight_video, frame_ticks
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 HOVER = "planner={kind: hover, point: [2, 0.5, 1.5], duration: 0.7}"
@@ -200,18 +199,6 @@ def test_gif(flight: xr.Dataset, tmp_path: Path) -> None:
     assert sharp(frame[:240, :320])
     assert sharp(frame[:240, 320:])
     assert path.stat().st_size < 40_000 * gif.n_frames
-
-
-def test_picture(
-    monkeypatch: pytest.MonkeyPatch, flight: xr.Dataset, views: Callable[[int], np.ndarray], tmp_path: Path
-) -> None:
-    monkeypatch.setattr(video, "PANEL", {".mp4": 320})
-    picture = cv2.imread(str(flight_picture(flight, 5, tmp_path / "camera.png")))
-    np.testing.assert_array_equal(picture, views(5))
-    with pytest.raises(InputError, match="tick: 999: the flight has ticks 0 to "):
-        flight_picture(flight, 999, tmp_path / "camera.png")
-    with pytest.raises(InputError, match=r"camera\.jpg: unknown kind of picture '\.jpg', give \.png"):
-        flight_picture(flight, 5, tmp_path / "camera.jpg")
 
 
 def test_frames_come_at_about_the_rate_asked_for(flight: xr.Dataset) -> None:

@@ -12,10 +12,7 @@ import torch
 
 from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.darknet_cfg import read_cfg
 from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
-
-_VERSION = (0, 2, 0)
 
 
 def _tensors(network: DarknetNetwork) -> list[torch.Tensor]:
@@ -84,22 +81,3 @@ def read_weights(path: Path, network: DarknetNetwork) -> None:
             tensor.copy_(torch.from_numpy(part).reshape(tensor.shape))
             start += tensor.numel()
     check_values(path, network)
-
-
-def read_darknet(cfg: Path, weights: Path) -> DarknetNetwork:
-    """Return the network of a .cfg and a .weights file, ready to infer; InputError if anything is wrong."""
-    network = DarknetNetwork(read_cfg(cfg))
-    read_weights(weights, network)
-    return network.eval()
-
-
-def weights_bytes(network: DarknetNetwork, seen: int = 0) -> bytes:
-    """Return what a .weights file of version 0.2 holds of a network, the inverse of read_weights.
-
-    Args:
-        network: the network.
-        seen: number of images seen in training, for Darknet's learning rate.
-    """
-    header = np.array(_VERSION, dtype="<i4").tobytes() + np.array(seen, dtype="<i8").tobytes()
-    tensors = (tensor.detach().cpu().numpy().astype("<f4").tobytes() for tensor in _tensors(network))
-    return header + b"".join(tensors)

@@ -1,1 +1,1 @@
-"""How many measurements are enough: the filter's covariance over arrival rates and bursts."""
+"""The filter's covariance over arrival rates and bursts: how many measurements are enough."""

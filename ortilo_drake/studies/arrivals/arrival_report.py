@@ -1,4 +1,4 @@
-"""The bounds over the arrival rates and the classical critical rate, as plain data."""
+"""The report on arrivals: the bounds over the arrival rates and the critical rate, as plain data."""
 
 from collections.abc import Sequence
 

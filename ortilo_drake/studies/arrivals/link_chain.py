@@ -1,4 +1,4 @@
-"""The arrivals of uwb and camera as their links have them, as one Markov chain."""
+"""The arrivals of uwb and camera behind their links, as one Markov chain."""
 
 from math import lcm
 

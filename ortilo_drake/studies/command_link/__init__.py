@@ -1,1 +1,1 @@
-"""What a lossy, late command link does to the loop."""
+"""The flying loop behind a command link that loses or delays commands."""

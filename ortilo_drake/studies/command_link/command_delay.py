@@ -5,8 +5,8 @@ still get u_{k-d} for the first (1 - theta) h and then u_{k-d+1}, so with Gamma(
 
     x_{k+1} = Phi x_k + (Gamma(h) - Gamma(theta h)) u_{k-d} + Gamma(theta h) u_{k-d+1},
 
-exact (K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", on systems with time delay). The loop is stable if
-and only if the product of the augmented matrices over the sensors' period has spectral radius below 1.
+which is exact (K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", on systems with time delay). The loop is
+stable if and only if the product of the augmented matrices over the sensors' period has spectral radius below 1.
 """
 
 import math

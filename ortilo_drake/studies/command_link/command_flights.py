@@ -1,4 +1,4 @@
-"""Flights behind a lossy or late command link, beside what the theory says of them."""
+"""Flights behind a lossy or late command link, compared with the theory's prediction."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence

@@ -1,12 +1,13 @@
 """The flying loop with a link between the command and the rotors, as matrices.
 
-At hover z_{k+1} = F z_k + G a_k + n_k with z = [x; xhat; i], the command u_k = -L z_k and a_k what the rotors get of
-it. Filter and integrator know the command alone: their part of it is in F. Behind a link of delay d the state grows to
+At hover z_{k+1} = F z_k + G a_k + n_k. The state is z = [x; xhat; i], the command is u_k = -L z_k, and a_k is the
+control that reaches the rotors. Filter and integrator know the command, not a_k, so their response to it is in F.
+Behind a link of delay d the state grows to
 
     [z; a_{k-1}; u_{k-1}; ...; u_{k-d}]    (a_{k-1} only where lost packets are held),
 
-a_k = u_{k-d} where it arrives, else a_{k-1} ('hold') or 0 ('zero'). Whether a packet is lost at sending or at arrival
-makes no difference in law, the delay being constant.
+a_k is u_{k-d} if that arrives, else a_{k-1} ('hold') or 0 ('zero'). The delay is constant, so a packet lost at sending
+and one lost at arrival have the same statistics.
 """
 
 import math
@@ -14,18 +15,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_U, N_X, SENSORS, STATE_NAMES
+from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.hover_loop import (
-    N_LOOP,
-    HoverLoop,
-    arrivals_of,
-    closed_loop_matrix,
-    hover_loop,
-    loop_gain,
-)
+from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, hover_loop, open_loop
 from ortilo_drake.theory.modes.modes import unseen_modes
 
 SETTLED = 1e-13  # relative change of the periodic covariance at which it counts as steady
@@ -105,12 +99,10 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
         states = ", ".join(f"eigenvalue {mode.eigenvalue.real:g} of {' '.join(mode.states)}" for mode in unseen)
         raise InputError(f"sensors: {', '.join(scenario.sensors) or 'none'}: leave unseen {states}")
     Ks, _ = periodic_predictor(loop.Phi, loop.C, loop.W, V, deltas)
-    G = np.zeros((N_LOOP, N_U))
-    G[:N_X] = loop.Gamma
-    L = loop_gain(loop)
-    F = np.array([closed_loop_matrix(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]) + G @ L
+    ticks = [open_loop(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]
+    F = np.array([tick.A for tick in ticks])
     N = np.array([_noise(loop, K, delta, V) for K, delta in zip(Ks, deltas, strict=True)])
-    return CommandedLoop(F, G, L, N)
+    return CommandedLoop(F, ticks[0].B, ticks[0].C, N)
 
 
 def _noise(loop: HoverLoop, K: np.ndarray, delta: np.ndarray, V: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The cost of lost control packets: mean-square stability and the second moment of the flying loop at hover.
 
-A packet lost in a tick leaves the rotors with the last command ('hold') or at hover ('zero'), and filter and servo do
-not learn of it. The loop is then jump-linear (command_loop.py), and stable in mean square if and only if the second
+When a packet is lost, the rotors keep the last command ('hold') or return to hover ('zero'). Filter and servo do not
+know of the loss. The loop is then jump-linear (command_loop.py), and stable in mean square if and only if the second
 moment's operator has spectral radius below 1 (jump_linear.py: Costa, Fragoso and Marques).
 
 Mean-square instability is not loss of every flight: the second moment may diverge through rare bursts while almost
@@ -10,17 +10,11 @@ every flight converges. Nor does stability keep a flight near hover, where the m
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, Loss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_chain, loss_of
 from ortilo_drake.studies.command_link.command_loop import CommandedLoop, behind_a_link, commanded_loop, growing_modes
-from ortilo_drake.theory.jump_linear.jump_linear import (
-    MARGIN,
-    JumpLinear,
-    mean_square_radius,
-    steady_second_moment,
-)
+from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius
 
 
 def lossy_loop(loop: CommandedLoop, link: CommandLink) -> JumpLinear:
@@ -76,15 +70,3 @@ def largest_loss(
         middle = (low + high) / 2.0
         low, high = (middle, high) if is_stable(middle) else (low, middle)
     return low
-
-
-def deviation(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> np.ndarray:
-    """Return E[x x^T] (12 x 12), hovering behind the scenario's command link, the mean over a period.
-
-    Noise is as the filter believes it: W of the scenario and this V.
-
-    Raises:
-        InputError: if the loop is not mean-square stable.
-    """
-    system = lossy_loop(commanded_loop(scenario, V, deltas), scenario.command_link)
-    return steady_second_moment(system).mean(axis=0)[:N_X, :N_X]

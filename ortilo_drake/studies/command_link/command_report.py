@@ -1,4 +1,4 @@
-"""The report on the command link: how much loss and delay the flying loop bears, in one dict."""
+"""The report on the command link: the loss and the delay that the flying loop tolerates, as plain data."""
 
 from typing import Any
 

@@ -1,1 +1,1 @@
-"""Whether the filter's covariance is honest: NEES, NIS, whiteness over flights."""
+"""Consistency of the filter's covariance with its errors: NEES, NIS and whiteness over flights."""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.metrics import position_nees
-from ortilo_drake.studies.consistency.consistency_flights import flown, in_blackout
+from ortilo_drake.studies.consistency.consistency_flights import finite_part, in_blackout
 from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.theory.consistency.consistency import average_band, ensemble_average
 from ortilo_drake.views.figures import TITLE
@@ -32,7 +32,7 @@ _COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     """Draw the flights' average NEES of position at each tick, its 95 % band and how many are in a blackout."""
-    whole = [flown(flight) for flight in flights]
+    whole = [finite_part(flight) for flight in flights]
     average, count = ensemble_average([position_nees(flight) for flight in whole])
     time = np.arange(len(average)) * scenario_of(flights[0]).h
     low, high = average_band(3, count)
@@ -44,7 +44,7 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     axes.plot(time, np.maximum(average, 1e-4), color="k", lw=0.9, label=f"mean of {len(flights)} flights")
     axes.axhline(3.0, color=_BLUE, lw=0.8, ls="--")
     axes.set_yscale("log")
-    # A bar below the curve: dark where all flights are without UWB.
+    # The bar below the curve shows the share of flights in a UWB blackout, dark where it is all of them.
     bar = axes.inset_axes((0.0, 0.0, 1.0, 0.035))
     bar.imshow((black / count)[np.newaxis], aspect="auto", cmap="Greys", vmin=0.0, vmax=1.0)
     bar.set_axis_off()
@@ -114,7 +114,7 @@ def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
 
 
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
-    """Draw what tuning changed: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
+    """Draw the effect of a tuning: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
     fit = tuning.fit
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(11, 0.32 * len(fit.values) + 2.2), layout="constrained")

@@ -15,8 +15,8 @@ from ortilo_drake.theory.consistency.consistency import normalized_square, time_
 from ortilo_drake.theory.consistency.whiteness import normalized_innovations, whiteness_report
 from ortilo_drake.world.radio.link import blackout_rows
 
-START = 3.0  # a flight starts without the error that P_0 speaks of; its first seconds are apart [s]
-AFTER = 3.0  # how long a blackout is said to be just over [s]
+START = 3.0  # first seconds of a flight, reported apart: it starts with less error than P_0 says [s]
+AFTER = 3.0  # length of the region after a blackout [s]
 LAGS = 15
 REGIONS: Final = ("all", "start", "blackout", "after", "clear", "outside")
 
@@ -30,11 +30,11 @@ def in_blackout(truth: np.ndarray, scenario: Scenario) -> np.ndarray:
     return black
 
 
-def regions(flight: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return masks over ticks.
+def region_masks(flight: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the masks over ticks (n) of each region of a flight, by name.
 
-    'start' is the first START seconds; of the rest, 'blackout' is in one, 'after' within AFTER seconds of the end of
-    one, 'clear' neither, and 'outside' is all but 'blackout', the start included.
+    'start' is the first START seconds. Of the rest, 'blackout' is in a blackout, 'after' is within AFTER seconds of
+    the end of one, and 'clear' is neither. 'outside' is all but 'blackout', the start included.
     """
     scenario = scenario_of(flight)
     black = in_blackout(flight["truth"].values, scenario)
@@ -53,8 +53,8 @@ def regions(flight: xr.Dataset) -> dict[str, np.ndarray]:
     }
 
 
-def flown(flight: xr.Dataset) -> xr.Dataset:
-    """Return the flight without the end of one that diverged, where nothing is finite any more."""
+def finite_part(flight: xr.Dataset) -> xr.Dataset:
+    """Return the flight up to its last finite tick; a flight that diverged ends in NaN or inf."""
     finite = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     return flight.isel(tick=finite & np.isfinite(flight["covariance"].values).all(axis=(1, 2)))
 
@@ -80,7 +80,7 @@ def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray
 
 
 def check_same_scenario(flights: Sequence[xr.Dataset], names: Sequence[str] | None = None) -> Scenario:
-    """Return the scenario that all flights are of, but for the seed.
+    """Return the scenario that all flights share, their seeds aside.
 
     Raises:
         InputError: if there is no flight, or two are of different scenarios; names say which files they are from.
@@ -104,7 +104,7 @@ DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
 def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
     """Return how consistent the filter was on flights of one scenario, as plain data.
 
-    Lost flights count up to their loss. See time_average and whiteness_report for what each entry holds.
+    Lost flights count up to their loss. The entries are those of time_average and whiteness_report.
 
     Returns:
         scenario, flights, lost, nees[position, x, y, z, state][region], nis[sensor][region], whiteness[sensor]; None
@@ -114,8 +114,8 @@ def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
         InputError: if there is no flight or they are not of one scenario.
     """
     scenario = check_same_scenario(flights)
-    whole = [flown(flight) for flight in flights]
-    masks = [regions(flight) for flight in whole]
+    whole = [finite_part(flight) for flight in flights]
+    masks = [region_masks(flight) for flight in whole]
     series = [
         nees_series(f["estimate"].values[:, :N_X] - f["truth"].values, f["covariance"].values[:, :N_X, :N_X])
         for f in whole

@@ -1,1 +1,1 @@
-"""What late measurements cost, and what replaying them saves."""
+"""The cost of late measurements, and the gain from replaying them."""

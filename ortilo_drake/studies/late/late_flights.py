@@ -17,7 +17,7 @@ ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
 
 
 class LateLinks(NamedTuple):
-    """What every sensor's link does, and what the command's does.
+    """Loss and delay of the sensors' links, all alike, and of the command link.
 
     Attributes:
         loss: probability that a message is lost, independently.
@@ -34,7 +34,7 @@ class LateLinks(NamedTuple):
     command_delay: int = 0
 
 
-# 40 ms +- 20 ms: what is sent at t_k and arrives 20 to 60 ms later is used one or two ticks later at 30 Hz, two to
+# 40 ms +- 20 ms: a message sent at t_k arrives 20 to 60 ms later and is used one or two ticks later at 30 Hz, two to
 # six at 100 Hz.
 AT_30_HZ: Final = LateLinks()
 AT_100_HZ: Final = LateLinks(delay=2, random_delay=4)
@@ -73,7 +73,7 @@ def late_flights(
         scenario: the scenario; its links' loss and delay, its seed and its filter.delay are not used.
         seeds: the seeds.
         out: folder for the flights.
-        links: what happens to the messages.
+        links: loss and delay of the messages.
         workers: worker processes; 1 flies in this process.
         progress: called with each mode's entry of the report.
 

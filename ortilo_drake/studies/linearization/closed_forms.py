@@ -1,4 +1,4 @@
-"""The matrices of every part at hover and yaw 0 in closed form, without Drake, and how far Drake's are from them."""
+"""The closed forms of every part's matrices at hover and yaw 0, and their distance from Drake's."""
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def servo_matrix(scenario: Scenario) -> np.ndarray:
     if scenario.servo.form == "paper":
         feed[:] = 0.0
     L = loop_gain(loop)
-    return np.hstack([-L[:, N_X:], feed, -L[:, 6 : N_X if loop.lends_velocities else 6]])
+    return np.hstack([-L[:, N_X:], feed, -L[:, list(loop.true_states)]])
 
 
 def closed_loop_input(scenario: Scenario, delta: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A tick of the diagram that flies as a matrix, by differences, beside the closed form."""
+"""The matrix of one tick of the flying diagram, by central differences, compared with the closed form."""
 
 from typing import Any, NamedTuple
 
@@ -17,14 +17,14 @@ from ortilo_drake.studies.loop.hover_loop import N_LOOP, closed_loop_matrix, hov
 
 
 class FlownTick(NamedTuple):
-    """A tick of the diagram that flies as a matrix, beside the closed form.
+    """The matrix of one tick of the flying diagram, and the closed form.
 
     Attributes:
         A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} by differences (27 x 27).
         expected: closed_loop_matrix with the gain of that tick (27 x 27).
         K: the filter's gain in that tick (12 x 9).
-        delta: what arrived in it (3).
-        gain_change: by how much P changed over a period of the sensors, relative to its largest entry.
+        delta: the arrivals in it (3).
+        gain_change: change of P over a period of the sensors, relative to its largest entry.
     """
 
     A: np.ndarray
@@ -56,15 +56,15 @@ def without_noise(scenario: Scenario) -> Scenario:
 
 
 def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e-5) -> FlownTick:
-    """Return a tick of the closed loop that flies (diagrams/closed_loop.py), by central differences, and its matrix.
+    """Return the matrix of a tick of the flying closed loop (diagrams/closed_loop.py), by central differences.
 
-    It hovers without noise, see without_noise, with ranging, multilateration, imu, handler and filter in place, until
-    that tick. Then vehicle and estimate are moved in the Context, one state at a time, and the tick's update is read.
+    Until that tick the loop hovers without noise (see without_noise), with ranging, multilateration, imu, handler and
+    filter in place. Then each state of vehicle and estimate is moved in the Context, and the tick's update is read.
 
     Args:
         scenario: the scenario.
         tick: k, late enough for a steady gain (gain_change says how steady it is) and at least a period of the
-            sensors; what arrives in it decides which matrix it is.
+            sensors; the arrivals in it decide which matrix it is.
         step: how far each state is moved.
     """
     ideal = without_noise(scenario)

@@ -1,7 +1,7 @@
-"""Gramians over a horizon, and their conditions: how well the states are seen and reached.
+"""Observability and controllability Gramians over a finite horizon, and their condition numbers.
 
-There is no infinite Gramian here: with every eigenvalue at 1 the sum diverges, as k^7 where a position is seen and as
-k^3 where an angle is, and X = Phi^T X Phi + C^T C has no solution. So the horizon decides how well a state is seen.
+The infinite Gramian does not exist here. Every eigenvalue is 1, so the sum diverges, as k^7 where a position is seen
+and as k^3 where an angle is, and X = Phi^T X Phi + C^T C has no solution. The numbers depend on the horizon.
 """
 
 from typing import NamedTuple

@@ -41,7 +41,7 @@ def _gramian(gramian: Gramian) -> dict[str, Any]:
 
 
 def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray | None = None) -> dict[str, Any]:
-    """Return what Drake's matrices, eigenvalues, controllability and observability come to, ready for JSON.
+    """Return the figures of Drake's matrices, eigenvalues, controllability and observability, ready for JSON.
 
     Keys: scenario, h, sensors; agreement (largest differences by part and matrix); flown (that of a tick of the flying
     diagram, by what arrives in it); eigenvalues as [real, imaginary] of plant (continuous), sampled_plant, servo_loop
@@ -52,7 +52,8 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     Args:
         scenario: the scenario.
         horizon: of the Gramians [s].
-        V: covariance of the measurements (9 x 9) for the filter's gain, such as fix_covariance.V_at; see frozen_gain.
+        V: covariance of the measurements (9 x 9) for the filter's gain, such as fix_noise gives;
+            see frozen_gain.
 
     Raises:
         InputError: naming the modes, if the sensors leave some unseen that do not decay.

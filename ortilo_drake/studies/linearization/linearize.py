@@ -1,8 +1,8 @@
-"""Any part of the flying diagram linearised by Drake's automatic differentiation; closed_forms.py has the same by hand.
+"""Linearisation of the flying diagram's parts by Drake's automatic differentiation; by hand in closed_forms.py.
 
-At rest Drake's Linearize is asked, which refuses what is no equilibrium; elsewhere its FirstOrderTaylorApproximation.
-Both take a system with one group of discrete states; the closed loop has two (vehicle and filter), so its update, a
-tick of the whole diagram, is differentiated here in the same way, in AutoDiffXd.
+At rest Drake's Linearize is used, which refuses a point that is no equilibrium; in motion FirstOrderTaylorApproximation
+is. Both take systems with one group of discrete states. The closed loop has two (vehicle and filter), so one tick of
+the whole diagram is differentiated here in the same way, with AutoDiffXd.
 """
 
 from typing import Any, NamedTuple
@@ -57,24 +57,25 @@ class Linearization(NamedTuple):
 def differentiate_tick(diagram: Diagram, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return A, B, C, D of one tick of a discrete diagram with one input and one output, by AutoDiffXd.
 
-    The state is that of its groups one after another. As Drake's FirstOrderTaylorApproximation, which takes one group.
+    The state is the diagram's groups of discrete states one after another. Drake's FirstOrderTaylorApproximation does
+    the same for one group.
     """
-    copy = diagram.ToAutoDiffXd()
-    its = copy.CreateDefaultContext()
-    its.SetTimeStateAndParametersFrom(context)
+    diagram_ad = diagram.ToAutoDiffXd()
+    context_ad = diagram_ad.CreateDefaultContext()
+    context_ad.SetTimeStateAndParametersFrom(context)
     state = context.get_discrete_state()
     groups = [state.value(k) for k in range(state.num_groups())]
     n = sum(map(len, groups))
     point = np.concatenate([*groups, diagram.get_input_port().Eval(context)])
     values: np.ndarray = InitializeAutoDiff(point[:, None])[:, 0]
-    first = 0
+    start = 0
     for k, group in enumerate(groups):
-        its.SetDiscreteState(k, values[first : first + len(group)])
-        first += len(group)
-    copy.get_input_port().FixValue(its, values[n:])
-    after = copy.EvalUniquePeriodicDiscreteUpdate(its)
+        context_ad.SetDiscreteState(k, values[start : start + len(group)])
+        start += len(group)
+    diagram_ad.get_input_port().FixValue(context_ad, values[n:])
+    after = diagram_ad.EvalUniquePeriodicDiscreteUpdate(context_ad)
     AB = ExtractGradient(np.concatenate([after.value(k) for k in range(len(groups))])[:, None])
-    CD = ExtractGradient(copy.get_output_port().Eval(its)[:, None])
+    CD = ExtractGradient(diagram_ad.get_output_port().Eval(context_ad)[:, None])
     return AB[:, :n], AB[:, n:], CD[:, :n], CD[:, n:]
 
 
@@ -92,7 +93,7 @@ def linearize(
         part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo' or 'closed_loop'. The closed loop is
             the sampled plant with servo and frozen filter, from the reference to x, state [x; xhat; i].
         reference: r, r_dot, r_ddot (9), see reference_at; by default hover at the origin. The heading is the servo's.
-        lag: 'up' or 'down': which of the rotors' time constants, see above.
+        lag: 'up' or 'down': which of the rotors' time constants, see operating_point.py.
         frozen: K (12 x 9) and delta (3) of the closed loop's filter; by default frozen_gain.
 
     Raises:

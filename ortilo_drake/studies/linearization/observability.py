@@ -1,8 +1,8 @@
 """Observability: the states that each set of sensors sees.
 
-A sensor that speaks on every m-th tick only sees the same states: the unobservable subspace of (Phi^m, C) is that of
-(Phi, C) where no two eigenvalues of Phi differ by an m-th root of 1 (R. E. Kalman, Y. C. Ho, K. S. Narendra, 1963), and
-here all are equal.
+A sensor that sends only on every m-th tick sees the same states. The unobservable subspaces of (Phi^m, C) and (Phi, C)
+are equal unless two eigenvalues of Phi differ by an m-th root of 1 (R. E. Kalman, Y. C. Ho, K. S. Narendra, 1963), and
+here all eigenvalues are 1.
 """
 
 import numpy as np
@@ -30,9 +30,9 @@ def check_sensors(scenario: Scenario) -> None:
 def unobservable_states(scenario: Scenario) -> dict[str, list[str]]:
     """Return the states that stay unknown with each subset of the scenario's sensors.
 
-    State j is listed if its unit vector e_j has a component in the unobservable subspace N, that is if it is not
-    orthogonal to it. Exactly the other states are combinations of the outputs of finitely many ticks: e_j lies in N's
-    complement, the row space of [C; C Phi; C Phi^2; ...].
+    State j is listed if its unit vector e_j is not orthogonal to the unobservable subspace N. For every other state
+    e_j lies in N's complement, the row space of [C; C Phi; C Phi^2; ...], so the state is a combination of the outputs
+    of finitely many ticks.
     """
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     table = {}

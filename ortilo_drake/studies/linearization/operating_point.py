@@ -1,9 +1,8 @@
 """Operating points of the linearisations: state and control, the rotors' lag, the filter's gain.
 
-Rotors. A rotor's lag is (commanded - speed) / tau with one tau speeding up and another slowing down: at error 0 it has
-a derivative to either side and none in between, and the motion nearby follows one or the other, rotor by rotor. So the
-linearisation is that of a vehicle with one of the two for all rotors, 'up' or 'down'. 'down', the slower, is what
-is taken unless asked: it leaves the larger phase lag, and a loop is to be stable with either.
+Rotors. A rotor's lag is (commanded - speed) / tau, with one tau for speeding up and another for slowing down. At error
+0 it therefore has two one-sided derivatives and no derivative. The linearisation takes one tau for all rotors, 'up' or
+'down'. The default is 'down', the slower one: it has the larger phase lag. A loop must be stable with either.
 """
 
 import numpy as np
@@ -17,7 +16,7 @@ from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, hover_loop, steady_predictor
 
 LAGS = ("up", "down")
-# A position sensor whose covariance comes with each fix: the paper's printed variances stand in [m^2].
+# Stand-ins for a position sensor whose covariance comes with each fix: the variances printed in the paper [m^2].
 PRINTED_V = {"uwb": (0.05, 0.05, 0.05), "camera": (0.08, 0.08, 0.08)}
 
 
@@ -85,5 +84,5 @@ def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.nda
 
 
 def heading_ahead(scenario: Scenario) -> Scenario:
-    """Return the scenario at yaw 0, where the closed forms are."""
+    """Return the scenario at yaw 0, for which the closed forms hold."""
     return scenario.model_copy(update={"servo": scenario.servo.model_copy(update={"yaw": 0.0})})

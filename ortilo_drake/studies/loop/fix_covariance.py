@@ -1,10 +1,10 @@
-"""Covariance of a position fix at a place: the one that the filter would be told there.
+"""Covariance of a position fix at a place, as the filter would receive it there.
 
 Nothing is derived here anew. The ranges and boxes of the place, without noise, go through the very systems that fly
 (multilateration, landmark fix), and what comes out is V_2 and whether there is a fix at all.
 
-What the camera finds is random; here it finds each landmark that it finds more often than not. The landmark fix
-believes of the attitude what the filter, fed by the IMU alone, believes of it in the long run.
+The camera finds landmarks at random. Here it finds those whose detection rate is at least one half. The landmark fix
+takes the attitude's covariance from a filter that has long been fed by the IMU alone.
 """
 
 from functools import lru_cache
@@ -139,7 +139,7 @@ def range_fix_at(scenario: Scenario, x: np.ndarray, uwb: np.ndarray) -> np.ndarr
 
 
 class FixNoise(NamedTuple):
-    """What would reach the filter at a place.
+    """The noise of the fixes at a place, and which there are.
 
     Attributes:
         V: covariance of each sensor's value, by name [m^2], [rad^2]; the identity where it gives none.

@@ -1,6 +1,6 @@
-"""The flying loop at hover as matrices: what the theory starts from.
+"""The flying loop at hover as matrices. All linear studies use these.
 
-Everything is per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
+All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
 the filter's prediction of it, and the integral of the position error.
 """
 
@@ -16,8 +16,10 @@ from ortilo_drake.onboard.estimator.kalman_filter import process_noise
 from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 
 N_LOOP = N_X + N_XBAR
+VELOCITIES = tuple(range(N_X // 2, N_X))  # numbers of the states that are velocities or Euler rates
 
 
 class HoverLoop(NamedTuple):
@@ -31,7 +33,8 @@ class HoverLoop(NamedTuple):
         L: servo gain, u = -L [xhat; i], or as loop_gain has it (4 x 15).
         h: tick [s].
         integrator: 'literal', 'hold' or 'estimate'.
-        lends_velocities: whether the servo gets the true velocities and Euler rates in place of the estimated ones.
+        true_states: numbers of the states that the servo gets from the truth in place of the estimate; VELOCITIES in
+            the paper's scenarios.
     """
 
     Phi: np.ndarray
@@ -41,7 +44,7 @@ class HoverLoop(NamedTuple):
     L: np.ndarray
     h: float
     integrator: str
-    lends_velocities: bool
+    true_states: tuple[int, ...]
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:
@@ -49,8 +52,8 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
     L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
-    lends = scenario.servo.velocities == "truth"
-    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.servo.integrator, lends)
+    true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
+    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.servo.integrator, true_states)
 
 
 def arrivals_of(sensors: tuple[str, ...]) -> np.ndarray:
@@ -65,7 +68,7 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
     """Return K = Phi P C^T (C P C^T + V)^-1 and P, the steady one-step predictor of x.
 
     P = Phi P Phi^T + W - Phi P C^T (C P C^T + V)^-1 C P Phi^T, the filter's DARE. (Phi, C) must be detectable and V
-    positive definite; theory/riccati/riccati.py checks both and says what is wrong.
+    positive definite; theory/riccati/riccati.py checks both.
     """
     P = solve_discrete_are(Phi.T, C.T, W, V)
     K = np.linalg.solve(C @ P @ C.T + V, C @ P @ Phi.T).T
@@ -75,40 +78,48 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
 def loop_gain(loop: HoverLoop) -> np.ndarray:
     """Return the servo gain on the whole loop's state, u = -L [x; xhat; i] (4 x 27).
 
-    x has columns where the servo is given the true velocities and Euler rates, which then take those of their xhat.
+    The columns of the true states stand at x, all others at xhat.
     """
-    L = np.hstack([np.zeros((N_U, N_X)), loop.L])
-    if loop.lends_velocities:
-        true, believed = slice(N_X // 2, N_X), slice(N_X + N_X // 2, 2 * N_X)
-        L[:, true], L[:, believed] = L[:, believed].copy(), 0.0
-    return L
+    at_xhat, of_integral = loop.L[:, :N_X].copy(), loop.L[:, N_X:]
+    at_x = np.zeros_like(at_xhat)
+    true = list(loop.true_states)
+    at_x[:, true], at_xhat[:, true] = at_xhat[:, true], 0.0
+    return np.hstack([at_x, at_xhat, of_integral])
 
 
-def closed_loop_matrix(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Return A_cl (27 x 27) of [x; xhat; i] in a tick with those arrivals, reference 0 and no noise.
+def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
+    """Return the loop opened at the plant's input, in a tick with those arrivals, reference 0 and no noise.
 
-        u_k        = -L [x; xhat; i], L of loop_gain
-        x_{k+1}    = Phi x + Gamma u
-        xhat_{k+1} = Phi xhat + Gamma u + K Delta C (x - xhat)
+    The state is z = [x; xhat; i] (27), the input is a, the control that reaches the plant, and the output is v = L z,
+    L of loop_gain. The filter knows the command -v alone:
+
+        x_{k+1}    = Phi x + Gamma a
+        xhat_{k+1} = Phi xhat - Gamma v + K Delta C (x - xhat)
         i_{k+1}    = i - E C x, or i - p_hat with the integrator 'estimate'  (paper, equations of servo and filter)
 
+    Where all states are true the integral takes the true position.
+
     Args:
-        loop: the loop.
+        loop: the matrices at hover.
         K: predictor gain (12 x 9) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals of uwb, camera, imu (3).
     """
-    KDC = K @ arrival_matrix(delta) @ loop.C
-    by_control = loop.Gamma @ loop_gain(loop)
-    A = np.zeros((N_LOOP, N_LOOP))
-    x, xhat, i = slice(0, N_X), slice(N_X, 2 * N_X), slice(2 * N_X, N_LOOP)
-    A[x, x] = A[xhat, xhat] = loop.Phi
-    A[x] -= by_control
-    A[xhat] -= by_control
-    A[xhat, x] += KDC
-    A[xhat, xhat] -= KDC
-    A[i, i] = np.eye(N_I)
-    if loop.integrator == "estimate":
-        A[i, xhat] = -np.eye(N_I, N_X)
+    Phi, Gamma, L = loop.Phi, loop.Gamma, loop_gain(loop)
+    KDC, EC = K @ arrival_matrix(delta) @ loop.C, selection_matrix(delta) @ loop.C
+    p, none, eye = np.eye(N_I, N_X), np.zeros((N_I, N_X)), np.eye(N_I)
+    no_x, no_i = np.zeros((N_X, N_X)), np.zeros((N_X, N_I))
+    if len(loop.true_states) == N_X:
+        i_rows = [-p, none, eye]
+    elif loop.integrator == "estimate":
+        i_rows = [none, -p, eye]
     else:
-        A[i, x] = -selection_matrix(delta) @ loop.C
-    return A
+        i_rows = [-EC, none, eye]
+    A = np.block([[Phi, no_x, no_i], [KDC, Phi - KDC, no_i], i_rows])
+    A[N_X : 2 * N_X] -= Gamma @ L
+    B = np.vstack([Gamma, np.zeros((N_XBAR, N_U))])
+    return OpenLoop(A, B, L)
+
+
+def closed_loop_matrix(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Return A_cl (27 x 27) of [x; xhat; i] in a tick with those arrivals; arguments as open_loop, closed by a = -v."""
+    return closed(open_loop(loop, K, delta))

@@ -5,16 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_sylvester
 
-from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_X, STATE_NAMES
+from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_Y, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.measurement_handler import selection_matrix
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows
-from ortilo_drake.studies.loop.hover_loop import HoverLoop, arrivals_of
+from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, open_loop
 from ortilo_drake.theory.margins.loop_response import OpenLoop
 from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.riccati.riccati import solve
-
-VELOCITIES = range(6, 12)
 
 
 class InputLoop(NamedTuple):
@@ -23,7 +20,7 @@ class InputLoop(NamedTuple):
     Attributes:
         loop: from the control that reaches the plant, a, to v = L [xhat; i]; closed by a = -v.
         lost: names of the vehicle's states that no sensor sees; they feed nothing back and are left out of the loop.
-        names: of the loop's states: the vehicle's, the filter's with a hat, the integrals.
+        names: names of the loop's states: the vehicle's, the filter's with a hat, the integrals.
     """
 
     loop: OpenLoop
@@ -31,16 +28,17 @@ class InputLoop(NamedTuple):
     names: tuple[str, ...]
 
 
-def lasting_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the steady predictor's gain K (12 x p) of the rows of C, and the names of the states that are not seen.
 
-    Where some modes are not seen, their covariance grows without bound, yet the gain has a limit: split as
-    x = [s; l], s seen and l lost, with Phi = [[Phi_s, 0], [Phi_ls, Phi_l]] and C = [C_s, 0]. P_s solves s's own
-    Riccati equation; the covariance between l and s has the limit
+    The covariance of unseen modes grows without bound, yet the gain has a limit. Split the state as x = [s; l], s seen
+    and l lost, with Phi = [[Phi_s, 0], [Phi_ls, Phi_l]] and C = [C_s, 0]. P_s solves s's own Riccati equation. The
+    covariance between l and s has the limit
 
         P_ls = Phi_l P_ls F^T + Phi_ls P_s F^T + W_ls,   F = Phi_s - K_s C_s,
 
-    as the radius of Phi_l times that of F is below 1; and K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T + V)^-1.
+    because the radius of Phi_l times that of F is below 1. Then
+    K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T + V)^-1.
 
     Args:
         Phi: (12 x 12).
@@ -49,7 +47,7 @@ def lasting_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -
         V: (p x p).
 
     Raises:
-        InputError: if what is not seen is not a set of whole states, or the seen part's equation is ill-posed.
+        InputError: if the unseen modes are not whole states, or the seen part's equation is ill-posed.
     """
     lost_names = {name for mode in unseen_modes(Phi, C, STATE_NAMES) for name in mode.states}
     l = np.array([name in lost_names for name in STATE_NAMES])  # noqa: E741 - the letter of the equations
@@ -76,43 +74,27 @@ def input_loop(
 ) -> InputLoop:
     """Return the loop at the plant's input with the steady predictor of those sensors, each in every tick.
 
-        x_{k+1}    = Phi x + Gamma a
-        xhat_{k+1} = Phi xhat - Gamma v + K (y - C xhat),   v = L [xhat; i], or with true states in place of their xhat
-        i_{k+1}    = i - E y, or i - p_hat with the integrator 'estimate'
+    It is hover_loop.open_loop without the states that no sensor sees.
 
     Args:
-        hover: the scenario's matrices.
+        hover: the scenario's matrices; its own true_states are not used.
         V: covariance of all nine measurements (9 x 9).
         sensors: which of uwb, camera and imu arrive.
         true_states: numbers of the states that the servo has from the truth; VELOCITIES for the paper's scenarios,
             all twelve for full state feedback, whose integral then follows the true position.
     """
+    hover = hover._replace(true_states=true_states)
     delta = arrivals_of(sensors)
     rows, V = arrived_rows(sensors, V)
-    C = hover.C[rows]
-    K, lost = lasting_gain(hover.Phi, C, hover.W, V)
-    lost = tuple(name for name in lost if STATE_NAMES.index(name) not in true_states)
-    T = np.zeros((N_X, N_X))  # selects the true states
-    T[list(true_states), list(true_states)] = 1.0
-    x, xhat, i = slice(0, N_X), slice(N_X, 2 * N_X), slice(2 * N_X, 2 * N_X + N_I)
-    C_v = np.hstack([hover.L[:, :N_X] @ T, hover.L[:, :N_X] @ (np.eye(N_X) - T), hover.L[:, N_X:]])
-    A = np.zeros((2 * N_X + N_I,) * 2)
-    A[x, x] = hover.Phi
-    A[xhat, x], A[xhat, xhat] = K @ C, hover.Phi - K @ C
-    A[xhat] -= hover.Gamma @ C_v
-    A[i, i] = np.eye(N_I)
-    if len(true_states) == N_X:
-        A[i, x] = -np.eye(N_I, N_X)
-    elif hover.integrator == "estimate":
-        A[i, xhat] = -np.eye(N_I, N_X)
-    else:
-        A[i, x] = -selection_matrix(delta) @ hover.C
-    B = np.zeros((len(A), hover.Gamma.shape[1]))
-    B[x] = hover.Gamma
+    K = np.zeros((N_X, N_Y))
+    K[:, rows], unseen = steady_gain(hover.Phi, hover.C[rows], hover.W, V)
+    lost = tuple(name for name in unseen if STATE_NAMES.index(name) not in true_states)
+    whole = open_loop(hover, K, delta)
     names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), *INTEGRAL_NAMES)
     keep = [k for k, name in enumerate(names) if name not in lost]
-    if len(true_states) == N_X:  # the filter then feeds nothing
-        keep = [*range(N_X), *range(2 * N_X, len(A))]
+    if len(true_states) == N_X:  # the servo then uses nothing of the filter
+        keep = [*range(N_X), *range(2 * N_X, N_LOOP)]
     elif hover.integrator != "estimate" and not delta[:2].any():  # no fix: the integral holds still
         keep = [k for k in keep if k < 2 * N_X]
-    return InputLoop(OpenLoop(A[np.ix_(keep, keep)], B[keep], C_v[:, keep]), lost, tuple(names[k] for k in keep))
+    kept = OpenLoop(whole.A[np.ix_(keep, keep)], whole.B[keep], whole.C[:, keep])
+    return InputLoop(kept, lost, tuple(names[k] for k in keep))

@@ -1,8 +1,8 @@
-"""Loop margins of a scenario at the plant's input, nominal and with sensors lost; loop_margins.py says what they are.
+"""Loop margins of a scenario at the plant's input, nominal and with sensors lost; defined in loop_margins.py.
 
-With some states not seen by any sensor the loop has modes of eigenvalue 1 that nothing moves by measurement. They leave
-the loop's transfer function alone, as no output shows them, so the other channels still have margins: without position
-the attitude loops, in which the filter goes on reckoning velocity and position from attitude and control.
+If no sensor sees some states, the loop has modes of eigenvalue 1 that no measurement corrects. No output shows these
+modes, so they do not change the loop's transfer function, and the other channels still have margins. Without position
+these are the attitude loops, and the filter predicts velocity and position from attitude and control alone.
 """
 
 import math
@@ -13,8 +13,8 @@ import numpy as np
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.hover_loop import HoverLoop, hover_loop
-from ortilo_drake.studies.loop.input_loop import VELOCITIES, InputLoop, input_loop
+from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, hover_loop
+from ortilo_drake.studies.loop.input_loop import InputLoop, input_loop
 from ortilo_drake.theory.margins.loop_margins import SILENT, channel_margins, joint_margins
 from ortilo_drake.theory.margins.loop_response import LOWEST, closed, one_channel, response, spectral_radius
 
@@ -31,7 +31,7 @@ def _explain(inner: InputLoop, silent: list[str]) -> str | None:
 
 
 def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
-    """Return, as JSON can hold it, one loop's margins.
+    """Return one loop's margins, ready for JSON.
 
     Args:
         inner: the loop.
@@ -40,7 +40,8 @@ def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
 
     Returns:
         'spectral_radius' of the closed loop; 'channels': control -> channel_margins, None where nothing is fed back;
-        'joint': joint_margins; 'lost': states that no sensor sees; 'note'. An unstable loop has neither.
+        'joint': joint_margins; 'lost': states that no sensor sees; 'note'. 'channels' and 'joint' are
+        None for an unstable loop.
     """
     loop = inner.loop
     radius = spectral_radius(closed(loop))
@@ -57,7 +58,7 @@ def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
     return result | {"channels": channels, "joint": joint_margins(loop, h, R), "note": _explain(inner, silent)}
 
 
-def cases(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
+def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
     """Return the loops of a scenario: nominal, each sensor lost, all position sensors lost, and with true states."""
     present = tuple(s for s in SENSORS if s in sensors)
     if not present:
@@ -66,13 +67,13 @@ def cases(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str
     if {"uwb", "camera"} <= set(present):
         losses["without uwb and camera"] = tuple(s for s in present if s == "imu")
     loops = {name: input_loop(hover, V, left) for name, left in losses.items() if left}
-    loops["true velocities"] = input_loop(hover, V, present, tuple(VELOCITIES))
+    loops["true velocities"] = input_loop(hover, V, present, VELOCITIES)
     loops["full state"] = input_loop(hover, V, present, tuple(range(N_X)))
     return loops
 
 
 def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
-    """Return loop_margins of every case of a scenario, by name, as JSON can hold it.
+    """Return loop_margins of every case of a scenario, by name, ready for JSON.
 
     Args:
         scenario: its sensors are the nominal ones.
@@ -84,4 +85,4 @@ def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
     """
     hover = hover_loop(scenario)
     R = np.array(scenario.servo.weights.control)
-    return {name: loop_margins(inner, hover.h, R) for name, inner in cases(hover, V, scenario.sensors).items()}
+    return {name: loop_margins(inner, hover.h, R) for name, inner in loops_by_case(hover, V, scenario.sensors).items()}

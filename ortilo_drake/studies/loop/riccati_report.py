@@ -10,12 +10,12 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
 from ortilo_drake.studies.loop.hover_loop import hover_loop
-from ortilo_drake.theory.riccati.riccati import RAW, by_drake, number, solve
-from ortilo_drake.theory.riccati.riccati_check import check
-from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, what_solvers_do
+from ortilo_drake.theory.riccati.riccati import RAW, by_drake, json_number, solve
+from ortilo_drake.theory.riccati.riccati_check import assess
+from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, solver_outcomes
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 
-DRAKE_LIFT = 1e-10  # what makes W positive definite for Drake
+DRAKE_LIFT = 1e-10  # times I, added to W: Drake wants it positive definite
 
 Dare = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -26,7 +26,7 @@ def servo_dare(scenario: Scenario) -> Dare:
 
 
 def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> Dare:
-    """Return Phi^T, C^T, W, V of the filter's equation (12 states), of those sensors that the tuple names.
+    """Return Phi^T, C^T, W, V of the filter's equation (12 states) with some of the sensors.
 
     Args:
         scenario: the scenario.
@@ -42,10 +42,10 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
 
 
 def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> dict[str, Any]:
-    """Return check's figures of each solver's X, and how far the solutions lie apart (Frobenius, relatively).
+    """Return the figures of riccati_check.assess for each solver's X, and the solutions' relative Frobenius distances.
 
-    Where Drake refuses a W that is only semidefinite, DRAKE_LIFT I is added for it alone and the note says so; its
-    residual is that of the equation as posed, so it shows the difference.
+    Drake refuses a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so. Its
+    residual is that of the equation as posed, so the residual shows the effect.
 
     Raises:
         InputError: naming the modes, if the equation is ill-posed.
@@ -67,9 +67,9 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> dict[str, 
             rows[solver] = {"note": notes[solver]}
             continue
         X = solutions[solver]
-        figures = {key: number(value) for key, value in check(A, B, Q, R, X)._asdict().items()}
+        figures = {key: json_number(value) for key, value in assess(A, B, Q, R, X)._asdict().items()}
         distances = {
-            other: number(float(np.linalg.norm(X - Y) / np.linalg.norm(Y)))
+            other: json_number(float(np.linalg.norm(X - Y) / np.linalg.norm(Y)))
             for other, Y in solutions.items()
             if other != solver
         }
@@ -86,7 +86,7 @@ def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.n
 
 
 def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
-    """Return, as JSON can hold it, the servo's and every sensor subset's filter equation, and the ill-posed cases.
+    """Return the solutions of the servo's and each sensor subset's filter equation, and the ill-posed cases, for JSON.
 
     Args:
         scenario: the scenario; the subsets are of its sensors.
@@ -94,7 +94,7 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
 
     Returns:
         'servo': solver -> figures. 'filter': 'uwb+camera+imu' and so on -> the same, or {'error': the modes that no
-        sensor sees}. 'ill_posed': case -> {'error': ours, solver: what it does by itself}.
+        sensor sees}. 'ill_posed': case -> solver_outcomes.
     """
     filters: dict[str, Any] = {}
     for name, sensors in reversed(sensor_subsets(scenario.sensors).items()):
@@ -109,5 +109,5 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
     return {
         "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
         "filter": filters,
-        "ill_posed": {case: what_solvers_do(*matrices) for case, matrices in ILL_POSED.items()},
+        "ill_posed": {case: solver_outcomes(*matrices) for case, matrices in ILL_POSED.items()},
     }

@@ -1,1 +1,1 @@
-"""How far the vehicle may leave its path: the tube around it and the corridor."""
+"""The tube about the planned path, and the corridor that it must stay in."""

@@ -1,8 +1,8 @@
-"""The corridor: how far the vehicle may stray from its planned path, and whether a tube stays inside.
+"""The corridor: the distance by which the vehicle may leave its planned path, and whether a tube stays inside.
 
-What loses a flight counts (flight/lost.py): the outline in a wall, or the centre out of the room. So the corridor
-about r_k is the disc that reaches up to the nearest wall, less the vehicle's radius, and up to the room's bounds; in
-height it is what lies between floor and ceiling.
+A flight is lost when the vehicle's outline touches a wall or its centre leaves the room (flight/lost.py). The corridor
+about r_k is therefore a horizontal disc. Its radius is the distance to the nearest wall less the vehicle's radius, or
+the distance to the room's bounds if that is less. In height the corridor reaches from floor to ceiling.
 """
 
 from typing import NamedTuple

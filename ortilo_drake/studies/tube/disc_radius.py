@@ -4,9 +4,9 @@ For z ~ N(m, C) in the plane, turned into C's principal axes (s_1 >= s_2), the p
 
     Q(R) = P(|z_1| > R) + integral_{-R}^{R} f_1(x) P(|z_2| > sqrt(R^2 - x^2)) dx,
 
-f_1 the density of z_1: the tail of a generalised chi-square (J. P. Imhof, "Computing the distribution of quadratic
-forms in normal variables", Biometrika, 1961) as one integral of smooth functions. With x = R sin t it is done by
-Gauss and Legendre's rule. For s_2 = 0 the radius is the 3 sigma of one dimension, for a round C it is 3.44 sigma.
+where f_1 is the density of z_1. This is the tail of a generalised chi-square (J. P. Imhof, "Computing the distribution
+of quadratic forms in normal variables", Biometrika, 1961) as one integral of smooth functions. It is computed by
+Gauss-Legendre quadrature with x = R sin t. At 0.27 % the radius is 3 sigma for s_2 = 0, and 3.44 sigma for a round C.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The planned path tick by tick: what the servo aims at, and what would be measured there."""
+"""The nominal flight: reference, feed-forward, fix covariances and possible arrivals at each tick of the path."""
 
 from typing import NamedTuple
 

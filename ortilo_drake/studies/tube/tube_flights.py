@@ -1,18 +1,18 @@
 """Flights of the nonlinear diagram against the predicted tube.
 
-At each point of a map - a pair of arrival rates of uwb and camera, or an arrival rate and a mean burst of both links -
-the diagram is flown with the same seeds. What is compared, over all flights of a point and all their ticks up to the
-end or the loss:
+A point of a map is a pair of arrival rates of uwb and camera, or an arrival rate and a mean burst of both links. The
+diagram is flown at each point with the same seeds. Two numbers are compared, over all flights of a point and all their
+ticks up to the end or the loss:
 
     contained   the share of ticks whose horizontal deviation from r_k is within the predicted radius R_k;
-    lost        how many flights were lost, and whether the tube's margin says that none should be; what a lost flight
-                would have flown after its loss is in no share.
+    lost        the number of lost flights, and whether the tube's margin says that none should be. The ticks after a
+                loss are in no share.
 
 The prediction *holds* if at least 99 % of the ticks are contained and no flight is lost where the margin is above 0;
-else it *breaks down* there. Successive ticks of a flight are alike, so the interval about the share comes from drawing
-whole flights anew (bootstrap). Beside it stands what the linear theory itself expects of that share, given the very
-arrivals of these seeds (studies/tube/tube_tails.py): where it is below 99 % as well, it is the Gaussian that breaks
-down and not the linearisation.
+else it *breaks down* there. Successive ticks of a flight are correlated, so the interval of the share comes from a
+bootstrap over whole flights. The report also gives the share that the linear theory expects for the arrivals of these
+seeds (studies/tube/tube_tails.py). If that share is below 99 % as well, the Gaussian assumption fails, not the
+linearisation.
 """
 
 import json

@@ -3,11 +3,11 @@
 The level 0 of a map is the lowest arrival rates, or the longest bursts, that keep the 3-sigma tube inside the room's
 corridors.
 
-Bursts are a Gilbert-Elliott chain on each of the two links, independent of each other, that loses everything while bad.
-Its good share is the arrival rate and its mean stay in the bad state the burst, so with a burst of b ticks
-bad_to_good = 1 / b and good_to_bad = (1 - rate) / (rate b). A chain cannot leave the good state more often than every
-tick: bursts shorter than (1 - rate) / rate ticks do not exist. Messages are due on some ticks alone, so a burst shorter
-than the time between two is seen as one loss at most.
+Bursts come from a Gilbert-Elliott chain on each of the two links, independent of each other. A chain loses everything
+while it is bad. Its share of good ticks is the arrival rate, and its mean stay in the bad state is the burst. With a
+burst of b ticks bad_to_good = 1 / b and good_to_bad = (1 - rate) / (rate b). A chain can leave the good state once a
+tick at most, so no burst is shorter than (1 - rate) / rate ticks. A sensor slower than the tick loses at most one
+message in a burst that is shorter than the time between two of its messages.
 """
 
 from collections.abc import Iterable

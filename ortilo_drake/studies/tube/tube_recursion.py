@@ -11,11 +11,12 @@ Hence
 
     e+ = (Phi - K_p C_p) e + w - K_p v_p,       s+ = A_p s + K_p nu_p + d_p,   A_p = Phibar_p - Gammabar L,
 
-where d_p holds what the plan itself does wrong, Phi x_ref + Gamma u_ff - x_ref+, and the reference that
-integrates without a fix ('literal'). With the integrator 'estimate', A_p has the row -[I 0 0] of i and K_p none.
+where d_p holds the error of the plan itself, Phi x_ref + Gamma u_ff - x_ref+, and the reference, which the integrator
+'literal' adds also without a fix. With the integrator 'estimate', A_p has the row -[I 0 0] of i and K_p none.
 
-**The gains.** The filter's own P_k depends on the arrivals' history. In their place stand gains of the expected
-Riccati recursion, one X_j for each state j of the links' Markov chains (pi their transitions, mu_j the chance of j):
+**The gains.** The filter's own P_k depends on the arrivals' history. Its gains are replaced by those of the expected
+Riccati recursion, with one X_j for each state j of the links' Markov chains (pi their transitions, mu_j the chance
+of j):
 
     X_j+ = sum_i mu_i pi_ij sum_p Pr(p | i) [F X_i F^T + W + K_p V_p K_p^T] / mu_j+,   F = Phi - K_p C_p,
     K_p = Phi X_i C_p^T S_p^-1,   S_p = C_p X_i C_p^T + V_p.
@@ -25,7 +26,7 @@ intermittent observations", IEEE TAC, 2004); with Markov losses these are the co
 Marques, "Discrete-Time Markov Jump Linear Systems", 2005, chapter 5. For a filter with these gains, linear in
 the measurements, X_j = E[e e^T | j] exactly.
 
-**The split.** With these very gains E[e s^T | j] = 0 stays 0, for its driving term is
+**The split.** With these gains E[e s^T | j] stays 0, because its driving term is
 E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T = 0. So
 
     M_j+ = sum_i mu_i pi_ij sum_p Pr(p | i) [A_p M_i A_p^T + A_p m_i d_p^T + d_p m_i^T A_p^T + d_p d_p^T
@@ -33,11 +34,11 @@ E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T 
 
 and since x - x_ref = e + (xhat - x_ref), its second moment is X + M (12 x 12) and its mean m.
 
-**What is approximate.** The vehicle is linear, at hover, and W and V are what the filter believes of both. V_p is that
-of fixes on the planned path, and a fix is there where it would be there; blackouts likewise. Errors of successive fixes
-are taken as independent. A measurement that comes late enters as if current, in the filter and here. The filter that
-flies knows its arrivals and so does better than X, but the vehicle's deviation, given its arrivals, is wider at
-times and narrower at others: a mixture, whose tails are longer than the Gaussian's that the tube is drawn from.
+**What is approximate.** The vehicle is linear, at hover, and W and V are the filter's own. V_p, the possible fixes and
+the blackouts are those on the planned path. Errors of successive fixes are taken as independent. A late measurement
+enters as if it were current, in the filter and here. The filter that flies knows its arrivals, so its error is less
+than X. The vehicle's deviation given its arrivals is wider at some times and narrower at others: it is a mixture, and
+its tails are longer than those of the Gaussian that gives the tube.
 """
 
 import numpy as np

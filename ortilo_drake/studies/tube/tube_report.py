@@ -1,4 +1,4 @@
-"""The tube of a scenario over arrival rates and bursts, and the flights that check it, for `ortilo analyze`."""
+"""The report on the tube over arrival rates and bursts, and on the flights that check it, for `ortilo analyze`."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,14 +1,15 @@
-"""Tails of the tube: how often the vehicle leaves it by the linear theory, as a mixture of Gaussians.
+"""Tails of the tube: the probability, by the linear theory, that the vehicle is outside it.
 
 Given which messages arrive, the linear loop's deviation is Gaussian, with the filter's own P_k for X. Over random
 arrivals it is a mixture: after a long gap it is wide, after a fix it is narrow. The tube takes the covariance of that
 mixture for the covariance of a Gaussian. The mixture's tails are longer, so the vehicle leaves a tube of 3 sigma more
-often than in 0.27 % of the ticks; how often is
+often than in 0.27 % of the ticks. The share of ticks outside is
 
     E[Q(R_k | arrivals)],   Q the probability of leaving the disc, see disc_radius.py,
 
-and the radius that it leaves with 0.27 % is where that mean is 0.27 %. The mean is taken over arrivals drawn by the
-links' own noise: the arrivals of a seed here are those of the flight with that seed, but for where that flight strays.
+and the mixture's own radius is the one at which that mean is 0.27 %. The mean is taken over arrivals drawn from the
+links' own noise. The arrivals of a seed are therefore those of the flight with that seed, except where that flight is
+off its path.
 """
 
 from collections.abc import Iterable

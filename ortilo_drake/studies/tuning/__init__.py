@@ -1,1 +1,1 @@
-"""Noise found from flights by maximum likelihood, and the filter tuned to it."""
+"""Maximum likelihood estimates of the noise from recorded flights, and the filter tuned to them."""

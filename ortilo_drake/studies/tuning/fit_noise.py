@@ -1,28 +1,28 @@
-"""W and V from what was measured: maximum likelihood over recorded flights.
+"""Maximum likelihood estimates of W and V from recorded flights.
 
 R. K. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Automatic Control 15, 1970;
 K. J. Åström, "Maximum likelihood and prediction error methods", Automatica 16, 1980. The numbers that state W and V
-(noise_settings.py) are positive, so their logarithms theta are sought, from where the scenario has them:
+(noise_settings.py) are positive, so their logarithms theta are fitted, starting at the scenario's values:
 
     maximise log L(theta) = sum over flights log L_f(theta),    cov(theta) = H^-1,    H = -d2 log L / d theta2.
 
-That covariance believes the model. Where it is not the truth - box errors that persist, fixes that come late - the
-flights' own scores s_f = d log L_f / d theta tell the spread: cov(theta) = H^-1 (sum_f s_f s_f^T) H^-1 (H. White,
+That covariance assumes that the model is true. Where it is not (box errors that persist, fixes that come late), the
+flights' own scores s_f = d log L_f / d theta give the spread: cov(theta) = H^-1 (sum_f s_f s_f^T) H^-1 (H. White,
 "Maximum likelihood estimation of misspecified models", Econometrica 50, 1982). Both are given.
 
-Boxes err alike from picture to picture, which the likelihood would take for precision. So where there is UWB, the
-camera's fixes are used but not counted (noise_likelihood.py): its noise is judged by how well the other sensors are
-predicted.
+Errors of boxes persist from picture to picture, and the likelihood would take that for precision. So with UWB the
+camera's fixes are used but not counted (noise_likelihood.py): the camera's noise is judged by how well the other
+sensors are predicted.
 
-W stands for what pushes the vehicle, not for where the hover model fails. Tilted by phi and theta it loses
-1 - cos phi cos theta of its lift, which the model does not know and the likelihood would take for a large disturbance.
-So ticks in which more than LIFT_LOST is lost are filtered but not counted, and neither are those in which the filter
-still remembers it. The tilt is that of the prediction xhat_k|k-1 by the scenario's own W and V: whether y_k counts is
-settled by what came before it, which leaves the score a martingale, so that choosing ticks makes no bias (D. R. Cox,
-"Partial likelihood", Biometrika 62, 1975).
+W describes the disturbance, not the error of the hover model. Tilted by phi and theta the vehicle loses
+1 - cos phi cos theta of its lift. The model does not know that, and the likelihood would take it for a large
+disturbance. So ticks with a loss above LIFT_LOST are filtered but not counted, and neither are the ticks in which the
+filter still remembers one. The tilt is that of the prediction xhat_k|k-1 with the scenario's own W and V. Whether y_k
+counts thus depends only on earlier data; the score stays a martingale, and the choice of ticks makes no bias
+(D. R. Cox, "Partial likelihood", Biometrika 62, 1975).
 
-A number that the record says nothing about keeps its value: of a sensor that never arrived, one whose likelihood is
-flat, and one that runs out of LARGEST_CHANGE (a disturbance of which nothing shows above the noise, say).
+A number keeps its value if the record says nothing about it: its sensor never arrived, its likelihood is flat, or the
+fit would change it by more than LARGEST_CHANGE (such as a disturbance hidden by the noise).
 """
 
 from collections.abc import Callable, Sequence
@@ -40,19 +40,19 @@ from ortilo_drake.studies.tuning.noise_settings import noise_model, noise_number
 
 LIFT_LOST = 0.01  # of the weight: a tilt of 0.14 rad, 0.26 N of 2.7 kg - as much as the disturbance flown by default
 LARGEST_CHANGE = 1e3  # factor by which a number may change
-FLATTEST = 0.7  # a logarithm known worse than this (a factor of two) is not known
-_STEP = 0.02  # of the differences, in logarithms
+FLATTEST = 0.7  # a logarithm with a larger standard error (a factor of two) counts as unknown
+_STEP = 0.02  # step of the central differences, in logarithms
 
 
 class NoiseFit(NamedTuple):
-    """What a fit found.
+    """The result of a fit.
 
     Attributes:
         before: the numbers as the scenario has them.
         values: the fitted ones, and those that stay.
         errors: standard error of each fitted number, from the likelihood's curvature.
         robust_errors: the same by the spread of the flights' scores; empty with fewer flights than numbers.
-        kept: why a number stays, of those that do.
+        kept: the reason for each number that stays.
         log_likelihood: before and after.
         counted: the sensors whose innovations the likelihood counted.
         tilted: share of the ticks that did not count for tilt.
@@ -108,7 +108,7 @@ def near_hover(xhat: np.ndarray, settle: int) -> np.ndarray:
 
     Args:
         xhat: predictions (n, 12); before the first, it did not hold.
-        settle: ticks after which the filter has forgotten that it did not.
+        settle: ticks after which the filter has forgotten a tilt.
     """
     ticks = np.arange(len(xhat))
     tilted = np.cos(xhat[:, 3]) * np.cos(xhat[:, 4]) < 1.0 - LIFT_LOST
@@ -125,12 +125,12 @@ def fit_noise(
 
     Args:
         scenario: the scenario that was flown.
-        records: what its filter was given, one of each flight.
-        settle: ticks that do not count after a tilt, and at the start: a flight starts without P_0's error.
+        records: the filter's inputs, one record a flight.
+        settle: ticks that do not count, after a tilt and at the start, where a flight has less error than P_0 says.
         progress: called with the number of likelihoods computed so far.
 
     Raises:
-        InputError: if nothing arrived near hover, or nothing can be told from what did.
+        InputError: if nothing arrived near hover, or the arrivals determine no number.
     """
     before = noise_numbers(scenario)
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)

@@ -6,13 +6,13 @@ The one-step predictor of the 12 states turns the measurements into independent 
 
 over the ticks k in which anything arrived, m_k the rows that did (F. C. Schweppe, "Evaluation of likelihood functions
 for Gaussian signals", IEEE Trans. Information Theory 11, 1965; R. H. Shumway and D. S. Stoffer, Time Series Analysis
-and Its Applications, section 6.3, missing observations in 6.4). It is the flying filter without its integrator, which
-its first 12 states never feel; the record need not come from the filter that is judged.
+and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter without its
+integrator, which does not act on the first 12 states. The record may come from a filter with other W and V.
 
-A sensor whose errors are not white spoils this: boxes that err alike from picture to picture agree with each other, and
-log L takes that for precision. Such a sensor may be used without being counted: sum_k log p(counted y_k | all y before)
-still scores how well x is predicted, by measurements whose errors are independent of the camera's (a composite
-likelihood, C. Varin, N. Reid, D. Firth, "An overview of composite likelihood methods", Statistica Sinica 21, 2011).
+A sensor whose errors are not white spoils this: errors of boxes persist from picture to picture, and log L takes that
+for precision. Such a sensor may be used without being counted. Then sum_k log p(counted y_k | all y before) still
+scores how well x is predicted, by measurements whose errors are independent of the camera's (a composite likelihood,
+C. Varin, N. Reid, D. Firth, "An overview of composite likelihood methods", Statistica Sinica 21, 2011).
 """
 
 from typing import NamedTuple
@@ -22,10 +22,11 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import forward_in_place
 
 
 class Record(NamedTuple):
-    """What the filter of one flight was given.
+    """The inputs of the filter in one flight.
 
     Attributes:
         y: measurements, 0 where nothing arrived (n, 9).
@@ -45,7 +46,7 @@ class Record(NamedTuple):
 
 
 class NoiseModel(NamedTuple):
-    """What is believed of the noise.
+    """The noise that a filter assumes.
 
     Attributes:
         W: process noise (12, 12).
@@ -88,18 +89,19 @@ def predictor_step(
         Phi: dynamics (12, 12).
         Gamma: input (12, 4).
         noise: W, V and scale.
-        work: room to compute in (43, 12).
+        work: room to compute in (31, 13).
     """
-    U, S, z, FP, x_new = work[0:9], work[9:18], work[18], work[30:42], work[42]
+    # U and z = L^-1 e side by side: one forward substitution serves both
+    U, S, FP, x_new = work[0:9], work[9:18], work[18:30], work[30, :12]
     m, n_counted, total = 0, 0, 0.0
     used, n_used = np.empty(3, dtype=np.int64), 0
-    for turn in range(6):  # what is counted comes first, so that the first pivots are its own density
+    for turn in range(6):  # counted rows come first: their pivots are then their own density
         s = turn % 3
         if delta[s] == 0.0 or (noise.counted[s] == 0.0) != (turn >= 3):
             continue
         for i in range(3):
             row = STATE_OF_ROW[3 * s + i]
-            z[m + i] = y[3 * s + i] - x[row]
+            U[m + i, 12] = y[3 * s + i] - x[row]
             for j in range(12):
                 U[m + i, j] = P[row, j]
             for a in range(n_used):
@@ -113,23 +115,13 @@ def predictor_step(
         m += 3
         if turn < 3:
             n_counted += 3
+    forward_in_place(S, U, m)  # NaN if S is not positive definite: then so is log L
     for i in range(m):
-        for j in range(i + 1):
-            for k in range(j):
-                S[i, j] -= S[i, k] * S[j, k]
-            if j < i:
-                S[i, j] /= S[j, j]
-        S[i, i] = np.sqrt(S[i, i])  # NaN if S is not positive definite: then so is log L
-        for k in range(i):
-            z[i] -= S[i, k] * z[k]
-            for j in range(12):
-                U[i, j] -= S[i, k] * U[k, j]
-        z[i] /= S[i, i]
+        z = U[i, 12]
         for j in range(12):
-            U[i, j] /= S[i, i]
-            x[j] += U[i, j] * z[i]
+            x[j] += U[i, j] * z
         if i < n_counted:
-            total -= 0.5 * (np.log(2.0 * np.pi) + z[i] ** 2) + np.log(S[i, i])
+            total -= 0.5 * (np.log(2.0 * np.pi) + z**2) + np.log(S[i, i])
     for a in range(m):
         for i in range(12):
             for j in range(i, 12):
@@ -170,9 +162,9 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
         noise: W and V.
         Phi: discrete hover dynamics (12, 12).
         Gamma: discrete control input (12, 4).
-        counts: which ticks count (n); the others are filtered all the same.
+        counts: which ticks count (n); the others are only filtered.
     """
-    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12)), 0.0
+    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((31, 13)), 0.0
     for k in range(record.y.shape[0]):
         share = predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
         if counts[k]:
@@ -187,7 +179,7 @@ def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarr
     Arguments as in log_likelihood.
     """
     n = record.y.shape[0]
-    x, P, work = record.xhat_0.copy(), record.P_0.copy(), np.zeros((43, 12))
+    x, P, work = record.xhat_0.copy(), record.P_0.copy(), np.zeros((31, 13))
     estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))
     for k in range(n):
         estimates[k], covariances[k] = x, P
@@ -196,6 +188,6 @@ def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarr
 
 
 def used_covariance(V2: np.ndarray, noise: NoiseModel) -> np.ndarray:
-    """Return the covariances (n, 3, 3, 3) that a filter with this V takes for those that came (n, 3, 3, 3)."""
+    """Return the covariances (n, 3, 3, 3) that a filter with this V uses in place of the recorded ones (n, 3, 3, 3)."""
     from_record = noise.scale[:, np.newaxis, np.newaxis]
     return np.where(from_record > 0.0, from_record * V2, noise.V)

@@ -1,10 +1,12 @@
-"""The filter's W and V as the numbers a scenario states them by, and back.
+"""The numbers by which a scenario states the filter's W and V, and back.
 
-Each number is named by its place in the scenario. A position sensor whose V is null takes its covariance from each fix;
-there the number that all these covariances follow is fitted in its place: the ranges' noise, with whose square the
-covariance of multilateration scales, or the box centre's sd. (With 'known_attitude' the filter's attitude error adds to
-a camera fix's covariance a part that does not follow center_sd; the fit scales it along. And boxes become fixes by the
-estimate in flight and this very center_sd: who flies the fitted number gets other fixes than those it was fitted to.)
+Each number is named by its place in the scenario. A position sensor whose V is null takes its covariance from each fix.
+Then the number that scales all these covariances is fitted in place of V: the ranges' noise, whose square scales the
+covariance of multilateration, or the box centre's sd.
+
+Two things are not exact. With 'known_attitude' the attitude error adds a part to a camera fix's covariance that does
+not depend on center_sd; the fit scales it all the same. And center_sd enters the making of the fixes: a flight with the
+fitted number gets other fixes than those it was fitted to.
 """
 
 from typing import Any
@@ -42,7 +44,7 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
 
 
 def sensor_of(name: str) -> str | None:
-    """Return which sensor's noise a number states; None of W's."""
+    """Return the sensor whose noise a number states; None for a number of W."""
     if name.startswith("filter.W"):
         return None
     return next(s for s in SENSORS if name.startswith((f"filter.V.{s}.", _SCALED_BY.get(s, "?"))))
@@ -64,7 +66,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
     """Return W and V of a scenario's filter for a record that another one flew.
 
     Args:
-        scenario: the scenario; its sensors and what V is taken from are those of the recorded one.
+        scenario: the scenario; its sensors and the sources of its V are those of the recorded one.
         recorded: the scenario of the record.
         counted: the sensors that the likelihood counts.
     """

@@ -1,4 +1,4 @@
-"""Tuning: W and V fitted to recorded flights, as a scenario to fly, with what the filter was worth before and after."""
+"""Tuning: W and V fitted to recorded flights, as a scenario, with the filter's consistency before and after."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -17,24 +17,24 @@ from ortilo_drake.model.signals import N_X, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
 from ortilo_drake.scenario import Scenario, with_seed
-from ortilo_drake.studies.consistency.consistency_flights import START, check_same_scenario, flown, regions
+from ortilo_drake.studies.consistency.consistency_flights import START, check_same_scenario, finite_part, region_masks
 from ortilo_drake.studies.tuning.fit_noise import LIFT_LOST, NoiseFit, fit_noise
 from ortilo_drake.studies.tuning.noise_likelihood import Record, refilter, used_covariance
 from ortilo_drake.studies.tuning.noise_settings import noise_model
 from ortilo_drake.theory.consistency.consistency import normalized_square, time_average
 
 BEFORE_LOSS = 1.0  # the last second before a loss is left out: no hover model holds there [s]
-SHORTEST = 5.0  # a flight of which less is left is of no use [s]
+SHORTEST = 5.0  # least length of the usable part of a flight [s]
 _SUFFIX = "_tuned"
 
 
 class Tuning(NamedTuple):
-    """What ortilo tune found.
+    """The result of `ortilo tune`.
 
     Attributes:
         fit: the numbers.
         used: file and seed of each flight that was used.
-        notes: what was left out or shortened, one line each.
+        notes: flights left out or shortened, one line each.
         before: NEES and NIS of the filter as it flew, see filter_figures.
         after: the same of the fitted filter on the same measurements.
     """
@@ -64,7 +64,7 @@ def find_flights(places: Sequence[Path]) -> list[Path]:
 
 
 def record_of(flight: xr.Dataset, scenario: Scenario) -> Record:
-    """Return what the filter of a flight was given."""
+    """Return the inputs that the filter had in a flight."""
     u = flight["control"].values - np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])
     return Record(
         np.ascontiguousarray(np.nan_to_num(flight["measurement"].values)),
@@ -76,10 +76,10 @@ def record_of(flight: xr.Dataset, scenario: Scenario) -> Record:
     )
 
 
-def usable(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | None, str | None]:
-    """Return the part of a flight that can be used, None if there is too little, and a note if it is not all of it."""
+def usable_part(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | None, str | None]:
+    """Return the usable part of a flight, None if it is too short, and a note if it is not the whole flight."""
     lost = json.loads(flight.attrs["lost"])
-    part = flown(flight)
+    part = finite_part(flight)
     if lost is None and part.sizes["tick"] == flight.sizes["tick"]:
         return (flight, None) if flight.sizes["tick"] * h >= SHORTEST else (None, f"{name}: too short, left out")
     ticks = part.sizes["tick"] - round(BEFORE_LOSS / h)
@@ -103,7 +103,7 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     nees: list[np.ndarray] = []
     nis: dict[str, list[np.ndarray]] = {sensor: [] for sensor in SENSORS}
-    squares, masks = [], [regions(flight) for flight in flights]
+    squares, masks = [], [region_masks(flight) for flight in flights]
     for flight in flights:
         record = record_of(flight, scenario)
         xhat, P = refilter(record, noise, Phi, Gamma)
@@ -137,7 +137,7 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
     scenario = check_same_scenario(loaded, [str(file) for file in files])
     flights, used, notes = [], [], []
     for file, flight in zip(files, loaded, strict=True):
-        part, note = usable(flight, str(file), scenario.h)
+        part, note = usable_part(flight, str(file), scenario.h)
         if note:
             notes.append(note)
         if part is not None:
@@ -172,7 +172,7 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
     for name, scenario in (("before", before), ("after", tuning.fit.scenario)):
         simulator = FlightSimulator(scenario)
         for seed in seeds:
-            flights[name].append(flown(simulator.fly(seed)))
+            flights[name].append(finite_part(simulator.fly(seed)))
             progress()
     lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
     both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]
@@ -204,7 +204,7 @@ def overlay_text(tuning: Tuning) -> str:
             robust = f"{fit.robust_errors[name]:.2g}" if name in fit.robust_errors else "too few flights"
             lines.append(f"  {name}: {fit.before[name]:.6g} -> {value:.6g} ({fit.errors[name]:.2g}; {robust})")
     lines += ["from:", *(f"  {file}, seed {seed}" for file, seed in tuning.used), *tuning.notes]
-    # A file's name may hold anything, a line break included, that would end the comment.
+    # A file's name may hold a line break, which would end the comment.
     header = "".join(f"# {line.encode('unicode_escape').decode('ascii')}\n" for line in lines)
     return header + yaml.safe_dump(fit.scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=False)
 

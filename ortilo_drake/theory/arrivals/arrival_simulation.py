@@ -1,4 +1,4 @@
-"""Monte Carlo of the filter's covariance over drawn arrival sequences: what the bounds must enclose."""
+"""Monte Carlo of the filter's covariance over drawn arrival sequences; the bounds must enclose its mean."""
 
 from typing import NamedTuple
 

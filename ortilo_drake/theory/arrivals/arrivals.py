@@ -14,7 +14,6 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
 # Rows of y by pattern: none, uwb, camera, both, each with the imu (4 x 9).
 PATTERN_ROWS = np.array([[u] * 3 + [c] * 3 + [True] * 3 for c in (False, True) for u in (False, True)])
-PATTERN_NAMES = ("imu", "imu+uwb", "imu+camera", "imu+uwb+camera")
 
 
 class Model(NamedTuple):

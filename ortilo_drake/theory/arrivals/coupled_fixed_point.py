@@ -1,7 +1,8 @@
-"""The fixed point of coupled expected Riccati equations by iteration, compiled, with an honest end.
+"""The fixed point of coupled expected Riccati equations by iteration, compiled, with a bound on the remaining error.
 
-g is monotone, and where it has a fixed point every start leads to it. The slowest part of the error shrinks by a factor
-rho per iteration (0.93 with all sensors, 0.985 at a rate of 0.05), so a small last step alone does not mean near.
+g is monotone. Where it has a fixed point the iteration converges to it from every start. The slowest part of the error
+shrinks by a factor rho per iteration (0.93 with all sensors, 0.985 at a rate of 0.05), so a small last step alone does
+not mean that the fixed point is near.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The lowest arrival probability at which the expected error covariance stays bounded, classically.
+"""The critical arrival probability: the lowest at which the expected error covariance stays bounded.
 
 x_{k+1} = A x_k + w_k, and all of y_k = C x_k + v_k arrives with probability l, independently in each tick. There is a
 critical l_c: above it E[P_k] is bounded from every start, below it E[P_k] grows without bound from some
@@ -6,12 +6,13 @@ critical l_c: above it E[P_k] is bounded from every start, below it E[P_k] grows
 
     1 - 1 / max|s|^2  <=  l_c  <=  l_mare  <=  1 - 1 / prod |s_u|^2,
 
-s the eigenvalues of A, s_u those outside the unit circle (L. Schenato, B. Sinopoli, M. Franceschetti, K. Poolla,
-S. S. Sastry, "Foundations of control and estimation over lossy networks", Proc. IEEE 95(1), 2007, lemma 5.4). l_mare is
-where g's fixed point begins to exist, the matrix inequality of Sinopoli et al., theorem 5. The lower end is l_c itself
-where C has full column rank on the unstable subspace (K. Plarre, F. Bullo, "On Kalman filtering for detectable systems
-with intermittent observations", IEEE TAC 54(2), 2009) and for every system that is not degenerate (Y. Mo, B. Sinopoli,
-"Kalman filtering with intermittent observations: tail distribution and critical value", IEEE TAC 57(3), 2012).
+where s are the eigenvalues of A, and s_u those outside the unit circle (L. Schenato, B. Sinopoli, M. Franceschetti, K.
+Poolla, S. S. Sastry, "Foundations of control and estimation over lossy networks", Proc. IEEE 95(1), 2007, lemma 5.4).
+l_mare is where g's fixed point begins to exist, the matrix inequality of Sinopoli et al., theorem 5. The lower end is
+l_c itself where C has full column rank on the unstable subspace (K. Plarre, F. Bullo, "On Kalman filtering for
+detectable systems with intermittent observations", IEEE TAC 54(2), 2009) and for every system that is not degenerate
+(Y. Mo, B. Sinopoli, "Kalman filtering with intermittent observations: tail distribution and critical value", IEEE TAC
+57(3), 2012).
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
-"""The error covariance of a filter whose measurements arrive by chance, between two bounds.
+"""Bounds on the mean error covariance of a filter whose measurements arrive at random.
 
-Arrivals are independent from tick to tick; in each, pattern p of sensors arrives with Pr(p). The covariance P_k of the
-one-step predictor is then random, P_{k+1} = g_p(P_k), and g, the mean of the g_p, is concave and monotone, so that
-E[P_{k+1}] <= g(E[P_k]) (Jensen). With
+Arrivals are independent from tick to tick. In each tick pattern p of sensors arrives with probability Pr(p). The
+covariance P_k of the one-step predictor is then random, P_{k+1} = g_p(P_k). The mean g of the g_p is concave and
+monotone, so E[P_{k+1}] <= g(E[P_k]) (Jensen). With
 
     g(X) = A X A^T + W - sum_p Pr(p) A X C_p^T (C_p X C_p^T + V_p)^-1 C_p X A^T
 

@@ -4,10 +4,10 @@ The chain's mode i decides the patterns' probabilities. With X_j the mean of P_k
 
     X_j(k+1) <= sum_i Pr(mode before = i | mode now = j) g_i(X_i(k)),   g_i(X) = sum_p Pr(p | i) g_p(X)
 
-so the fixed point of these coupled equations bounds each mode's mean of P from above, and sum_j pi_j X_j the mean over
-all. They are the filtering equations of a Markov jump linear system (O. L. V. Costa, M. D. Fragoso, R. P. Marques,
-"Discrete-Time Markov Jump Linear Systems", Springer 2005, chapter 5) in conditional form; stability of the scalar case:
-M. Huang, S. Dey, "Stability of Kalman filtering with Markovian packet losses", Automatica 43(4), 2007.
+so the fixed point of these coupled equations bounds each mode's mean of P from above, and sum_j pi_j X_j bounds the
+mean over all modes. They are the filtering equations of a Markov jump linear system (O. L. V. Costa, M. D. Fragoso, R.
+P. Marques, "Discrete-Time Markov Jump Linear Systems", Springer 2005, chapter 5) in conditional form; stability of the
+scalar case: M. Huang, S. Dey, "Stability of Kalman filtering with Markovian packet losses", Automatica 43(4), 2007.
 """
 
 from typing import NamedTuple

@@ -1,10 +1,10 @@
-"""Is the filter as good as it says? NEES and NIS over an ensemble of flights, with their bands.
+"""NEES and NIS of a filter over an ensemble of flights, with their bands: tests of its consistency.
 
 A consistent filter's error e and covariance P make e^T P^-1 e chi-square with as many degrees of freedom as e has
 components; the same holds for an innovation and its S = H P H^T + V. Averaged over N independent flights at one tick,
 N times the mean is chi-square with N n degrees (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications
-to Tracking and Navigation, Wiley 2001, section 5.4). Along one flight the ticks are not independent - an error made
-in a blackout lasts for seconds - so an average over time has no such band: there the flights' own means are the
+to Tracking and Navigation, Wiley 2001, section 5.4). The ticks of one flight are not independent, since an error made
+in a blackout lasts for seconds, so an average over time has no such band. For it the flights' own means are the
 independent samples, and the interval of their mean is Student's.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, t
 
-REGULAR = 1e-10  # the least eigenvalue of a correlation matrix with which it still has an inverse worth the name
+REGULAR = 1e-10  # least eigenvalue of a correlation matrix that counts as regular
 
 
 def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ def average_band(dof: int, flights: int | np.ndarray, probability: float = 0.95)
 
 
 def ensemble_average(flights: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the average over the flights at each tick, and how many flights have a number there.
+    """Return the average over the flights at each tick, and the number of flights that have a value there.
 
     Args:
         flights: one series each, NaN where there is nothing; a shorter one (a lost flight) has nothing from its end on.

@@ -1,4 +1,4 @@
-"""Are the innovations white? Their autocorrelation over an ensemble of flights, and a portmanteau test.
+"""Autocorrelation of a filter's innovations over an ensemble of flights, and a portmanteau test of their whiteness.
 
 The innovations of an optimal filter are independent from tick to tick (R. K. Mehra, "On the identification of variances
 and adaptive Kalman filtering", IEEE Trans. Automatic Control 15, 1970). Normalised by the filter's own covariance,
@@ -6,10 +6,10 @@ z = L^-1 e with L L^T = S, each component is standard normal and
 
     r_l = (sum z_k z_{k+l} / N_l) / (sum z_k^2 / N_0),    N_l the pairs at lag l,
 
-has variance 1 / N_l. All lags together: Q = (N_0 + 2) / N_0 sum_l N_l r_l^2 is chi-square with as many degrees as
-there are lags; of a single series without gaps it is the statistic of G. M. Ljung and G. E. P. Box, "On a measure of
-lack of fit in time series models", Biometrika 65, 1978. Measurements that come and go have two lags: counted in
-arrivals (strike out the gaps first) and in ticks (leave them in; only pairs that are both there count).
+has variance 1 / N_l. The statistic of all lags together, Q = (N_0 + 2) / N_0 sum_l N_l r_l^2, is chi-square with
+as many degrees as there are lags. For a single series without gaps it is the statistic of G. M. Ljung and
+G. E. P. Box, "On a measure of lack of fit in time series models", Biometrika 65, 1978. The lag of measurements with
+gaps is counted in two ways: in arrivals (the gaps are removed first) and in ticks (only pairs without a gap count).
 """
 
 from collections.abc import Sequence
@@ -56,7 +56,7 @@ def normalized_innovations(e: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 def only_arrivals(z: np.ndarray) -> np.ndarray:
-    """Return the rows of z that are there, so that lags count arrivals."""
+    """Return the finite rows of z, without the gaps, so that lags count arrivals."""
     return z[np.isfinite(z).all(axis=1)]
 
 
@@ -90,7 +90,7 @@ def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> Autocorrelation
 
 
 def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> dict[str, Any] | None:
-    """Return what is said of one sensor's whiteness, as plain data; None if it never arrived.
+    """Return the whiteness figures of one sensor, as plain data; None if it never arrived.
 
     lag_arrivals and lag_ticks hold r (a row of components for each lag, None where no pair has it), the band, Q, its
     degrees of freedom and p_value; mean and variance are of z, 0 and 1 if consistent.

@@ -1,8 +1,9 @@
-"""Second moments of a jump-linear system: a matrix drawn anew every tick.
+"""Second moments of a jump-linear system, whose matrix is drawn at random in every tick.
 
     z_{k+1} = A_k(p_k) z_k + n_k,   Pr(p_k = p | mode i) = chance[i, p],   Pr(mode j next | mode i) = transition[i, j]
 
-with n white of covariance N_k, and A_k, N_k of period T in k. S_i = E[z z^T 1{mode = i}] obeys, tick by tick,
+where n is white with covariance N_k, and A_k and N_k have period T in k. S_i = E[z z^T 1{mode = i}] obeys, tick by
+tick,
 
     S_j' = sum_i transition[i, j] (sum_p chance[i, p] A(p) S_i A(p)^T + pi_i N),   pi' = pi transition      (*)
 

@@ -1,21 +1,21 @@
-"""Loop margins at the plant's input: how wrong gain, phase or timing of one control may be before the loop is lost.
+"""Loop margins at the plant's input: the errors of gain, phase or timing at which the closed loop becomes unstable.
 
 The loop is the sampled one that flies: hover model under a zero-order hold, steady predictor, integrator and LQ gain
-(input_loop). For one channel with the others closed, L scalar and stable when closed (Nyquist; Franklin, Powell,
-Workman, Digital Control of Dynamic Systems, chapter 7):
+(input_loop). Margins of one channel, with the others closed and the closed loop stable (Nyquist; Franklin, Powell,
+Workman, Digital Control of Dynamic Systems, chapter 7; L is scalar):
 
 - gain margins: the nearest factors above and below 1 at which 1 + k L(e^{j omega}) = 0, where L is real and negative;
 - phase margin: the least |arg(-L)| where |L| = 1;
 - delay margin: the least (arg(-L) mod 2 pi) / omega there. A delay of d whole ticks is z^-d = e^{-j omega d}, so for
-  whole ticks it is exact: the loop bears floor(ticks) more and not one beyond;
-- disk margin: alpha = 2 / max |S - T|. Every factor f with |f - 1| / |f + 1| < alpha / 2, gain and phase together, is
-  borne (Seiler, Packard, Gahinet, IEEE Control Systems 40, 2020, symmetric disk).
+  whole ticks it is exact: the loop is stable with floor(ticks) more ticks of delay and unstable with one beyond;
+- disk margin: alpha = 2 / max |S - T|. The loop is stable with every factor f, gain and phase together, for which
+  |f - 1| / |f + 1| < alpha / 2 (Seiler, Packard, Gahinet, IEEE Control Systems 40, 2020, symmetric disk).
 
-For all channels at once S = (I + L)^-1 and T = I - S; peaks are of the largest singular value, the disk margin bears
-factors that differ from channel to channel. Singular values compare newtons with newton metres, so they depend on the
-units where the filter couples the axes (a V with correlations does). They are those of R^1/2 L R^-1/2, R the servo's
-own weight of the controls: the scaling in which the return difference of a full-state LQ loop has none below 1
-(B. D. O. Anderson, J. B. Moore, Optimal Control: Linear Quadratic Methods, 1990; in continuous time).
+For all channels at once S = (I + L)^-1 and T = I - S. Their peaks are of the largest singular value, and the disk
+margin allows a different factor in each channel. Singular values compare newtons with newton metres, so they depend on
+the units if the filter couples the axes (a V with correlations does). They are therefore taken of R^1/2 L R^-1/2, R the
+servo's own weight of the controls. In this scaling the return difference of a full-state LQ loop has no singular value
+below 1 (B. D. O. Anderson, J. B. Moore, Optimal Control: Linear Quadratic Methods, 1990; in continuous time).
 """
 
 import math
@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.theory.margins.loop_response import OpenLoop, grid, peak, response, roots
-from ortilo_drake.theory.riccati.riccati import number
+from ortilo_drake.theory.margins.loop_response import OpenLoop, crossings, frequency_grid, peak, response
+from ortilo_drake.theory.riccati.riccati import json_number
 
 SILENT = 1e-12  # |L| below this at every frequency: nothing is fed back
 
@@ -42,7 +42,7 @@ def disk_margin(difference: float) -> dict[str, float | None]:
 
 def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tuple[float, float]]:
     """Return (factor k, frequency) with 1 + k L = 0 for every crossing of the negative real axis, ends included."""
-    frequencies = [*roots(loop, omega, L, "phase"), math.pi]
+    frequencies = [*crossings(loop, omega, L, "phase"), math.pi]
     if np.linalg.cond(np.eye(len(loop.A)) - loop.A) < 1e10:
         frequencies.append(0.0)
     values = response(loop, np.array(frequencies))[:, 0, 0].real
@@ -50,7 +50,7 @@ def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tup
 
 
 def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
-    """Return the margins of a stable loop of one channel; None where there is no such limit.
+    """Return the margins of a stable loop of one channel; None for a margin without limit.
 
     Args:
         loop: one channel's.
@@ -61,12 +61,12 @@ def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
         'phase_at'; 'delay' [s], 'delay_ticks' and 'delay_at'; 'crossovers' [rad/s], where |L| = 1; 'sensitivity' and
         'complementary', the peaks of |S| and |T|; 'disk', what disk_margin returns.
     """
-    omega = grid()
+    omega = frequency_grid()
     L = response(loop, omega)[:, 0, 0]
-    crossings = gain_crossings(loop, omega, L)
-    up = min((c for c in crossings if c[0] > 1.0), default=None)
-    down = max((c for c in crossings if c[0] < 1.0), default=None)
-    crossovers = np.array(roots(loop, omega, L, "gain"))
+    at_real_axis = gain_crossings(loop, omega, L)
+    up = min((c for c in at_real_axis if c[0] > 1.0), default=None)
+    down = max((c for c in at_real_axis if c[0] < 1.0), default=None)
+    crossovers = np.array(crossings(loop, omega, L, "gain"))
     angles = np.angle(-response(loop, crossovers)[:, 0, 0]) if len(crossovers) else np.zeros(0)
     phase = int(abs(angles).argmin()) if len(crossovers) else None
     ticks = np.mod(angles, 2.0 * math.pi) / crossovers
@@ -76,10 +76,10 @@ def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
         return complex(response(loop, np.array([w]))[0, 0, 0])
 
     return {
-        "gain_up": number(up[0]) if up else None,
-        "gain_up_at": number(up[1] / h) if up else None,
-        "gain_down": number(down[0]) if down else None,
-        "gain_down_at": number(down[1] / h) if down else None,
+        "gain_up": json_number(up[0]) if up else None,
+        "gain_up_at": json_number(up[1] / h) if up else None,
+        "gain_down": json_number(down[0]) if down else None,
+        "gain_down_at": json_number(down[1] / h) if down else None,
         "phase": float(abs(angles[phase])) if phase is not None else None,
         "phase_at": float(crossovers[phase] / h) if phase is not None else None,
         "delay": float(ticks[delay] * h) if delay is not None else None,
@@ -93,7 +93,7 @@ def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
 
 
 def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> dict[str, Any]:
-    """Return the peaks of the largest singular values of S and T, where they are [rad/s], and the disk margin.
+    """Return the peaks of the largest singular values of S and T, their frequencies [rad/s], and the disk margin.
 
     Args:
         loop: the loop of all controls.
@@ -102,7 +102,7 @@ def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> dict[str, Any]:
     """
     loop = loop._replace(B=loop.B / np.sqrt(R), C=np.sqrt(R)[:, np.newaxis] * loop.C)
     eye = np.eye(loop.B.shape[1])
-    omega = grid()
+    omega = frequency_grid()
 
     def largest(weight_S: float, weight_I: float) -> tuple[float, float]:
         def values(w: np.ndarray) -> np.ndarray:

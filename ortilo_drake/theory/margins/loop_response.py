@@ -1,6 +1,10 @@
 """Frequency response of a sampled loop and the places where it meets the real axis and the unit circle.
 
 A loop is (A, B, C): z s = A s + B a, v = C s, closed by a = -v. Frequencies omega are in rad a tick, 0 < omega <= pi.
+
+python-control's stability_margins (0.10.2) is not used. Its polynomials of order 27 have roots crowded about 1: half of
+the margins of imu_uwb_yolo's 26 single-channel loops come out wrong by more than 1e-6, some by a factor of 10. On
+frequency data it leaves out omega = pi, where loops with true velocities have their gain margin.
 """
 
 import math
@@ -10,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-LOWEST = 1e-4  # rad a tick; below it the double integrators with integral action only rise
+LOWEST = 1e-4  # rad a tick; below it |L| only rises, by the double integrators and the integral action
 
 
 class OpenLoop(NamedTuple):
@@ -47,7 +51,7 @@ def spectral_radius(A: np.ndarray) -> float:
     return float(abs(np.linalg.eigvals(A)).max())
 
 
-def grid(count: int = 1500) -> np.ndarray:
+def frequency_grid(count: int = 1500) -> np.ndarray:
     """Return frequencies from LOWEST to pi, evenly spaced in their logarithm."""
     return np.geomspace(LOWEST, math.pi, count)
 
@@ -56,12 +60,12 @@ def _scalar(loop: OpenLoop, omega: float) -> complex:
     return complex(response(loop, np.array([omega]))[0, 0, 0])
 
 
-def roots(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> list[float]:
+def crossings(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> list[float]:
     """Return the frequencies at which a scalar loop has |L| = 1 ('gain') or Im L = 0 ('phase'), ascending.
 
     Args:
         loop: a loop of one channel.
-        omega: frequencies, ascending; two crossings between neighbours are not told from none.
+        omega: frequencies, ascending; two crossings between neighbouring frequencies are missed.
         values: L there.
         kind: 'gain' or 'phase'.
     """
@@ -70,7 +74,7 @@ def roots(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> l
         return np.log(np.abs(L)) if kind == "gain" else np.sin(np.angle(L))
 
     m = measure(values)
-    # At omega = pi the imaginary part is 0 but for rounding: the last step is left out, the caller takes pi itself.
+    # At omega = pi the imaginary part is 0 up to rounding. The last step is left out here; the caller adds pi.
     changes = np.flatnonzero((m[:-1] * m[1:] < 0.0) & ((kind == "gain") | (np.arange(len(m) - 1) < len(m) - 2)))
     found = []
     for k in changes:
@@ -83,7 +87,7 @@ def roots(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> l
 
 
 def peak(function: Callable[[float], float], omega: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Return the largest value of a function over frequency, refined about the grid's best point, and where it is.
+    """Return the largest value of a function over frequency, refined about the grid's best point, and its frequency.
 
     Args:
         function: of one frequency, to a float.

@@ -1,9 +1,9 @@
-"""Modes of a matrix, those that no control reaches and those that no output sees, with the states they live in.
+"""Modes of a matrix: all, those that no control reaches, and those that no output sees, with their states.
 
 The vehicle at hover is four chains of integrators (x and y of four, z and yaw of two), so every eigenvalue of Phi is
-1 and defective: computed as an eigenvalue of a general matrix it is known to eps^(1/4) only, and rank tests with it or
-with powers of Phi go wrong. So the hidden subspace comes first, by staircase.py, and then the eigenvalues of Phi on it;
-those that rounding has split are put together, and their mean is sharp again.
+1 and defective. A general eigenvalue solver finds such an eigenvalue only to eps^(1/4), and rank tests with it or with
+powers of Phi fail. So the hidden subspace is found first (staircase.py), then the eigenvalues of Phi on it. Eigenvalues
+that rounding has split are merged; their mean is accurate again.
 
 Theorem (Popov, Belevitch, Hautus). (Phi, C) is observable at z iff [Phi - z I; C] has full column rank n; detectable
 iff that holds at every eigenvalue on or outside the unit circle. (Phi, Gamma) is controllable or stabilisable iff
@@ -19,14 +19,14 @@ from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_XBAR, STATE_NAMES,
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.modes.staircase import rank, rescale, unobservable_subspace
 
-CLUSTERS = (2e-3, 1e-6, 0.0)  # how near eigenvalues are that may be one, split by rounding; the widest that fits
+CLUSTERS = (2e-3, 1e-6, 0.0)  # distances within which eigenvalues may be one, split by rounding; the first that fits
 STATE_SHARE = 1e-6  # a unit vector's component above this counts
-ON_THE_CIRCLE = 1e-6  # |z| down to 1 less this counts as not decaying
+ON_THE_CIRCLE = 1e-6  # |z| above 1 less this counts as not decaying
 DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
 
 
 class Mode(NamedTuple):
-    """An eigenvalue of a matrix, or of that part of it which no output sees or no control reaches.
+    """An eigenvalue of a matrix, or of the part of it that no output sees or no control reaches.
 
     Attributes:
         eigenvalue: z.
@@ -45,7 +45,7 @@ class Mode(NamedTuple):
 
     @property
     def deficiency(self) -> int:
-        """By how much [A - z I; C] falls short of full rank: eigenvectors in the kernel of C, one a block."""
+        """Rank that [A - z I; C] lacks: the number of eigenvectors in the kernel of C, one a block."""
         return len(self.blocks)
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class Mode(NamedTuple):
 
 
 def names_of(n: int) -> tuple[str, ...]:
-    """Return the names of the states: the vehicle's, with the integral's, twice with it in the loop, or numbers."""
+    """Return the names of n states: of the vehicle (12), with the integral (15), of the loop (27), else numbers."""
     believed = tuple(f"{name}_hat" for name in STATE_NAMES)
     named = (STATE_NAMES, XBAR_NAMES, (*STATE_NAMES, *believed, *INTEGRAL_NAMES))
     numbers = tuple(f"state {k}" for k in range(n))
@@ -78,9 +78,9 @@ def unseen_modes(
     radius: float = 1.0 - ON_THE_CIRCLE,
     scale: np.ndarray | None = None,
 ) -> list[Mode]:
-    """Return the modes of (A, C) with |z| >= radius that no output sees, the farthest from 0 first.
+    """Return the modes of (A, C) with |z| >= radius that no output sees, the largest |z| first.
 
-    None means detectable, with a radius of 0 observable.
+    An empty list means that (A, C) is detectable, and with a radius of 0 that it is observable.
 
     Args:
         A: dynamics (n x n).
@@ -115,7 +115,7 @@ def unseen_modes(
 
 
 def modes(A: np.ndarray, scale: np.ndarray | None = None) -> list[Mode]:
-    """Return all modes of A: those that no output would see if there were none."""
+    """Return all modes of A, as unseen_modes does without any output."""
     return unseen_modes(A, np.zeros((0, len(A))), radius=0.0, scale=scale)
 
 
@@ -128,18 +128,10 @@ def unreached_modes(
 ) -> list[Mode]:
     """Return the modes of (A, B) with |z| >= radius that no control reaches: those of (A^T, B^T) that no output sees.
 
-    None means stabilisable, with a radius of 0 controllable. Their states are those that enter the combination of
-    states which goes its own way. Arguments as unseen_modes.
+    An empty list means that (A, B) is stabilisable, and with a radius of 0 that it is controllable. A mode's states are
+    those in the combination of states that the controls do not change. Arguments as unseen_modes.
     """
     return unseen_modes(A.T, B.T, names, radius, None if scale is None else 1.0 / scale)
-
-
-def check_pair(
-    Phi: np.ndarray, Gamma: np.ndarray, what: str, names: tuple[str, ...] | None = None, scale: np.ndarray | None = None
-) -> None:
-    """Raise InputError naming the modes that do not decay and that no control reaches, if (Phi, Gamma) has any."""
-    if hidden := unreached_modes(Phi, Gamma, names, scale=scale):
-        raise InputError(f"{what}: (Phi, Gamma) is not stabilisable, no control reaches {listed(hidden)}")
 
 
 def check_detectable(

@@ -1,11 +1,10 @@
 """The unobservable subspace, found without eigenvalues.
 
-Staircase. The unobservable subspace, the largest Phi-invariant subspace in the kernel of C (R. E. Kalman, 1963), is
-found by N_0 = ker C, N_{k+1} = {v in N_k: Phi v in N_k}, one orthogonal step after another (P. Van Dooren, IEEE TAC 26,
-1981).
+Staircase. The unobservable subspace is the largest Phi-invariant subspace in the kernel of C (R. E. Kalman, 1963). It
+is found by N_0 = ker C, N_{k+1} = {v in N_k: Phi v in N_k}, one orthogonal step after another (P. Van Dooren, IEEE TAC
+26, 1981).
 
-Scaling. In units of tick_scaling, [h g h^2 ...] taken out, the vehicle's Phi - I has the entries 1, 1/2, 1/6, 1/24
-whatever h.
+Scaling. In the units of tick_scaling the vehicle's Phi - I has the entries 1, 1/2, 1/6, 1/24 for every h.
 """
 
 import numpy as np
@@ -18,10 +17,10 @@ NOTHING = 1e-12  # rows of C shorter than this, against the longest, count as 0:
 
 
 def tick_scaling(h: float) -> np.ndarray:
-    """Return what each of the twelve states is measured in so that h and g drop out of Phi.
+    """Return the units (12) of the states in which Phi contains neither h nor g.
 
-    1 m for a position, 1 / h for a velocity, 1 / (g h^2) for an angle, 1 / (g h^3) for an Euler rate: the tilt and its
-    rate that move the vehicle by a metre or so within a tick.
+    1 m for a position, 1 / h for a velocity, 1 / (g h^2) for an angle, 1 / (g h^3) for an Euler rate. Such a tilt or
+    rate moves the vehicle by about a metre within a tick.
     """
     return np.repeat([1.0, 1.0 / (GRAVITY * h**2), 1.0 / h, 1.0 / (GRAVITY * h**3)], 3)
 

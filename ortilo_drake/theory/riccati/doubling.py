@@ -12,7 +12,7 @@ def double(A: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.
     """Return A_{k+1}, G_{k+1}, H_{k+1} of one doubling (Chu, Fan, Lin, Wang, Int. J. Control 77, 2004, SDA).
 
     With M = (I + G H)^-1:  A' = A M A,  G' = G + A M G A^T,  H' = H + A^T H M A.
-    After k doublings H is what 2^k steps of the recursion from 0 give.
+    H after k doublings equals the recursion from 0 after 2^k steps.
     """
     M = np.linalg.solve(np.eye(len(A)) + G @ H, np.hstack([A, G]))
     MA, MG = M[:, : len(A)], M[:, len(A) :]
@@ -24,7 +24,7 @@ def doubling(
 ) -> np.ndarray:
     """Return X of the DARE by doubling A_0 = A - B R^-1 N^T, G_0 = B R^-1 B^T, H_0 = Q - N R^-1 N^T.
 
-    Converges quadratically where the closed loop is stable. A singular R is moved away first (riccati_problem).
+    Converges quadratically where the closed loop is stable. A singular R is made regular first (riccati_problem).
 
     Raises:
         InputError: if it does not converge within the limit, or overflows.

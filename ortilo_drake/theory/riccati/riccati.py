@@ -1,16 +1,16 @@
-"""The discrete-time algebraic Riccati equation by four independent solvers, and what a solution is worth.
+"""The discrete-time algebraic Riccati equation, solved by four independent solvers.
 
     A^T X A - X - (A^T X B + N) (R + B^T X B)^-1 (B^T X A + N^T) + Q = 0                                   (DARE)
 
 The filter's equation is the same by duality: A = Phi^T, B = C^T, Q = W, R = V.
 
-- drake: Schur method (DiscreteAlgebraicRiccatiEquation); ends the process (SystemExit) on what it refuses.
+- drake: Schur method (DiscreteAlgebraicRiccatiEquation); it ends the process (SystemExit) on a problem it refuses.
 - scipy: QZ of the extended pencil (solve_discrete_are); may return a solution that does not stabilise.
 - doubling: structured doubling, doubling.py.
 - recursion: the paper's own, S <- Q + Phi^T S Phi - Phi^T S Gamma (Gamma^T S Gamma + R)^-1 Gamma^T S Phi.
 
-RAW holds them as they are; SOLVERS the same behind require_well_posed, all with one signature and the same errors. All
-refuse complex matrices (InputError), for which the equation reads otherwise.
+RAW holds the bare solvers. SOLVERS holds them behind require_well_posed, with one signature and the same errors. All
+refuse complex matrices (InputError): the equation is that of real matrices.
 """
 
 import math
@@ -36,13 +36,13 @@ from ortilo_drake.theory.riccati.riccati_problem import (
 Solver = Callable[..., np.ndarray]
 
 
-def number(x: float | None) -> float | None:
-    """Return x as JSON takes it: None for NaN and infinity."""
+def json_number(x: float | None) -> float | None:
+    """Return x for JSON: None for NaN and infinity."""
     return float(x) if x is not None and math.isfinite(x) else None
 
 
 def by_drake(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray | None = None) -> np.ndarray:
-    """Return X by Drake; SystemExit on what Drake refuses. It wants R > 0 and Q >= 0 without any rounding."""
+    """Return X by Drake; SystemExit on what Drake refuses. R must be > 0 and Q >= 0 without any rounding error."""
     A, B, Q, R, *cross = real_matrices(A=A, B=B, Q=Q, R=R, **({} if N is None else {"N": N}))
     return DiscreteAlgebraicRiccatiEquation(A, B, Q, R, *cross)
 
@@ -51,7 +51,7 @@ def by_scipy(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.n
     """Return X by SciPy; LinAlgError where it finds no finite solution."""
     A, B, Q, R, *cross = real_matrices(A=A, B=B, Q=Q, R=R, **({} if N is None else {"N": N}))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LinAlgWarning)  # check says what the solution is worth
+        warnings.simplefilter("ignore", LinAlgWarning)  # riccati_check.assess measures the solution
         return solve_discrete_are(A, B, Q, R, s=cross[0] if cross else None)
 
 
@@ -64,13 +64,13 @@ def by_recursion(
     tolerance: float = 1e-14,
     limit: int = 100_000,
 ) -> np.ndarray:
-    """Return X by the paper's recursion from 0, which grows towards it as the closed loop's radius squared a step.
+    """Return X by the paper's recursion from 0, whose error shrinks by the closed loop's radius squared a step.
 
-    It stops when a step changes X by less than the tolerance, relatively, or when rounding lets it come no nearer. The
+    It stops when a step changes X by less than the tolerance, relatively, or when rounding ends its progress. The
     limit is enough for closed loops of a radius up to about 1 - 1.5e-4.
 
     Raises:
-        InputError: if it is still on its way after that many steps, or overflows.
+        InputError: if it has not converged after that many steps, or overflows.
     """
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
     X, least, waited = np.zeros(Q.shape), np.inf, 0
@@ -123,7 +123,7 @@ def solve(
 
     Raises:
         InputError: if the problem is ill-posed, before solving and the same for every solver, naming the modes; or if
-            the solver fails on a well-posed one, or what it returns does not stabilise.
+            the solver fails on a well-posed one, or its solution does not stabilise.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")

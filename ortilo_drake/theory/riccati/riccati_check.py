@@ -11,7 +11,7 @@ from ortilo_drake.theory.riccati.stability_radius import stability_radius
 
 
 class RiccatiCheck(NamedTuple):
-    """What a solution X of the DARE is worth.
+    """Quality of a solution X of the DARE.
 
     Attributes:
         residual: Frobenius norm of the equation's left side over that of X.
@@ -40,10 +40,10 @@ def residual(
     return float(np.linalg.norm(left) / (np.linalg.norm(X) or 1.0))
 
 
-def check(
+def assess(
     A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, X: np.ndarray, N: np.ndarray | None = None
 ) -> RiccatiCheck:
-    """Return what X is worth as a solution of the DARE; InputError if a matrix is complex."""
+    """Return the quality of X as a solution of the DARE; InputError if a matrix is complex."""
     A, B, Q, R, X = real_matrices(A=A, B=B, Q=Q, R=R, X=X)
     if N is not None:
         (N,) = real_matrices(N=N)

@@ -41,9 +41,9 @@ def condition(
     N: np.ndarray | None = None,
     tolerance: float = 1e-7,
 ) -> float | None:
-    """Return the condition number of X, by power iteration and so from below; None where R is singular or X is 0.
+    """Return the condition number of X, from below by power iteration; None where R is singular or X is 0.
 
-    A cross weight N is taken in: A stands for A - B R^-1 N^T and Q for Q - N R^-1 N^T.
+    With a cross weight N, A stands for A - B R^-1 N^T and Q for Q - N R^-1 N^T.
 
     Args:
         A: dynamics (n x n).

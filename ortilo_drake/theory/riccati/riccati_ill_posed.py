@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.riccati.riccati import RAW, gain, number
+from ortilo_drake.theory.riccati.riccati import RAW, gain, json_number
 from ortilo_drake.theory.riccati.riccati_check import residual
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 
@@ -16,8 +16,8 @@ def _column(*entries: float) -> np.ndarray:
     return np.array(entries)[:, None]
 
 
-# Each is (A, B, Q, R). In 'hidden' cases the first state is neither weighed nor coupled; in 'stuck' ones nothing moves
-# it; the turn by 90 degrees has its eigenvalues +-i on the circle.
+# Each is (A, B, Q, R). In 'hidden' cases the first state has no weight and no coupling. In 'stuck' cases no input moves
+# it. The rotation by 90 degrees has its eigenvalues +-i on the unit circle.
 ILL_POSED: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {
     "hidden on the circle": (np.diag([1.0, 0.5]), _column(1.0, 1.0), np.diag([0.0, 1.0]), np.eye(1)),
     "hidden outside": (np.diag([2.0, 0.5]), _column(1.0, 1.0), np.diag([0.0, 1.0]), np.eye(1)),
@@ -50,14 +50,14 @@ def _try(solver: str, A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray
     return {
         "outcome": f"returns a solution: {kind}" if left < 1e-6 else "returns what is no solution",
         "message": "",
-        "spectral_radius": number(radius),
-        "residual": number(left),
+        "spectral_radius": json_number(radius),
+        "residual": json_number(left),
         "X": X.tolist(),
     }
 
 
-def what_solvers_do(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> dict[str, Any]:
-    """Return what each raw solver does with a problem, and what solve says of it.
+def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> dict[str, Any]:
+    """Return the outcome of each raw solver on a problem, and the error of solve.
 
     Args:
         A: dynamics.
@@ -68,7 +68,7 @@ def what_solvers_do(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
     Returns:
         'error': the message of require_well_posed, None if the problem is well-posed; and by solver the 'outcome'
         ('ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution',
-        'returns NaN') with its 'message', and for what it returns 'spectral_radius' of the closed loop, 'residual'
+        'returns NaN') with its 'message', and for a returned X 'spectral_radius' of the closed loop, 'residual'
         and 'X'.
     """
     try:

@@ -1,14 +1,14 @@
-"""When a discrete-time algebraic Riccati equation has the solution that is wanted, and what to say when not.
+"""Conditions under which a discrete-time algebraic Riccati equation has a stabilising solution, and their errors.
 
     A^T X A - X - (A^T X B + N) (R + B^T X B)^-1 (B^T X A + N^T) + Q = 0                                   (DARE)
 
 has a unique stabilising solution X >= 0, the limit of the recursion from X = 0, if [[Q, N], [N^T, R]] >= 0, (A, B) is
 stabilisable and (A_1, Q_1) is detectable (Lancaster and Rodman, Algebraic Riccati Equations, 1995, chapters 12 to 16),
 where A_1 = A - B R^-1 N^T and Q_1 = Q - N R^-1 N^T. Undetectable modes on the unit circle are eigenvalues of the
-symplectic pencil there, so no stabilising solution exists; with undetectable modes outside, there is one, but neither
-is it the least cost nor does the recursion reach it.
+symplectic pencil there, so no stabilising solution exists. With undetectable modes outside the circle there is one, but
+it is not the least cost and the recursion does not reach it.
 
-A singular R >= 0 is moved out of the way: for every symmetric X_0, Y = X - X_0 solves the DARE of
+A singular R >= 0 is made regular by a shift: for every symmetric X_0, Y = X - X_0 solves the DARE of
 R + B^T X_0 B, N + A^T X_0 B and Q + A^T X_0 A - X_0. A few steps of the recursion from 0 give an X_0 for which the
 first is positive definite and the last still positive semidefinite, as the recursion only grows.
 """
@@ -23,7 +23,7 @@ from ortilo_drake.theory.modes.modes import listed, unreached_modes, unseen_mode
 EPS = float(np.finfo(float).eps)
 
 
-class Regular(NamedTuple):
+class RegularProblem(NamedTuple):
     """The DARE of Y = X - X_0 without cross term: A^T Y A - Y - A^T Y B (R + B^T Y B)^-1 B^T Y A + Q = 0, R > 0."""
 
     A: np.ndarray
@@ -72,11 +72,11 @@ def riccati_step(
     return symmetrise(Q + A.T @ XA - F.T @ L)
 
 
-def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> Regular:
+def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> RegularProblem:
     """Return the equivalent problem with R > 0 and N = 0; X_0 = 0 where R > 0 already.
 
     Raises:
-        InputError: if n steps of the recursion leave R + B^T X B singular: some control is free and does nothing.
+        InputError: if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
     """
     X_0 = np.zeros_like(Q)
     for _ in range(len(A) + 2):
@@ -84,7 +84,7 @@ def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np
         if is_positive_definite(R_1):
             N_1 = N + A.T @ X_0 @ B
             L = np.linalg.solve(R_1, N_1.T)
-            return Regular(A - B @ L, B, symmetrise(Q + A.T @ X_0 @ A - X_0 - N_1 @ L), R_1, X_0)
+            return RegularProblem(A - B @ L, B, symmetrise(Q + A.T @ X_0 @ A - X_0 - N_1 @ L), R_1, X_0)
         F = B.T @ X_0 @ A + N.T
         X_0 = symmetrise(Q + A.T @ X_0 @ A - F.T @ np.linalg.pinv(R_1, hermitian=True) @ F)
     raise InputError("R: R + B^T X B stays singular: some control has no weight and moves nothing that has one")

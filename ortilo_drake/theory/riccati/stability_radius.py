@@ -29,10 +29,10 @@ def level_angles(A: np.ndarray, sigma: float, tolerance: float = 1e-6) -> np.nda
 def stability_radius(A: np.ndarray, tolerance: float = 1e-10) -> float:
     """Return min over omega of sigma_min(e^{j omega} I - A), the complex stability radius of a stable A.
 
-    It is the least 2-norm of a complex E that puts an eigenvalue of A + E on the unit circle. From the least value on a
-    grid, the arcs on which sigma_min is still less are found by level_angles and the least value at their midpoints
-    taken, until there are no such arcs: quadratic convergence, and no narrow dip is missed (Boyd and Balakrishnan,
-    Systems and Control Letters 15, 1990, in discrete time).
+    It is the least 2-norm of a complex E that puts an eigenvalue of A + E on the unit circle. The search starts at the
+    least value on a grid. level_angles then finds the arcs on which sigma_min is less still, and the least value at
+    their midpoints is taken, until no such arc is left. It converges quadratically and misses no narrow dip (Boyd and
+    Balakrishnan, Systems and Control Letters 15, 1990, in discrete time).
 
     Args:
         A: a square matrix, real or complex; its eigenvalues' angles are on the grid.

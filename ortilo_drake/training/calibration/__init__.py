@@ -1,1 +1,1 @@
-"""Calibration of the projected camera by what the rendered one and its detector do."""
+"""Calibration of the projected camera from the rendered camera and its detector."""

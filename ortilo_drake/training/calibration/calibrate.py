@@ -1,7 +1,7 @@
-"""Measuring the rendered camera and its detector on flights, for the projected camera to draw from.
+"""Calibration: rates and errors of the rendered camera and its detector, measured on flights.
 
-Rates and errors are conditioned on what the projected camera knows of a landmark (world/sensors/landmark_view.py), so
-what else matters to the detector (light, background, furniture in front) counts as chance.
+The projected camera draws from them. They depend only on what it knows of a landmark (world/sensors/landmark_view.py).
+Everything else that matters to the detector (light, background, furniture in front) counts as chance.
 """
 
 import hashlib
@@ -20,12 +20,12 @@ from ortilo_drake.scenario import Detector, load_scenario
 from ortilo_drake.training.calibration.measured_errors import box_errors
 from ortilo_drake.training.calibration.measured_rates import detection_rates
 from ortilo_drake.training.calibration.persistence import persistence
-from ortilo_drake.training.calibration.sightings import Sightings, look, sightings
+from ortilo_drake.training.calibration.sightings import Sightings, detect_in_flight, sightings
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
 
 SCENARIO, GIVEN_ERRORS = "imu_uwb_yolo", ("camera=projected", "projected_camera.errors.kind=parametric")
 OWN_DETECTOR = Detector()
-LEAST_FOUND = 500  # for a calibration to mean anything
+LEAST_FOUND = 500  # landmarks found; fewer are too few for a calibration
 HEADER = """\
 # What was measured of the rendered camera and our own detector, for the projected camera: ortilo detector calibrate.
 # The meaning of each table is told in world/sensors/camera_calibration.py; lengths in m and px, times in s.
@@ -58,7 +58,7 @@ def _plain(value: Any) -> Any:
 def estimate(
     s: Sightings, classes: tuple[str, ...], size: tuple[int, int], interval: float, source: dict[str, Any]
 ) -> CameraCalibration:
-    """Return the calibration that sightings tell of.
+    """Return the calibration estimated from sightings.
 
     Args:
         s: the sightings.
@@ -90,13 +90,13 @@ def calibrate(
     progress: Callable[[int, int], None] | None = None,
     detector: Detector = OWN_DETECTOR,
 ) -> CameraCalibration:
-    """Fly, render every picture, look at it with a detector, and write what was measured of it.
+    """Fly, render every picture, run a detector on it, and write the calibration measured.
 
-    The flights are the camera scenario's with a camera of given errors: where the vehicle flies hardly depends on the
-    camera, and so a calibration does not depend on the one before.
+    The flights are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends on the
+    camera, and so a calibration does not depend on the previous one.
 
     Args:
-        seeds: a flight each.
+        seeds: one flight each.
         out: the file to write.
         progress: called with the pictures done and their number.
         detector: the network; by default our own.
@@ -123,7 +123,7 @@ def calibrate(
         if progress:
             progress(done, total)
 
-    s = sightings(room, width, [(x, look(room, width, x, detect, count)) for x in states])
+    s = sightings(room, width, [(x, detect_in_flight(room, width, x, detect, count)) for x in states])
     source = {
         "scenario": SCENARIO,
         "seeds": seeds,

@@ -1,7 +1,8 @@
-"""Estimating the tables of a camera calibration from sightings.
+"""Estimates of the tables of a camera calibration from sightings.
 
-A table that is linear between knots is linear in its values: with W the shares of the knots (hat functions) and y what
-was counted, the values r that fit best, drawn to a prior r_0 as by k further observations at each knot, solve
+A table is piecewise linear between knots, so it is linear in its values r at the knots. With W the shares of the knots
+(hat functions), y the observations and a prior r_0 that counts as k further observations at each knot, the best r
+solves
 
     (W^T W + k I) r = W^T y + k r_0.
 """
@@ -10,14 +11,14 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
-SHARES = np.array([0.0, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])  # knots of what depends on a landmark's share in view
-PRIOR = 10.0  # a rate or error that was never seen is drawn to its neighbours' as by so many observations
+SHARES = np.array([0.0, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])  # knots of the tables over a landmark's share in view
+PRIOR = 10.0  # observations that the prior counts as; it decides where nothing was observed
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def hat_shares(knots: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return W (n, k): the share that each knot has in the value at each place, constant beyond the last knots."""
+def knot_shares(knots: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return W (n, k), the share of each knot in the value at each place; constant beyond the last knots."""
     return np.column_stack([np.interp(at, knots, column) for column in np.eye(len(knots))])
 
 
@@ -28,13 +29,13 @@ def fit_table(
 
     Args:
         knots: the knots (k).
-        at: where was counted (n).
-        y: what was counted (n).
+        at: places of the observations (n).
+        y: observations (n).
         prior: r_0 (k).
-        strength: how many observations it counts as, at each knot.
+        strength: number of observations that the prior counts as, at each knot.
         gain: known factor of the table (n); 1 by default.
     """
-    W = hat_shares(knots, at)
+    W = knot_shares(knots, at)
     if gain is not None:
         W = W * gain[:, np.newaxis]
     return np.linalg.solve(W.T @ W + strength * np.eye(len(knots)), W.T @ y + strength * prior)
@@ -43,7 +44,7 @@ def fit_table(
 def slow_correlation(lag: np.ndarray) -> np.ndarray:
     """Return the correlation of the slow noise of projected_camera.py at a lag, in spacings of its nodes.
 
-    It depends on where between nodes one stands; this is the mean over that.
+    It depends on the place between two nodes; this is its mean over all places.
     """
     a = (np.arange(200) + 0.5) / 200
     later = a + np.asarray(lag, dtype=float)[..., np.newaxis]
@@ -74,7 +75,7 @@ def fit_slow(lags: np.ndarray, correlation: np.ndarray, weight: np.ndarray) -> t
 def both_below(p: np.ndarray, q: np.ndarray, rho: float) -> np.ndarray:
     """Return the chance that two standard normals of correlation rho lie below their quantiles of p and q.
 
-    d Phi_2 / d rho is the density of the two (Plackett, 1954), here integrated by Gauss-Legendre.
+    d Phi_2 / d rho is the joint density (Plackett, 1954), here integrated by Gauss-Legendre quadrature.
     """
     h, k = ndtri(p)[:, np.newaxis], ndtri(q)[:, np.newaxis]
     r = 0.5 * rho * (NODES + 1.0)
@@ -83,12 +84,12 @@ def both_below(p: np.ndarray, q: np.ndarray, rho: float) -> np.ndarray:
 
 
 def latent_correlation(p: np.ndarray, q: np.ndarray, both: int) -> float:
-    """Return the correlation of normals, each below its quantile with a known chance, that are both below so often.
+    """Return the correlation of pairs of normals, from the number of pairs in which both lie below their quantiles.
 
     Args:
-        p: the chance of one of each pair (n), within (0, 1).
-        q: that of the other (n).
-        both: in how many pairs both are below.
+        p: the chance that the first of each pair lies below its quantile (n), within (0, 1).
+        q: that of the second (n).
+        both: number of pairs in which both lie below.
     """
 
     def surplus(rho: float) -> float:
@@ -105,5 +106,5 @@ def normal_scores(values: np.ndarray) -> np.ndarray:
 
 
 def chances(normal: np.ndarray) -> np.ndarray:
-    """Return the chances that standard normal quantiles belong to."""
+    """Return the probabilities below standard normal quantiles."""
     return np.asarray(ndtr(normal))

@@ -1,11 +1,11 @@
-"""Errors of the boxes that the detector finds, measured."""
+"""Measured errors of the boxes that the detector finds."""
 
 from typing import Any
 
 import numpy as np
 
 from ortilo_drake.onboard.landmarks.landmark_association import BORDER
-from ortilo_drake.training.calibration.estimates import PRIOR, SHARES, chances, fit_table, hat_shares, normal_scores
+from ortilo_drake.training.calibration.estimates import PRIOR, SHARES, chances, fit_table, knot_shares, normal_scores
 from ortilo_drake.training.calibration.sightings import Sightings, cut_boxes, is_whole
 from ortilo_drake.world.sensors.camera_calibration import QUANTILES
 from ortilo_drake.world.sensors.landmark_view import BOX, INSIDE, VISIBLE
@@ -17,7 +17,7 @@ NORMALS = np.array([-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0])
 def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.ndarray]:
     """Return the fields of BoxErrors, and normal scores of the errors (n, 4), NaN where none is known.
 
-    Only boxes that the border does not cut tell of an error.
+    Only boxes that the border does not cut are used.
     """
     truth = cut_boxes(s.view[:, BOX], size)
     known = s.found & is_whole(s.view)
@@ -35,16 +35,16 @@ def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.
         means.append(np.maximum(mean, 0.02))
         for axis in range(2):
             relative[known, part.start + axis] = e[known, part.start + axis] / (
-                hat_shares(SIZES, b[known, axis]) @ means[-1]
+                knot_shares(SIZES, b[known, axis]) @ means[-1]
             )
     ones = np.ones(len(SHARES))
     growth = np.maximum(fit_table(SHARES, np.tile(visible, 4), np.abs(relative[known]).T.ravel(), ones, PRIOR), 0.1)
-    relative[known] /= (hat_shares(SHARES, visible) @ growth)[:, np.newaxis]
+    relative[known] /= (knot_shares(SHARES, visible) @ growth)[:, np.newaxis]
     scores, quantiles = np.full_like(e, np.nan), {}
     for j, name in enumerate(QUANTILES):
         quantiles[name] = np.quantile(relative[known, j], chances(NORMALS))
         scores[known, j] = normal_scores(relative[known, j])
-    usual = (hat_shares(SHARES, s.view[:, VISIBLE]) @ growth)[:, np.newaxis] * edge_errors(b, means)
+    usual = (knot_shares(SHARES, s.view[:, VISIBLE]) @ growth)[:, np.newaxis] * edge_errors(b, means)
     inside_growth, border_factor = cut_errors(s, truth, np.tile(usual, 2))
     return {
         "size": SIZES,
@@ -61,17 +61,17 @@ def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.
 def edge_errors(sides: np.ndarray, means: list[np.ndarray]) -> np.ndarray:
     """Return the mean error of an edge [px] of boxes with these widths and heights (n, 2).
 
-    It is half the extent's and all of the centre's, added as if they were normal.
+    It is half the extent's error and the centre's error, added as if they were normal.
     """
     center, extent = (np.column_stack([np.interp(side, SIZES, mean) for side in sides.T]) for mean in means)
     return np.hypot(center, 0.5 * extent)
 
 
 def cut_errors(s: Sightings, truth: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how errors grow on landmarks that the border cuts, and the factors of edges at the border (by SHARES).
+    """Return the growth of errors on landmarks that the border cuts, and the factors of edges at the border.
 
-    The factors make edges at the border leave it as often as they did, by as much as others err inward: a box that
-    leaves it is taken for a whole one.
+    Both are tables over SHARES. With the factors, edges move off the border as often as in the sightings, by errors of
+    the size of other edges. A box whose edge is off the border counts as whole.
 
     Args:
         s: the sightings.
@@ -86,9 +86,9 @@ def cut_errors(s: Sightings, truth: np.ndarray, usual: np.ndarray) -> tuple[np.n
         return ones, ones
     growth = np.maximum(fit_table(SHARES, inside[others], np.abs(inward[others]), ones, PRIOR, usual[others]), 0.1)
     growth[-1] = 1.0
-    usual = usual * (hat_shares(SHARES, s.view[:, INSIDE]) @ growth)[:, np.newaxis]
+    usual = usual * (knot_shares(SHARES, s.view[:, INSIDE]) @ growth)[:, np.newaxis]
     left = (inward[borders] > BORDER).astype(float)
     leaving = np.clip(fit_table(SHARES, inside[borders], left, ones * left.mean(), PRIOR), 0.0, 0.45)
-    reach = growth * np.mean(usual[borders]) / np.mean(hat_shares(SHARES, inside[borders]) @ growth)
+    reach = growth * np.mean(usual[borders]) / np.mean(knot_shares(SHARES, inside[borders]) @ growth)
     reach = reach * np.maximum(np.quantile(inward[others] / usual[others], 1.0 - leaving), 0.1)
     return growth, np.clip(BORDER / reach, 0.0, 1.5)

@@ -1,10 +1,10 @@
-"""Rates of detection, by class, distance, and the shares inside the image and not hidden, measured."""
+"""Measured detection rates by class, distance, share inside the image and visible share."""
 
 from typing import Any
 
 import numpy as np
 
-from ortilo_drake.training.calibration.estimates import PRIOR, SHARES, fit_table, hat_shares
+from ortilo_drake.training.calibration.estimates import PRIOR, SHARES, fit_table, knot_shares
 from ortilo_drake.training.calibration.sightings import Sightings, is_whole
 from ortilo_drake.world.sensors.camera_calibration import OTHER
 from ortilo_drake.world.sensors.landmark_view import DISTANCE, INSIDE, VISIBLE
@@ -15,11 +15,12 @@ DISTANCES = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 1
 def detection_rates(s: Sightings, classes: tuple[str, ...]) -> tuple[dict[str, Any], np.ndarray]:
     """Return the fields of Found, and the probability they give each sighting (n).
 
-    A class's rates are drawn to those of all classes, and these to a line from 1 at 4 m to 0 at 24 m. Factors are
-    fitted to what the rates of landmarks in clear view leave unexplained, and drawn to the share itself.
+    The prior of a class's rates are the rates of all classes, and their prior is a line from 1 at 4 m to 0 at 24 m. The
+    factors of the shares are fitted to what the rates of landmarks in clear view leave unexplained; their prior is the
+    share itself.
     """
     distance, inside, visible = s.view[:, DISTANCE], s.view[:, INSIDE], s.view[:, VISIBLE]
-    near = distance <= DISTANCES[-1]  # farther ones are never found, says the table
+    near = distance <= DISTANCES[-1]  # beyond the last knot the rate is 0
     found, clear = s.found.astype(float), (visible >= 0.95) & is_whole(s.view) & near
 
     def rates(chosen: np.ndarray, prior: np.ndarray) -> np.ndarray:
@@ -31,13 +32,13 @@ def detection_rates(s: Sightings, classes: tuple[str, ...]) -> tuple[dict[str, A
     for c, name in enumerate(classes):
         table[name] = rates(clear & (s.label == c), table[OTHER])
         mine = s.label == c
-        rate[mine] = np.where(near[mine], hat_shares(DISTANCES, distance[mine]) @ table[name], 0.0)
+        rate[mine] = np.where(near[mine], knot_shares(DISTANCES, distance[mine]) @ table[name], 0.0)
     factors = []
     for at, chosen in ((visible, is_whole(s.view) & near), (inside, ~is_whole(s.view) & near)):
         factor = np.clip(fit_table(SHARES, at[chosen], found[chosen], SHARES, PRIOR, rate[chosen]), 0.0, 1.0)
         factor[-1] = 1.0
         factors.append(factor)
-        rate = rate * (hat_shares(SHARES, at) @ factor)
+        rate = rate * (knot_shares(SHARES, at) @ factor)
     return {
         "distance": DISTANCES,
         "rate": table,

@@ -10,11 +10,11 @@ from ortilo_drake.training.calibration.sightings import Sightings
 from ortilo_drake.world.sensors.landmark_view import LANDMARK
 
 LAGS = np.array([1, 2, 3, 5, 8, 12, 20, 30, 50])  # pictures
-UNSURE = 0.02, 0.98  # rates of landmarks whose misses tell of persistence: where a rate is 1, its own error decides
+UNSURE = 0.02, 0.98  # range of rates in which misses count; beyond it the error of the rate itself decides
 
 
-def pairs_at(s: Sightings, lag: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sightings of a landmark and those of the same one that many pictures later, as indices."""
+def pairs_at_lag(s: Sightings, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of pairs of sightings of the same landmark that are lag pictures apart."""
     landmarks = int(s.view[:, LANDMARK].max()) + 1
     key = s.picture * landmarks + s.view[:, LANDMARK].astype(int)
     later = np.searchsorted(key, key + lag * landmarks)  # views are in the map's order, so keys rise
@@ -28,7 +28,7 @@ def persistence(s: Sightings, rate: np.ndarray, scores: np.ndarray, interval: fl
 
     Args:
         s: the sightings.
-        rate: the probability with which each was to be found (n).
+        rate: the expected probability of finding each (n).
         scores: normal scores of the errors, NaN where none is known (n, 4).
         interval: time between pictures [s].
 
@@ -38,7 +38,7 @@ def persistence(s: Sightings, rate: np.ndarray, scores: np.ndarray, interval: fl
     errors, misses, weights = [], [], []
     telling, lags = (rate > UNSURE[0]) & (rate < UNSURE[1]), []
     for lag in LAGS:
-        a, b = pairs_at(s, int(lag))
+        a, b = pairs_at_lag(s, int(lag))
         product = scores[a] * scores[b]
         if np.isfinite(product).sum() < 100:
             continue

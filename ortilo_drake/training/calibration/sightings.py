@@ -1,4 +1,4 @@
-"""Sightings, which a calibration counts: what the detector made of every landmark in every picture of a flight."""
+"""Sightings: every landmark in every picture of a flight, with the box that the detector found of it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ from ortilo_drake.world.sensors.landmark_view import (
     surroundings,
 )
 
-LIMITS = np.array([25.0, 1.0])  # landmarks farther away [m], or of which less is in the image [px], are not looked at
-LEAST_OVERLAP = 0.3  # IoU of a box and the landmark that it is of; boxes of little things err by much of their size
+LIMITS = np.array([25.0, 1.0])  # landmarks farther away [m], or with a smaller part in the image [px], are left out
+LEAST_OVERLAP = 0.3  # least IoU of a box and its landmark; boxes of small things err by much of their size
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Sightings:
         flight: number of its flight (n).
         label: class of the landmark (n).
         view: see landmark_view.py (n, 8).
-        seen: box that was found of it (u_min, v_min, u_max, v_max) [px], NaN if none was (n, 4).
+        seen: the box found of it (u_min, v_min, u_max, v_max) [px], NaN if none was (n, 4).
         false: flight, picture, class and box of the others (m, 7).
         pictures: number of pictures.
     """
@@ -62,10 +62,10 @@ def cut_boxes(boxes: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 def match_landmarks(
     labels: np.ndarray, boxes: np.ndarray, truth_labels: np.ndarray, truth: np.ndarray, visible: np.ndarray
 ) -> np.ndarray:
-    """Return the landmark that each box is of, -1 for none (k).
+    """Return the landmark of each box, -1 for none (k).
 
-    Boxes and landmarks of a class are paired so that the sum of IoU is greatest. One behind another of its class is as
-    good a match to the pixel as the one in front, so what is seen of it counts a little.
+    Boxes and landmarks of a class are paired so that the sum of IoU is greatest. The visible share counts a little, so
+    that of two landmarks of a class in one place the box goes to the one in front.
 
     Args:
         labels: classes of the boxes (k).
@@ -89,7 +89,7 @@ def match_landmarks(
 
 
 def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes]]]) -> Sightings:
-    """Return the sightings of flights, each given as states (k, 12) and what the detector found at each.
+    """Return the sightings of flights, each given as states (k, 12) and the detections at each.
 
     Args:
         room: the room flown in.
@@ -129,10 +129,10 @@ def is_whole(view: np.ndarray) -> np.ndarray:
     return view[:, INSIDE] > 1.0 - 1e-9
 
 
-def look(
+def detect_in_flight(
     room: Room, width: int, states: np.ndarray, detect: Callable[[np.ndarray], Boxes], done: Callable[[], None]
 ) -> list[Boxes]:
-    """Return what a detector finds in the pictures at states (k, 12), in the flights' own light.
+    """Return the boxes that a detector finds in the pictures at states (k, 12), in the flights' own light.
 
     Args:
         room: the room.

@@ -1,1 +1,1 @@
-"""Judging of the detector: average precision on pictures it never saw."""
+"""Judging of the detector: average precision on pictures that it was not trained with."""

@@ -13,7 +13,7 @@ def iou_matrix(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return both / np.maximum(area[0][:, None] + area[1][None] - both, 1e-9)
 
 
-def match(
+def match_detections(
     labels: np.ndarray,
     scores: np.ndarray,
     boxes: np.ndarray,
@@ -23,9 +23,9 @@ def match(
 ) -> np.ndarray:
     """Return for each detection of a picture the row of the truth it finds, -1 if false, -2 if it does not count.
 
-    The best detection first takes, of the objects of its class that are left and that it overlaps by more than iou, the
-    one it overlaps most; so one that covers two objects may find the second, where PASCAL's own program calls it false.
-    What lies on an object that need not be found does not count.
+    Detections choose in the order of their scores, the highest first. Each takes the object that it overlaps most,
+    among the free objects of its class with an overlap above iou. So a detection that covers two objects may find the
+    second; PASCAL's own program calls it false. A detection on an object that need not be found does not count.
 
     Args:
         labels: classes (k).
@@ -33,7 +33,7 @@ def match(
         boxes: boxes (k, 4).
         truth: labels of the picture (m, 8), see labels.py.
         iou: least overlap.
-        least: what need not be found, see is_to_be_found.
+        least: limits of what must be found, see is_to_be_found.
     """
     found = np.full(len(labels), -1)
     needed = is_to_be_found(truth, least)
@@ -51,12 +51,12 @@ def match(
 
 
 def average_precision(scores: np.ndarray, true: np.ndarray, objects: int) -> float:
-    """Return the area under precision (made to fall) over recall; NaN without objects.
+    """Return the area under precision, made monotone, over recall; NaN without objects.
 
     Args:
         scores: of all detections of a class (k).
         true: whether each finds an object (k).
-        objects: how many there are to find.
+        objects: number of objects to find.
     """
     if objects == 0:
         return float("nan")

@@ -1,4 +1,4 @@
-"""Judging a detector on labelled pictures it has never seen."""
+"""Evaluation of a detector on labelled pictures."""
 
 import time
 from collections.abc import Callable
@@ -9,14 +9,14 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.landmarks.landmark_association import BORDER
-from ortilo_drake.training.judging.average_precision import average_precision, match
+from ortilo_drake.training.judging.average_precision import average_precision, match_detections
 from ortilo_drake.training.pictures.labels import BOX, CLASS, LEAST, Frames, is_to_be_found
 
 Detect = Callable[[np.ndarray], Boxes]
-CENTER = {"median": 0.5, "p95": 0.95}  # what is told of the centres' errors
+CENTER = {"median": 0.5, "p95": 0.95}  # quantiles of the centres' errors
 
 
-def whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
+def is_whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return which boxes (n, 4) the image's border does not cut."""
     low, high = BORDER - 0.5, np.array([width, height]) - BORDER - 0.5
     return np.all(boxes[:, :2] > low, axis=1) & np.all(boxes[:, 2:] < high, axis=1)
@@ -32,19 +32,18 @@ def evaluate(
     """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
 
     Args:
-        detect: the detector, with a threshold far below the one it flies with, so that precision is known at all
-            recalls.
+        detect: the detector, with a threshold far below that of flights, so that precision is known at all recalls.
         frames: pictures and labels.
         classes: the labels' names.
-        threshold: the score it flies with, for centres, recall and false boxes.
-        least: what need not be found, see is_to_be_found.
+        threshold: the threshold of flights, for centres, recall and false boxes.
+        least: limits of what must be found, see is_to_be_found.
 
     Returns:
-        Plain data; AP is None for a class of which there is no object, the errors of the centres are None if no object
+        Plain data; AP is None for a class without objects, the errors of the centres are None if no object
         is found whole.
 
     Raises:
-        InputError: if the pictures show nothing to be found.
+        InputError: if the pictures show no object to be found.
     """
     _, height, width, _ = frames.images.shape
     found_all, errors, faults = [], [], []
@@ -52,7 +51,7 @@ def evaluate(
     hits = false = 0
     for image, truth in zip(frames.images, frames.labels, strict=True):
         labels, scores, boxes = detect(image)
-        found = match(labels, scores, boxes, truth, least=least)
+        found = match_detections(labels, scores, boxes, truth, least=least)
         found_all += [(int(c), float(s), i) for c, s, i in zip(labels, scores, found, strict=True) if i != -2]
         needed = is_to_be_found(truth, least)
         for c in truth[needed, CLASS]:
@@ -64,7 +63,7 @@ def evaluate(
         false += wrong
         faults.append(wrong + int(needed.sum()) - int(good.sum()))
         seen, true = boxes[good], truth[found[good], BOX].astype(float)
-        clear = whole(seen, width, height) & whole(true, width, height)
+        clear = is_whole(seen, width, height) & is_whole(true, width, height)
         errors += list(np.linalg.norm((seen[:, :2] + seen[:, 2:] - true[:, :2] - true[:, 2:])[clear] / 2, axis=1))
     if not objects.any():
         raise InputError(f"pictures: {len(frames.images)} given, none shows an object to be found")
@@ -86,7 +85,7 @@ def evaluate(
 
 
 def milliseconds_per_frame(detect: Detect, images: np.ndarray, repeats: int = 100) -> float:
-    """Return the median time of a picture, scaling and boxes included [ms]."""
+    """Return the detector's median time for a picture, scaling and boxes included [ms]."""
     detect(images[0])
     times = []
     for k in range(repeats):

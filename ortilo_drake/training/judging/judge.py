@@ -1,4 +1,4 @@
-"""The whole judgement of a detector: both test sets, its speed, and the pictures it does worst on."""
+"""The judgement of a detector: both test sets, its speed, and the pictures with most faults."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from ortilo_drake.training.pictures.shards import load_frames
 def draw_boxes(
     image: np.ndarray, found: tuple[np.ndarray, ...], truth: np.ndarray, classes: tuple[str, ...]
 ) -> np.ndarray:
-    """Return the picture twice as large with detections (yellow) and what was to be found (green), BGR."""
+    """Return the picture at twice its size with detections (yellow) and the objects to be found (green), BGR."""
     drawn = cv2.resize(image[..., ::-1], None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
 
     def box(edges: np.ndarray, color: tuple[int, int, int], text: str) -> None:
@@ -47,14 +47,14 @@ def _worst_figure(
 
 
 def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> dict[str, Any]:
-    """Return what `ortilo detector evaluate --json` writes.
+    """Return the judgement as plain data, as `ortilo detector evaluate --json` writes it.
 
     Args:
         settings: the network and the score it flies with.
         room: gives the classes.
-        pictures: where the test sets are.
+        pictures: folder of the test sets.
         lowest: score from which detections count in a precision-recall curve.
-        worst: a PNG to draw the pictures with most faults to.
+        worst: PNG file for the pictures with most faults.
 
     Raises:
         InputError: if the pictures or the network's files are wrong, or both sets are not of one size.

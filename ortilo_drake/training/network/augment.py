@@ -1,4 +1,4 @@
-"""Augmentation: motion blur, noise, exposure and tint of a real camera; and other framings of the same picture."""
+"""Augmentation: other framings of a picture, and the motion blur, noise, exposure and tint of a real camera."""
 
 import cv2
 import numpy as np
@@ -12,12 +12,12 @@ def blur_kernel(length: float, angle: float) -> np.ndarray:
     step = 0.5 * length * np.array([np.cos(angle), np.sin(angle)])
     start, end = (tuple(int(v) for v in np.round(16 * (middle + s * step))) for s in (-1, 1))
     cv2.line(kernel, start, end, 1.0, 1, cv2.LINE_AA, shift=4)
-    kernel += kernel[::-1, ::-1]  # OpenCV draws off the middle, which would shift the picture against its labels
+    kernel += kernel[::-1, ::-1]  # made symmetric: OpenCV's line is off the middle and would shift the picture
     return kernel / kernel.sum()
 
 
 def augment(image: np.ndarray, boxes: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return the picture (h, w, 3) and the boxes (m, 4) [px] another time, otherwise seen.
+    """Return an augmented picture (h, w, 3) and its boxes (m, 4) [px].
 
     Boxes are (u_min, v_min, u_max, v_max), a pixel's centre at integers, cut at the image's border; one that has left
     the image has no area.

@@ -1,4 +1,4 @@
-"""From trained weights to what the package ships: our own file and ONNX, which both hold the same numbers."""
+"""Export of trained weights to the files that the package ships: its own format and ONNX, with the same numbers."""
 
 import io
 from pathlib import Path
@@ -10,8 +10,8 @@ from ortilo_drake.onboard.detector.darknet_file import read_network
 from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
 
 
-def fold(network: DarknetNetwork) -> None:
-    """Make each batch normalisation part of the convolution before it, in place; the outputs stay."""
+def fold_batch_norm(network: DarknetNetwork) -> None:
+    """Merge each batch normalisation into the convolution before it, in place; the outputs stay the same."""
     for layer in network.convolutions():
         if layer.norm is not None:
             layer.convolution = torch.nn.utils.fuse_conv_bn_eval(layer.convolution, layer.norm)
@@ -26,7 +26,7 @@ def export(source: Path, onnx: Path) -> None:
     """
     network, _ = read_network(source)
     network.eval()
-    fold(network)
+    fold_batch_norm(network)
     images = torch.zeros(1, 3, network.cfg.net.height, network.cfg.net.width)
     names = [f"head{k}" for k in range(len(network.cfg.heads))]
     made = io.BytesIO()

@@ -1,9 +1,9 @@
-"""The loss that a YOLOv3 head is trained with.
+"""The loss of a YOLOv3 head.
 
 Redmon, Farhadi, "YOLOv3: an incremental improvement" (2018), section 2: logistic objectness and independent logistic
 classes, boxes relative to anchors. Two departures: the box loss is the complete IoU (Zheng et al., "Distance-IoU loss",
-2020), which is what localisation is judged by; and an object trains every anchor of about its shape, at every scale,
-rather than the best one alone, which learns faster from few pictures.
+2020), because localisation is judged by IoU. And an object trains every anchor of about its shape at every scale, not
+only the best one, which learns faster from few pictures.
 """
 
 import math
@@ -13,7 +13,7 @@ import torch
 Tensor = torch.Tensor
 
 SAME_SHAPE = 3.0  # an anchor within this ratio of an object's width and height is trained with it
-IGNORE_IOU = 0.6  # a prediction that covers an object so well is not taught to be none
+IGNORE_IOU = 0.6  # a prediction with this IoU with an object is not trained as empty
 W_BOX, W_OBJECT, W_CLASS = 4.0, 1.0, 0.5
 
 
@@ -51,7 +51,7 @@ def yolo_loss(
         anchors: each head's anchors (a, 2), width and height [px of the input].
         boxes: objects (n, m, 4), (center x, center y, width, height) [px of the input, from its corner].
         classes: their classes (n, m), -1 = no object.
-        keep: whether the object is to be found (n, m); False neither rewards nor punishes finding it.
+        keep: whether the object is to be found (n, m); with False its detection does not count.
         width: width of the input [px].
     """
     bce = torch.nn.functional.binary_cross_entropy_with_logits

@@ -1,4 +1,4 @@
-"""Training the detector: seeded, resumable, with its loss curve kept."""
+"""Training of the detector: seeded and resumable, with the loss curve kept."""
 
 import io
 import json
@@ -19,13 +19,13 @@ from ortilo_drake.training.network.loss import yolo_loss
 from ortilo_drake.training.pictures.labels import BOX, CLASS, VISIBLE, Frames, is_to_be_found
 
 LEARNING_RATE, WEIGHT_DECAY, WARM_UP = 2.0e-3, 1.0e-3, 500
-AVERAGING = 0.998  # of the weights that are kept
+AVERAGING = 0.998  # decay of the averaged weights
 BATCH = 32  # pictures a step
 RARE = -6.0  # logit of an object in a cell, before training
 
 
 def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
-    """Return augmented pictures (n, 3, h, w) in [0, 1], boxes (center, size), classes and which are to be found."""
+    """Return augmented pictures (n, 3, h, w) in [0, 1], boxes (center, size), classes and whether to be found."""
     images, boxes, classes, keep = [], [], [], []
     for i in chosen:
         labels = frames.labels[i]
@@ -48,7 +48,7 @@ def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tu
 
 
 def initialize(network: DarknetNetwork) -> None:
-    """Have every head believe at first that objects are rare, else the empty cells drown the others."""
+    """Set the heads' biases so that objects are rare at first; else the empty cells dominate the loss."""
     for layer, after in zip(network.layers, network.cfg.layers[1:], strict=False):
         if isinstance(after, Yolo) and isinstance(layer, Convolution) and layer.convolution.bias is not None:
             bias = layer.convolution.bias.data.view(len(after.anchors), -1)
@@ -66,8 +66,8 @@ def train(
 ) -> list[dict[str, float]]:
     """Train a network in place on labelled pictures; return the loss of each epoch.
 
-    After every epoch weights, averaged weights and the optimiser's state are kept in folder/checkpoint.pt, from which
-    an interrupted training goes on as if it had not been. The network ends with the averaged weights.
+    After every epoch weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt. An
+    interrupted training continues from there with the same result. The network ends with the averaged weights.
 
     Args:
         network: the network, its weights as initialised.

@@ -1,1 +1,1 @@
-"""Pictures with boxes to learn from: random rooms, appearance, labels, sets."""
+"""Labelled training pictures: random rooms, appearance, labels, sets."""

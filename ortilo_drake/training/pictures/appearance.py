@@ -1,4 +1,4 @@
-"""Other looks of the same things: recoloured textures and other light."""
+"""Random looks of a scene: recoloured textures and other light."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -38,7 +38,7 @@ class Recolored:
         self._rng, self._made = rng, dict[str, InMemoryMesh]()
 
     def mesh(self, shape: Mesh, group: str) -> Mesh:
-        """Return the mesh with its texture recoloured: surfaces at will, things so that they stay what they are."""
+        """Return the mesh with its texture recoloured: surfaces in any colour, things still recognisable."""
         path = Path(shape.source().path())
         if path.name not in self._made:
             rng = self._rng
@@ -66,7 +66,7 @@ class Recolored:
 
 
 def random_lamps(rng: np.random.Generator) -> list[LightParameter]:
-    """Return three or four lamps far away: from above, of random direction, strength and tint, no side left black."""
+    """Return three or four distant lamps above, of random direction, strength and tint, that leave no side black."""
     lamps = []
     turn = rng.uniform(-np.pi, np.pi)
     count = rng.integers(3, 5)
@@ -81,6 +81,6 @@ def random_lamps(rng: np.random.Generator) -> list[LightParameter]:
 
 
 def random_background(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Return what is seen above the walls: some light grey."""
+    """Return the colour seen above the walls, some light grey."""
     red, green, blue = np.clip(rng.uniform(0.35, 1.0) + rng.normal(0.0, 0.05, 3), 0.0, 1.0)
     return float(red), float(green), float(blue)

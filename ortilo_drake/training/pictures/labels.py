@@ -1,4 +1,4 @@
-"""Labels of a picture: every landmark in it, its box, and how much of it is to be seen."""
+"""Labels of a picture: every landmark in it, with its box and visible share."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ import numpy as np
 MAX_OBJECTS = 32
 CLASS, BOX, VISIBLE, LANDMARK, DISTANCE = 0, slice(1, 5), 5, 6, 7  # columns of the labels
 LABEL_SIZE = 8
-# What counts as an object to be found: the share of it that nothing hides, and width and height of its box [px].
+# Limits of an object to be found: least visible share, and least width and height of its box [px].
 LEAST = (0.5, 6.0)
-LEAST_CLEAR = (0.6, 8.0)  # of objects in clearer view, judged besides
+LEAST_CLEAR = (0.6, 8.0)  # of objects in clearer view, judged separately
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Frames:
 
 
 def is_to_be_found(labels: np.ndarray, least: tuple[float, float] = LEAST) -> np.ndarray:
-    """Return which labels (..., 8) a detector must find; the rest it may, or may not.
+    """Return which labels (..., 8) a detector must find; the others do not count.
 
     Args:
         labels: labels.

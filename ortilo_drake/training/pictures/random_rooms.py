@@ -1,4 +1,4 @@
-"""Rooms that nobody has surveyed, and places in a room to take pictures from."""
+"""Random rooms, and random camera poses in a room."""
 
 from collections.abc import Sequence
 
@@ -10,19 +10,19 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.world.scenery.rendering import camera_in_body
 from ortilo_drake.world.scenery.scene import MESHES
 
-SURFACES = ("wall", "floor", "floor32x10", "stand", "m100")  # meshes that are no things
+SURFACES = ("wall", "floor", "floor32x10", "stand", "m100")  # meshes that are not placed as things
 _CLEARANCE = 0.45  # from the camera to anything below its height [m]
 _STAND_HEIGHT = 0.86
 
 
 def clutter_kinds(room: Room) -> list[str]:
-    """Return the kinds of things that have a mesh and are no landmark class."""
+    """Return the kinds of things that have a mesh but are no landmark class."""
     landmarks = {label.replace(" ", "_") for label in room.landmark_size}
     return sorted(path.stem for path in MESHES.glob("*.obj") if path.stem not in {*landmarks, *SURFACES})
 
 
 def _walls(length: float, width: float, rng: np.random.Generator) -> list[list[float]]:
-    """Return x, y, yaw of the walls around a room of that size from x = 0, about y = 0, and of some within."""
+    """Return x, y, yaw of the walls around a room of that size (x from 0, y about 0), and of some inside it."""
     walls = [
         [float(x), y, 0.0] for x in np.arange(-1.5, length + 3.0, 3.0) for y in (-width / 2 - 0.5, width / 2 + 0.5)
     ]
@@ -111,13 +111,13 @@ def _is_free(p_WB: np.ndarray, room: Room) -> bool:
 
 
 def random_pose(room: Room, rng: np.random.Generator, path: np.ndarray | None = None) -> RigidTransform:
-    """Return X_WC of a camera on a vehicle somewhere in a room, tilted as in flight.
+    """Return X_WC of a camera on a vehicle at a random place in a room, tilted as in flight.
 
     Args:
         room: the room.
-        rng: source of chance.
-        path: points p_W (n, 3) to stay near, looking along W's x axis as the paper's vehicle does; None looks about,
-            mostly towards a landmark.
+        rng: random generator.
+        path: points p_W (n, 3); the camera stays near them and looks along W's x axis, as the paper's vehicle does.
+            With None it is anywhere and looks mostly towards a landmark.
     """
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     for _ in range(1000):

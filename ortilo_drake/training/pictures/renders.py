@@ -47,7 +47,7 @@ def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 class Studio:
-    """A room with its renderer, to take labelled pictures in."""
+    """A room with a renderer that takes labelled pictures of it."""
 
     def __init__(
         self, room: Room, classes: tuple[str, ...], camera: CameraModel, rng: np.random.Generator | None = None
@@ -97,9 +97,9 @@ def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> F
     """Return the labelled pictures of one scene.
 
     Args:
-        kind: 'paper_room' (the surveyed room, other light and textures) or 'random_rooms' (another room as well).
+        kind: 'paper_room' (the surveyed room in other light and textures) or 'random_rooms' (a random room as well).
         seed: seed of the set.
-        scene: number of the scene in the set; each has its own stream of chance.
+        scene: number of the scene in the set; each has its own random stream.
         frames: number of pictures.
         width: image width [px].
     """

@@ -1,4 +1,4 @@
-"""The sets of pictures that the detector is trained with and judged by."""
+"""The sets of pictures with which the detector is trained and judged."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,7 @@ SEED_OF = {"train": 0, "test": 1000}  # added to the seed: no test scene is a tr
 
 
 def set_folder(folder: Path, part: str, kind: str) -> Path:
-    """Return where a set is kept."""
+    """Return the folder of a set."""
     return folder / part / kind
 
 
@@ -35,14 +35,14 @@ def render_set(
     workers: int,
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Render the scenes of a set that are not there yet; the same on any number of workers.
+    """Render the missing scenes of a set; the result does not depend on the number of workers.
 
     Args:
-        folder: where the sets are kept.
+        folder: folder of all sets.
         part: 'train' or 'test'.
         kind: 'paper_room' or 'random_rooms'.
         seed: of the rooms, looks and poses.
-        scenes: how many.
+        scenes: number of scenes.
         width: image width [px].
         workers: processes.
         progress: called for each scene.
@@ -66,7 +66,7 @@ def render_set(
 
 
 def _claim(target: Path, made_with: dict[str, int]) -> None:
-    """Note what a set is rendered with, or refuse to go on with one that was rendered with something else."""
+    """Write the settings of a set into its folder; InputError if it holds a set of other settings."""
     note = target / "set.json"
     text = json.dumps(made_with) + "\n"
     if not note.exists():

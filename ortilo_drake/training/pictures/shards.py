@@ -1,4 +1,4 @@
-"""Rendered pictures on disk, one file a scene."""
+"""Files of rendered pictures, one a scene."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The silhouette of a thing: its size in the picture if nothing stood before it."""
+"""The silhouette of a thing: its area in the picture if nothing hid it."""
 
 import numpy as np
 from numba import njit
@@ -6,7 +6,7 @@ from numba import njit
 
 @njit(cache=True)
 def silhouette_pixels(uv: np.ndarray, triangles: np.ndarray, width: int, height: int) -> int:
-    """Return how many pixels' centres a mesh covers, as the renderer counts them.
+    """Return the number of pixels whose centres a mesh covers, as the renderer counts them.
 
     Args:
         uv: the vertices in the image [px] (n, 2), a pixel's centre at integers.
@@ -26,7 +26,7 @@ def silhouette_pixels(uv: np.ndarray, triangles: np.ndarray, width: int, height:
             continue
         for v in range(max(top, int(np.ceil(min(a[1], b[1], c[1])))), min(bottom, int(max(a[1], b[1], c[1]))) + 1):
             for u in range(max(left, int(np.ceil(min(a[0], b[0], c[0])))), min(right, int(max(a[0], b[0], c[0]))) + 1):
-                # The areas of the three triangles with the pixel's centre have the sign of the whole.
+                # Inside, the three triangles with the pixel's centre have areas of the sign of the whole triangle.
                 p = (b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)
                 q = (c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)
                 if p / twice >= 0.0 and q / twice >= 0.0 and (p + q) / twice <= 1.0:
