@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
@@ -17,7 +17,8 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
 
 
-def _resolve(name_or_file: str | Path) -> Path:
+def _resolve(name_or_file: str | Path, field: str) -> Path:
+    """Return the file of a scenario; InputError, which begins with the field, if there is none of that name."""
     path = Path(name_or_file)
     if path.suffix in (".yaml", ".yml"):
         return path
@@ -26,7 +27,7 @@ def _resolve(name_or_file: str | Path) -> Path:
     name, known = str(name_or_file), scenario_names()
     shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
     raise InputError(
-        f"scenario: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
+        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
     )
 
 
@@ -72,7 +73,9 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         return data
     if not isinstance(base, str):
         raise InputError(f"{source}: base: {base!r}: must be a ready-made scenario's name or a .yaml file")
-    file = path.parent / _resolve(base)  # a ready-made one is absolute
+    file = path.parent / _resolve(base, f"{source}: base")  # a ready-made one is absolute
+    if not exists(file):
+        raise InputError(f"{source}: base: {base}: no such file")
     above = (*above, os.path.realpath(path))
     if os.path.realpath(file) in above:
         raise InputError(f"{source}: base: {base}: leads back to itself")
@@ -112,7 +115,7 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     Raises:
         InputError: naming file, field, value and what is allowed.
     """
-    path = _resolve(name_or_file)
+    path = _resolve(name_or_file, "scenario")
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
     data.setdefault("name", path.stem)
