@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
+import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 import xarray as xr
 
 from ortilo_drake.flight.flight import AXES, scenario_of
