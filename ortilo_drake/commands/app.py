@@ -6,7 +6,7 @@ from ortilo_drake.commands.analyze import analyze
 from ortilo_drake.commands.detector import detector_app
 from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.fly import fly
-from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.tables import tables

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from typer.testing import CliRunner
 
-from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf

@@ -2,13 +2,13 @@
 
 import typer
 
-from ortilo_drake.commands.hil_bridge import bridge
-from ortilo_drake.commands.hil_check import check
-from ortilo_drake.commands.hil_goal import goal
-from ortilo_drake.commands.hil_key import key
-from ortilo_drake.commands.hil_onboard import onboard
-from ortilo_drake.commands.hil_relay import relay
-from ortilo_drake.commands.hil_world import world
+from ortilo_drake.commands.hil.bridge import bridge
+from ortilo_drake.commands.hil.check import check
+from ortilo_drake.commands.hil.goal import goal
+from ortilo_drake.commands.hil.key import key
+from ortilo_drake.commands.hil.onboard import onboard
+from ortilo_drake.commands.hil.relay import relay
+from ortilo_drake.commands.hil.world import world
 
 hil_app = typer.Typer(no_args_is_help=True, help="Hardware in the loop: the two halves in two processes, over LCM.")
 for command in (world, onboard, check, relay, bridge, key):

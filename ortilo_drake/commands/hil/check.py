@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import LockstepOption, SecondsOption, WaitOption, show_report, showing_flight
+from ortilo_drake.commands.hil.options import LockstepOption, SecondsOption, WaitOption, showing_flight
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,
@@ -21,7 +21,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
