@@ -2,7 +2,7 @@
 
 import gc
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import xarray as xr
@@ -195,6 +195,25 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "frames": "W: east, north, up; B: forward, left, up",
         },
     )
+
+
+def logged_rows(flight: xr.Dataset) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the signals of closed_loop.LOGGED in each tick of a flight: the inverse of flight_dataset."""
+    there = flight["measurement"].notnull().values
+    y, delta = np.where(there, flight["measurement"].values, 0.0), flight["arrival"].values.astype(float)
+    V2 = flight["measurement_covariance"].values.reshape(len(y), -1)
+    references = [flight[name].values for name in ("reference", "reference_velocity", "reference_acceleration")]
+    parts = {
+        "state": flight["truth"].values,
+        "control": flight["control"].values,
+        "measurement": np.hstack([y, delta, V2]),
+        "estimate": flight["estimate"].values,
+        "covariance": flight["covariance"].values.reshape(len(y), -1),
+        "reference": np.hstack(references),
+    }
+    assert all(parts[name].shape[1] == size for name, size in LOGGED.items())
+    for k in range(len(y)):
+        yield {name: values[k] for name, values in parts.items()}
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:
