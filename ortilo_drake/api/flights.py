@@ -10,8 +10,9 @@ from weakref import finalize
 import pandas as pd
 
 from ortilo_drake.api.flight import Flight
-from ortilo_drake.api.settings import load_scenario
+from ortilo_drake.api.settings import load_scenario, plain_value
 from ortilo_drake.flight import ensemble
+from ortilo_drake.flight.workers import kept_workers
 from ortilo_drake.scenario import Scenario
 
 
@@ -76,7 +77,7 @@ def fly_many(
     Raises:
         InputError: if the scenario is wrong, or a flight cannot be flown or written.
     """
-    chosen, seeds = load_scenario(scenario, **settings), list(seeds)
+    chosen, seeds = load_scenario(scenario, **settings), [plain_value("seeds", seed) for seed in seeds]
     where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
     try:
         flights = Flights(chosen, seeds, where, ensemble.fly_many(chosen, seeds, where, workers, progress))
@@ -96,8 +97,9 @@ def compare(
     workers: int = 1,
     **settings: Any,
 ) -> pd.DataFrame:
-    """Fly scenarios with the same seeds and the same settings; return a row for each.
+    """Fly scenarios with the same seeds and the same settings; return a row for each, named after it.
 
+    The rows stand in the order of the scenarios; two of one name have a row each.
     Columns: flights, lost; medians over the flights that were not lost of the mean squared errors in x, y, z and of the
     path error [m^2], and of the NEES of the position (3 if consistent); NaN where all were lost.
 
@@ -111,10 +113,12 @@ def compare(
     Raises:
         InputError: as fly_many.
     """
-    seeds, rows = list(seeds), {}
-    for scenario in scenarios:
-        flights = fly_many(scenario, seeds, out=out, workers=workers, **settings)
-        table = flights.table()
-        medians = table[~table["lost"]].drop(columns="lost").astype(float).median()
-        rows[flights.scenario.name] = {"flights": len(table), "lost": int(table["lost"].sum())} | medians.to_dict()
-    return pd.DataFrame(rows).T.astype({"flights": int, "lost": int})
+    seeds, rows, names = list(seeds), [], []
+    with kept_workers():
+        for scenario in scenarios:
+            flights = fly_many(scenario, seeds, out=out, workers=workers, **settings)
+            table = flights.table()
+            medians = table[~table["lost"]].drop(columns="lost").astype(float).median()
+            rows.append({"flights": len(table), "lost": int(table["lost"].sum())} | medians.to_dict())
+            names.append(flights.scenario.name)
+    return pd.DataFrame(rows, index=names)

@@ -10,6 +10,7 @@ from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
 SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
+Setting = str | tuple[str, Any]  # 'key.key=value' with the value in YAML, or 'key.key' and the value as plain data
 
 
 def scenario_names() -> list[str]:
@@ -31,20 +32,29 @@ def _resolve(name_or_file: str | Path, field: str) -> Path:
     )
 
 
-def _set_field(data: dict[str, Any], setting: str) -> None:
+def _parsed(setting: Setting) -> tuple[str, Any, str]:
+    """Return the key of a setting, its value, and how to call it in an error."""
+    if not isinstance(setting, str):
+        return *setting, setting[0]
     key, equals, text = setting.partition("=")
-    shown = repr(setting) if len(setting) <= 100 else f"{setting[:100]!r}..."
-    if not equals or not all(key.split(".")) or key.count(".") > DEEPEST:
-        raise InputError(f"--set {shown}: must read key.key=value")
+    shown = "--set " + (repr(setting) if len(setting) <= 100 else f"{setting[:100]!r}...")
+    if not equals:
+        raise InputError(f"{shown}: must read key.key=value")
+    return key, parse_yaml(text, shown), shown
+
+
+def _set_field(data: dict[str, Any], setting: Setting) -> None:
+    key, value, shown = _parsed(setting)
+    if not all(key.split(".")) or key.count(".") > DEEPEST:
+        raise InputError(f"{shown}: must read key.key=value")
     *parents, last = key.split(".")
     for parent in parents:
         child = data.get(parent)
         if child is None:
             child = data[parent] = {}
         if not isinstance(child, dict):
-            raise InputError(f"--set {shown}: '{parent}' is not a group of settings")
+            raise InputError(f"{shown}: '{parent}' is not a group of settings")
         data = child
-    value = parse_yaml(text, f"--set {shown}")
     if last == "kind" and data.get("kind") != value:
         data.clear()  # another kind has other settings
     data[last] = value
@@ -101,15 +111,15 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
-    """Return a scenario by name or from a file, with settings 'key.key=value' laid over it.
+def load_scenario(name_or_file: str | Path, settings: tuple[Setting, ...] = (), seed: int | None = None) -> Scenario:
+    """Return a scenario by name or from a file, with settings laid over it.
 
     A file may name another as its `base`: it then says only what differs. Files that a base names are meant from where
     the base lies.
 
     Args:
         name_or_file: a ready-made scenario's name, or the path of a .yaml file.
-        settings: changes, each value in YAML; a changed 'kind' drops what belonged to the former one.
+        settings: changes; a changed 'kind' drops what belonged to the former one.
         seed: the seed, if not the scenario's own.
 
     Raises:
@@ -126,7 +136,7 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     return scenario
 
 
-def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, source: str) -> Scenario:
+def _laid_over(scenario: Scenario, settings: tuple[Setting, ...], seed: int | None, source: str) -> Scenario:
     if not settings and seed is None:
         return scenario
     data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
@@ -137,7 +147,7 @@ def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, 
     return validate(Scenario, data, source)
 
 
-def with_settings(scenario: Scenario, settings: tuple[str, ...], seed: int | None = None) -> Scenario:
+def with_settings(scenario: Scenario, settings: tuple[Setting, ...], seed: int | None = None) -> Scenario:
     """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario."""
     scenario = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name))
     scenario.load_room()
