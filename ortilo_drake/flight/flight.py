@@ -33,8 +33,8 @@ class FlightSimulator:
     """A scenario's closed loop, built once, that flies one seed after the other.
 
     A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
-    gives back. A flight needs but a Context: it holds seed, start and all that evolves, and each has its own, so the
-    flights before it change nothing.
+    gives back. Each flight gets a Context of its own, which holds its seed, its start and all that evolves: so earlier
+    flights change nothing.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -48,8 +48,8 @@ class FlightSimulator:
         self._scenario, self._is_live = scenario, meshcat is not None
         self._ticks = check_flyable(scenario)
         self._diagram = make_closed_loop(scenario, meshcat=meshcat)
-        # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
-        # scene differs from the later ones in the last bits of a few pixels.
+        # A short flight that is thrown away: numba compiles in it, which is no time of flight, and VTK's very first
+        # picture of a scene differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
 
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
@@ -64,14 +64,14 @@ class FlightSimulator:
             attribute real_time_factor differs.
 
         Raises:
-            InputError: if the seed is none that a scenario allows.
+            InputError: if a scenario allows no such seed.
         """
         scenario = with_seed(self._scenario, seed)
         simulator = make_simulator(self._diagram, scenario)
         if self._is_live:
             simulator.set_target_realtime_rate(1.0)
         collects = gc.isenabled()
-        gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
+        gc.disable()  # a flight makes no reference cycles; looking for them takes a twentieth of its time
         try:
             lost, wall = advance(simulator, scenario, self._ticks, progress)
         finally:

@@ -1,4 +1,4 @@
-"""Checks whether a scenario can be flown: one answer for `ortilo scenario check` and `ortilo fly`."""
+"""Checks of whether a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
 
 from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.model.input_files import MIB
@@ -32,7 +32,7 @@ def flight_ticks(scenario: Scenario) -> int:
 
 
 def check_flyable(scenario: Scenario) -> int:
-    """Return how many ticks a flight takes, once all that it needs has been found to be there.
+    """Check that all that a flight needs is there; return how many ticks it takes.
 
     Raises:
         InputError: if there is no path or no servo gain, the flight needs too much memory, a file of detector or

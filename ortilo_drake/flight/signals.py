@@ -1,4 +1,4 @@
-"""Signals of the onboard half in a tick, and how they are held."""
+"""Types of signals and their recorders; OUTPUTS names the signals of the onboard half, with sizes."""
 
 from collections.abc import Callable
 

@@ -42,7 +42,7 @@ def run_world(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
     show_statistics: Callable[[Statistics], None] | None = None,
-    still_there: Callable[[], None] = lambda: None,
+    check_alive: Callable[[], None] = lambda: None,
 ) -> tuple[xr.Dataset, dict[str, Any]]:
     """Fly a scenario's world against an onboard half over a link.
 
@@ -56,7 +56,7 @@ def run_world(
         progress: called with the number of ticks flown.
         record: called with everything of a tick.
         show_statistics: in real time, see fly_in_real_time.
-        still_there: called while the onboard half is looked for; raises if it will not come.
+        check_alive: called while the onboard half is looked for; raises if it will not come.
 
     Returns:
         The flight, and a report: ticks, the packets' counts and in real time TickTiming's figures.
@@ -76,7 +76,7 @@ def run_world(
         world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
         if camera:
             camera.wait_until_ready()
-        flight_met = meet_onboard(greeter, inbox, scenario, wait, still_there)
+        flight_met = meet_onboard(greeter, inbox, scenario, wait, check_alive)
         outbox = Outbox(bus, flight_met.session, flight_met.key)
         stack.enter_context(_saying_farewell(greeter))
         if lockstep:

@@ -1,4 +1,4 @@
-"""The commands `ortilo hil`: the two halves in two processes, and what stands between and beside them."""
+"""The commands `ortilo hil`: the two halves as processes, a relay between them, and listeners."""
 
 import typer
 

@@ -27,7 +27,7 @@ SecondsOption = Annotated[
 
 @contextlib.contextmanager
 def showing_flight(name: str, ticks: int, lockstep: bool) -> Iterator[dict[str, Any]]:
-    """Show a flight in the terminal, in real time its figures; yields what run_world wants for that."""
+    """Show a flight in the terminal, by a bar in lockstep, else by a panel; yield run_world's arguments for that."""
     from ortilo_drake.hil.real_time.panel import live_panel
 
     if lockstep:

@@ -63,7 +63,7 @@ def meet_onboard(
     inbox: Inbox,
     scenario: Scenario,
     wait: float,
-    still_there: Callable[[], None] = lambda: None,
+    check_alive: Callable[[], None] = lambda: None,
 ) -> Flight:
     """Find the onboard half; return the flight, which it has been told of.
 
@@ -72,7 +72,7 @@ def meet_onboard(
         inbox: hears hello; from now on it takes this flight's packets.
         scenario: the scenario of this half.
         wait: how long to look for it [s].
-        still_there: called again and again meanwhile; raises if it will not come.
+        check_alive: called again and again meanwhile; raises if it will not come.
 
     Raises:
         InputError: if the onboard half is not there, or is another's.
@@ -81,7 +81,7 @@ def meet_onboard(
     until, said = time.monotonic() + wait, -1.0
     while (now := time.monotonic()) < until:
         if now > said + EVERY:  # not whenever something is heard: it hears itself
-            still_there()
+            check_alive()
             greeter.say()
             said = now
         for arrival in inbox.poll(round(1e3 * EVERY)):
