@@ -1,4 +1,4 @@
-"""A wish is repeated until it is answered, and every end of it is one line."""
+"""A request is repeated until it is answered, and every end of it is one line."""
 
 import contextlib
 import threading

@@ -1,4 +1,4 @@
-"""Packets from any bytes, strictly: a packet of this flight, or BadPacket with one of packet_checks.py's reasons.
+"""Decoding of packets from untrusted bytes: a packet of this flight, or BadPacket with a reason of packet_checks.py.
 
 No decoder here raises anything else, and none allocates more than a few times the length of what it was given: lengths
 are compared with the bytes that are there, and a picture's size with this flight's, before anything is unpacked.
@@ -49,7 +49,7 @@ class Packet(NamedTuple):
     """A packet that has passed every check.
 
     Attributes:
-        name: of its channel, a key of CHANNELS.
+        name: the name of its channel, a key of CHANNELS.
         tick: the tick it belongs to; -1 for one of NO_TICK.
         value: a message vector; a picture (height, width, 4), uint8; for a tick the names of its ports; a command (4);
             telemetry as a dict from the names of TELEMETRY to vectors; a Hello; a Goal.
@@ -157,10 +157,10 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
     """Return the packet that bytes on a channel are.
 
     Args:
-        name: of the channel, a key of CHANNELS.
+        name: the name of the channel, a key of CHANNELS.
         data: any bytes.
-        key: of hellos, see seal.hello_key.
-        flight: what is known of the flight; without it only a hello can pass.
+        key: the key of hellos, see seal.hello_key.
+        flight: the flight; without it only a hello can pass.
 
     Raises:
         BadPacket: if they are no packet of this flight.
@@ -175,7 +175,7 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
 
 
 def role_of(name: str, data: bytes) -> str:
-    """Return the role that a hello or a goal states, of whatever flight and key; none if it is no such packet."""
+    """Return the role stated by a hello or a goal, of any flight and key; empty for any other packet."""
     kinds: dict[str, Any] = {"hello": lcmt_hello, "goal": lcmt_goal}
     kind, sizes = kinds[name], {"hello": _HELLO_SIZES, "goal": _GOAL_SIZES}[name]
     if not sizes[0] <= len(data) - MAC_SIZE <= sizes[1]:
