@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Multiplexer, VectorLog, VectorLogSink
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.onboard import Onboard, Parts
+from ortilo_drake.diagrams.onboard import NO_PARTS, Onboard, Parts
 from ortilo_drake.diagrams.world import World
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -40,7 +40,7 @@ class ClosedLoop(Diagram):
         scenario: Scenario,
         trajectory: Trajectory | None = None,
         meshcat: Meshcat | None = None,
-        parts: Parts = Parts(),
+        parts: Parts = NO_PARTS,
     ):
         super().__init__()
         builder = DiagramBuilder()

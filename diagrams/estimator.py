@@ -103,9 +103,7 @@ class IntermittentEstimator(Diagram):
         wanted = {"uwb": scenario.handler.uwb_gate, "camera": scenario.handler.camera_gate}
         V = {name: described(name).V(scenario) for name in measurement.sensors}
         gates = {name: gate for name, gate in wanted.items() if gate is not None}
-        handler = builder.AddSystem(
-            MeasurementHandler(measurement, sizes, V, gates, h, settings.delay)
-        )
+        handler = builder.AddSystem(MeasurementHandler(measurement, sizes, V, gates, h, settings.delay))
         for s in sensors:
             if s.name in fixes:
                 builder.Connect(fixes[s.name], handler.GetInputPort(s.name))

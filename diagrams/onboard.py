@@ -6,12 +6,12 @@
     servo(scenario)                   -> System with inputs estimate (15), reference (9); output control (4)
     planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m]
 
-Such a function may be given to make_closed_loop, or registered and named in the scenario by its kind. What it returns may
-be a LeafSystem or a Diagram; it sees nothing of the world but messages.
+Such a function may be given to make_closed_loop, or registered and named in the scenario by its kind. The System may be
+a LeafSystem or a Diagram; it sees nothing of the world but messages.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
@@ -34,6 +34,9 @@ class Parts(NamedTuple):
     estimator: Callable[[Scenario, np.ndarray], System] | None = None
     servo: Callable[[Scenario], System] | None = None
     planner: Callable[[Scenario], Trajectory] | None = None
+
+
+NO_PARTS: Final = Parts()
 
 
 _OWN_INPUTS = ("control", "reference")  # of an estimator, beside messages
@@ -80,7 +83,7 @@ class Onboard(Diagram):
         scenario: Scenario,
         trajectory: Trajectory | None = None,
         detects: bool = True,
-        parts: Parts = Parts(),
+        parts: Parts = NO_PARTS,
     ):
         super().__init__()
         trajectory = trajectory or path_of(scenario, parts.planner)
@@ -141,7 +144,7 @@ class Onboard(Diagram):
 
 
 def path_of(scenario: Scenario, planner: Callable[[Scenario], Trajectory] | None = None) -> Trajectory:
-    """Return the path that a scenario's planner plans, or the one given, p_WB(t) (3 rows) [m]; InputError if none is."""
+    """Return the path that a scenario's planner plans, or the one given, p_WB(t) (3 rows) [m]."""
     found = find_part("planner", scenario.planner.kind) if not _is_built_in(scenario.planner) else None
     planner = planner or (found.make if found else None)
     if planner is not None:
@@ -209,9 +212,7 @@ def _whole_estimate(
         return estimate, covariance
     one = np.eye(N_I)
     B = np.hstack([one, np.zeros((N_I, REFERENCE_SIZE - N_I)), -one, np.zeros((N_I, N_X - N_I))])
-    integral = builder.AddNamedSystem(
-        "integral", LinearSystem(one, B, one, np.zeros((N_I, REFERENCE_SIZE + N_X)), h)
-    )
+    integral = builder.AddNamedSystem("integral", LinearSystem(one, B, one, np.zeros((N_I, REFERENCE_SIZE + N_X)), h))
     inputs = builder.AddSystem(Multiplexer([REFERENCE_SIZE, N_X]))
     builder.Connect(reference, inputs.get_input_port(0))
     builder.Connect(estimate, inputs.get_input_port(1))
@@ -231,7 +232,7 @@ def make_onboard(
     scenario: Scenario,
     trajectory: Trajectory | None = None,
     detects: bool = True,
-    parts: Parts = Parts(),
+    parts: Parts = NO_PARTS,
 ) -> Onboard:
     """Return the onboard half of a scenario; arguments and errors as Onboard's."""
     return Onboard(scenario, trajectory, detects, parts)

@@ -5,10 +5,3 @@
 An estimator is any Drake System whose inputs are named after the messages that it wants (layouts: model/signals.py),
 with outputs `estimate` (p_WB, rpy, v_WB, Euler rates) and `covariance`.
 """
-
-import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource
-from pydrake.systems.framework import DiagramBuilder, Diagram
-
-import ortilo_drake as od

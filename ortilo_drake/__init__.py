@@ -3,7 +3,7 @@
     import ortilo_drake as od
     flight = od.fly("imu_uwb_yolo", seed=3, camera="projected")
 
-The names below are those of api.py, which is loaded when one of them is used first: Drake takes a second.
+The names below are those of ortilo_drake.api, which loads when one of them is first used: Drake takes a second to load.
 """
 
 from importlib import import_module

@@ -4,18 +4,23 @@ import gc
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from distributed import SpecCluster
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 from scipy.spatial.transform import Rotation
 
 import ortilo_drake as od
+from ortilo_drake.flight import workers
 from ortilo_drake.flight.flight import fly as fly_dataset
 from ortilo_drake.flight.metrics import estimation_mse, summary
+from ortilo_drake.flight.workers import start_cluster
 from ortilo_drake.interop.log.reader import read_log
+from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.scenario import BernoulliLoss, NoLoss, load_scenario
 
 HOVER = {"planner": {"kind": "hover", "duration": 1.0}, "settle": 0.0}
@@ -47,6 +52,28 @@ def test_keywords_are_the_settings_of_the_command_line() -> None:
     )
     numbers = {"filter__W__force_sd": np.float64(0.2)}
     assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("filter.W.force_sd=0.2",))
+
+
+def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> None:
+    room = tmp_path / "room.yaml"
+    room.write_text(ORTILO_ROOM.read_text())
+    loss = BernoulliLoss(kind="bernoulli", probability=0.3)
+    planner = {"kind": "hover", "point": np.array([8.0, 1.0, 1.5])}
+    found = od.load_scenario("imu_uwb", seed=np.int64(3), room=room, uwb__link__loss=loss, planner=planner)
+    words = (f"room={room}", "uwb.link.loss=0.3", "planner={kind: hover, point: [8.0, 1.0, 1.5]}")
+    assert found == load_scenario("imu_uwb", words, 3)
+    assert od.load_scenario("imu_uwb", uwb=found.uwb).uwb == found.uwb
+    assert od.load_scenario("imu_uwb", filter__W__force_sd=1e-7).filter.W.force_sd == 1e-7
+
+
+@pytest.mark.parametrize(
+    ("value", "field", "kind"),
+    [({"loss": object()}, "uwb.link.loss", "object"), ({"loss": [1, 1j]}, "uwb.link.loss.1", "complex")],
+)
+def test_a_value_of_no_type_that_yaml_has_is_refused_by_field_and_type(value: Any, field: str, kind: str) -> None:
+    with pytest.raises(od.InputError, match=rf"^{field}: .*not a {kind}$") as error:
+        od.load_scenario("imu_uwb", uwb__link=value)
+    assert "\n" not in str(error.value)
 
 
 def test_a_number_is_independent_loss_and_nought_none() -> None:
@@ -154,6 +181,31 @@ def test_a_comparison_has_medians_of_the_same_seeds() -> None:
     assert found.loc["imu_uwb", "mse x"] == np.median(each)
     assert found.loc["imu_uwb", "flights"] == 3
     assert found.loc["imu_uwb", "lost"] == 0
+
+
+def test_a_comparison_has_a_row_for_each_scenario_even_of_one_name() -> None:
+    worse = od.load_scenario("imu_uwb", uwb__link__loss=0.5)
+    found = od.compare("imu_uwb", worse, seeds=[1, 2], **HOVER)
+    assert list(found.index) == ["imu_uwb", "imu_uwb"]
+    for k, loss in enumerate((None, 0.5)):
+        each = [
+            od.fly("imu_uwb", seed=seed, uwb__link__loss=loss or 0, **HOVER).summary()["mse"]["x"] for seed in (1, 2)
+        ]
+        assert found["mse x"].iloc[k] == np.median(each)
+
+
+@pytest.mark.processes
+def test_a_comparison_starts_its_workers_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    started = []
+
+    def start(count: int) -> SpecCluster:
+        started.append(count)
+        return start_cluster(count)
+
+    monkeypatch.setattr(workers, "start_cluster", start)
+    found = od.compare("imu_uwb", "paper_imu_uwb", seeds=range(2), workers=2, **HOVER)
+    assert list(found["flights"]) == [2, 2]
+    assert started == [2]
 
 
 def test_the_closed_loop_is_drakes() -> None:

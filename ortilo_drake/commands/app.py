@@ -1,4 +1,4 @@
-"""All commands under one name, and what they end with."""
+"""The command line `ortilo`: all its commands, and their exit codes."""
 
 import typer
 
@@ -6,7 +6,7 @@ from ortilo_drake.commands.analyze import analyze
 from ortilo_drake.commands.detector import detector_app
 from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.fly import fly
-from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.tables import tables
@@ -27,13 +27,13 @@ app.add_typer(hil_app, name="hil")
 
 
 def run() -> int:
-    """Run the command that the words of the command line name; return its exit code.
+    """Run the command that the command line names; return its exit code.
 
     Raises:
-        InputError: if these words, or the input that they name, are wrong.
+        InputError: if the arguments, or the files that they name, are wrong.
         KeyboardInterrupt: on Ctrl-C.
     """
-    usage_error = typer.BadParameter.__base__  # Typer's own copy of click's, by whichever name it has it
+    usage_error = typer.BadParameter.__base__  # click's UsageError, of which some versions of Typer have a copy
     assert usage_error is not None
     try:
         code = app(standalone_mode=False)

@@ -1,4 +1,4 @@
-"""The command `ortilo detector`: how the shipped detector was made, to be done again."""
+"""The commands `ortilo detector`: they render, train, judge, export and calibrate as for the shipped detector."""
 
 import os
 from functools import partial
@@ -122,7 +122,7 @@ def train(
         history = train_network(network, frames, epochs, seed, out_folder, show)
     target = out_folder / NETWORK.name
     write_bytes(target, network_bytes(network, list(OWN_CLASSES), str(target)))
-    for file in (OWN_CFG, OWN_CFG.with_suffix(".names")):  # beside it, so that --detector takes the three as they are
+    for file in (OWN_CFG, OWN_CFG.with_suffix(".names")):  # --detector looks for them beside the weights
         write_text(out_folder / file.name, read_text(file))
     figure = losses_figure(history, out_folder / "losses.png")
     say_written(target, out_folder / "losses.json", figure)

@@ -68,7 +68,7 @@ def fly(
     if meshcat and log:
         raise InputError("--log: is written by a flight that is not shown live; leave --meshcat out")
     check_writable(html, png, video, out_file, json_file)
-    # Only now, and only what is asked for: Drake, numba and matplotlib take seconds to import, a wrong word should not.
+    # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.flight import fly as fly_once
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary

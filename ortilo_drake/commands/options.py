@@ -1,4 +1,4 @@
-"""Options that several commands have, and what they do."""
+"""Options that several commands share."""
 
 import json
 import logging
@@ -22,12 +22,12 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the resul
 
 
 def quiet_drake() -> None:
-    """Keep Drake from telling what is of no concern here; call it after importing Drake, which sets it to INFO."""
+    """Let Drake log warnings and errors only; call it after Drake is imported, which sets the level to INFO."""
     logging.getLogger("drake").setLevel(logging.WARNING)
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse a number of the command line that no range of Typer's refuses: not a number, or infinite."""
+    """Refuse NaN and infinity on the command line, which Typer's ranges let through."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"must be a finite number, not {value}")
     return value
@@ -52,7 +52,7 @@ DetectorOption = Annotated[
 def with_camera(
     settings: list[str] | None, camera: Camera | None, detector: tuple[Path, Path] | None
 ) -> tuple[str, ...]:
-    """Return the settings with the camera's laid over them; a detector needs pictures to look at."""
+    """Return the settings with the camera's laid over them; a detector of the user's needs the rendered camera."""
     chosen = list(settings or ())
     if camera is not None:
         chosen.append(f"camera={camera.value}")

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import show_report
 from ortilo_drake.commands.options import JsonOption, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_written, show_report, write_json
 
 
 def replay(

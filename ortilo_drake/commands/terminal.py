@@ -47,3 +47,15 @@ def say_written(*paths: Path | None) -> None:
 def say_error(line: str) -> None:
     """Say a line on stderr, as it is."""
     err.print(line, markup=False, soft_wrap=True)
+
+
+def show_report(lines: dict[str, Any]) -> None:
+    """Print a report, a line for each entry."""
+    for name, value in lines.items():
+        if isinstance(value, dict):
+            value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
+        out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)
+
+
+def _number(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,1 +1,1 @@
-"""One flight, many flights: the typed record, metrics, files, workers, the halves met at the ticks."""
+"""Flights, one or many: their record, metrics and files, worker processes, and the two halves stepped tick by tick."""

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
+import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 import xarray as xr
 
 from ortilo_drake.flight.flight import AXES, scenario_of
@@ -18,14 +18,14 @@ def floor_at_ticks(flight: xr.Dataset) -> np.ndarray | None:
 
 
 def mean_floor(floor: np.ndarray | None) -> dict[str, float] | None:
-    """Return the floor per axis, the mean over ticks as estimation_mse is one [m^2]; None where it is unknown."""
+    """Return the floor's mean over ticks per axis [m^2], as estimation_mse is a mean; None where there is no floor."""
     return None if floor is None else dict(zip(AXES, np.mean(floor, axis=0).tolist(), strict=True))
 
 
 def efficiency(mse: dict[str, float], floor: dict[str, float] | None) -> dict[str, float | None]:
     """Return the mean squared error over the floor per axis; None where there is no floor above 0.
 
-    On average over flights it is 1 or more; a single flight, whose errors hang together, is often below.
+    Averaged over many flights it is at least 1. A single flight is often below, as its errors are correlated in time.
     """
     floor = floor or {}
     return {axis: value / floor[axis] if floor.get(axis, 0.0) > 0.0 else None for axis, value in mse.items()}
@@ -34,9 +34,9 @@ def efficiency(mse: dict[str, float], floor: dict[str, float] | None) -> dict[st
 def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, float | None]:
     """Return the mean over ticks of squared error over floor per axis; None where there is no floor above 0.
 
-    The mean squared error is almost all from the blackouts, where a flight errs in one direction or the other; here
-    every tick counts alike, which needs fewer flights to tell a filter from the floor. The first START seconds are left
-    out: there the floor rises from 0, and the filter errs by what it believes of its own start.
+    Almost all of the mean squared error comes from the blackouts, in which a flight drifts to one side. Here every tick
+    has the same weight, so fewer flights are needed to tell a filter from the floor. The first START seconds are left
+    out: there the floor rises from 0, and the filter's error depends on the start that it assumes.
     """
     if floor is None:
         return dict.fromkeys(AXES)
@@ -50,9 +50,9 @@ def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, f
 
 
 def ratio_of_means(errors: list[float], floors: list[float]) -> dict[str, Any]:
-    """Return sum(errors) / sum(floors) over flights, with its bootstrap 95 % interval, drawing whole flights.
+    """Return sum(errors) / sum(floors) over flights, with a bootstrap 95 % interval over whole flights.
 
-    It is the flights' mean squared error over the mean floor: what the Cramer-Rao bound says is 1 or more.
+    This is the flights' mean squared error over their mean floor: at least 1 on average, by the Cramer-Rao bound.
     """
     if not floors or sum(floors) <= 0.0:
         return {"value": None, "interval": None}

@@ -27,7 +27,8 @@ _LOG = logging.getLogger(__name__)
 def flight_folder(out: Path, scenario: Scenario) -> Path:
     """Return the folder of a scenario's flights: its name and a digest of all that decides them but the seed.
 
-    That is the scenario, the room, the camera's files and the program itself, so that a resumed run never mixes two.
+    The digest covers the scenario, the room, the camera's files and the program itself. So a resumed run never mixes
+    flights of different programs or settings.
     """
     text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
     everything = "\n".join((text, scenario.load_room().model_dump_json(), _camera(scenario), _program()))
@@ -47,7 +48,7 @@ def _program() -> str:
 
 
 def _camera(scenario: Scenario) -> str:
-    """Return a digest of the user's own files of detector and calibration, and which backend computes our network."""
+    """Return a digest of the user's detector and calibration files, and of the backend that computes our network."""
     chosen, errors = scenario.detector, scenario.projected_camera.errors
     digest = hashlib.sha256(own_backend(chosen.backend).encode() if scenario.is_rendered else b"")
     names = chosen.names or (chosen.cfg and str(Path(chosen.cfg).with_suffix(".names")))
@@ -64,12 +65,12 @@ def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
 
 @lru_cache(maxsize=1)
 def _simulator(scenario_json: str, folder: str) -> FlightSimulator:
-    """Return what flies a scenario in this process; the last one is kept, while the folder's digest is the same."""
+    """Return a simulator of a scenario. The last one is kept while the folder is the same: its name has the digest."""
     return FlightSimulator(Scenario.model_validate_json(scenario_json))
 
 
 def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
-    """Fly one seed, save it and return its summary. Runs in a worker; what it takes and returns is plain data."""
+    """Fly one seed, save it and return its summary. Runs in a worker: arguments and result are plain data."""
     flight = _simulator(scenario_json, Path(file).parent.name).fly(seed)
     flight.attrs["summary"] = json.dumps(summary(flight))
     save_flight(flight, Path(file))
@@ -96,9 +97,9 @@ def fly_many(
 ) -> list[dict[str, Any]]:
     """Fly a scenario once for each seed and return the summaries in the order of the seeds.
 
-    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one is,
-    with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone, not on the
-    number of workers; a worker that dies is replaced and its flight flown again.
+    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one
+    is flown again, with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone,
+    not on the number of workers; a worker that dies is replaced and its flight flown again.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -129,9 +130,9 @@ def fly_many(
     try:
         run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
     finally:
-        _simulator.cache_clear()  # files that the scenario names may be others at the next call
+        _simulator.cache_clear()  # the files that a scenario names may have changed by the next call
         if scenario.is_rendered:
-            gc.collect()  # a renderer's windows go in the thread that drew them; EGL complains in another
+            gc.collect()  # frees a renderer in the thread that drew with it; EGL complains in any other
     return [summaries[seed] for seed in seeds]
 
 

@@ -29,7 +29,7 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
     """Write a file.
 
     A link stays one: what it points to is written, whether it is there yet or not. A file that is there keeps its mode
-    and, where the system allows it, its owner; a new one has those of any new file, as have folders that are missing.
+    and, where the system allows it, its owner; a new one gets the usual ones, as do folders that are missing.
     Other names of the same file (hard links) keep the old content. Pipes and character devices are written to.
 
     Args:
@@ -47,7 +47,7 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
         else:
             _write_straight(path, data, there)
     except (OSError, ValueError) as error:
-        raise _cannot(path, error) from None
+        raise _not_written(path, error) from None
 
 
 def check_output(path: Path) -> None:
@@ -67,7 +67,7 @@ def check_output(path: Path) -> None:
                 raise PermissionError(None, f"no permission in {folder}")
         remove_stale(target.parent)
     except (OSError, ValueError) as error:
-        raise _cannot(path, error) from None
+        raise _not_written(path, error) from None
 
 
 def remove_stale(folder: Path) -> None:
@@ -89,12 +89,12 @@ def _remove_unlocked(path: str) -> None:
         os.close(descriptor)
 
 
-def _cannot(path: Path, error: OSError | ValueError) -> InputError:
+def _not_written(path: Path, error: OSError | ValueError) -> InputError:
     return InputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}")
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Return the status of what a path leads to, None if nothing is there; OSError for what is never written."""
+    """Return the status of what a path leads to, None if nothing is there; OSError if that cannot be written."""
     try:
         there = os.stat(path)
     except FileNotFoundError:
@@ -129,7 +129,7 @@ def _write_straight(path: Path, data: bytes, there: os.stat_result) -> None:
         (sys.stdout if stream == 1 else sys.stderr).flush()
         _write_all(stream, data)
         return
-    try:  # a pipe that nobody reads would keep a blocking open waiting
+    try:  # without O_NONBLOCK it would wait until somebody reads the pipe
         descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     except OSError as error:
         if stat.S_ISFIFO(there.st_mode) and not isinstance(error, PermissionError):
@@ -165,11 +165,11 @@ def _open_partial(folder: Path, mode: int) -> tuple[int, str]:
     while True:
         partial = os.path.join(folder, f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}")
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
-        with contextlib.suppress(OSError):  # some network folders have no locks: nothing is taken for stale there
+        with contextlib.suppress(OSError):  # some network folders have no locks; nothing in them is removed as stale
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         if os.fstat(descriptor).st_nlink:
             return descriptor, partial
-        os.close(descriptor)  # taken for stale between the two calls
+        os.close(descriptor)  # another process removed it as stale before it was locked
 
 
 def _keep_mode(descriptor: int, there: os.stat_result) -> None:

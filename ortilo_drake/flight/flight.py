@@ -2,7 +2,7 @@
 
 import gc
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,7 @@ from pydrake.geometry import Meshcat
 
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import ClosedLoop
-from ortilo_drake.diagrams.onboard import Parts, path_of
+from ortilo_drake.diagrams.onboard import NO_PARTS, Parts, path_of
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
@@ -31,8 +31,8 @@ class FlightSimulator:
     """A scenario's closed loop, built once, that flies one seed after the other.
 
     A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
-    gives back. A flight needs but a Context: it holds seed, start and all that evolves, and each has its own, so the
-    flights before it change nothing.
+    gives back. Each flight gets a Context of its own, which holds its seed, its start and all that evolves: so earlier
+    flights change nothing.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -43,7 +43,7 @@ class FlightSimulator:
         InputError: if the scenario cannot be flown, see check_flyable.
     """
 
-    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = Parts()):
+    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS):
         self._scenario, self._is_live = scenario, meshcat is not None
         trajectory = path_of(scenario, parts.planner)
         self._ticks = check_flyable(scenario, trajectory)
@@ -64,14 +64,14 @@ class FlightSimulator:
             attribute real_time_factor differs.
 
         Raises:
-            InputError: if the seed is none that a scenario allows.
+            InputError: if a scenario allows no such seed.
         """
         scenario = with_seed(self._scenario, seed)
         simulator = make_simulator(self._diagram, scenario)
         if self._is_live:
             simulator.set_target_realtime_rate(1.0)
         collects = gc.isenabled()
-        gc.disable()  # a flight makes no cycles, and looking for them costs it a twentieth of its time
+        gc.disable()  # a flight makes no reference cycles; looking for them takes a twentieth of its time
         try:
             lost, wall = advance(simulator, scenario, self._ticks, progress)
         finally:
@@ -88,7 +88,7 @@ def fly(
     scenario: Scenario,
     progress: Callable[[int], None] | None = None,
     meshcat: Meshcat | None = None,
-    parts: Parts = Parts(),
+    parts: Parts = NO_PARTS,
 ) -> xr.Dataset:
     """Fly one scenario, its seed included; for many seeds of it make one FlightSimulator.
 
@@ -208,6 +208,26 @@ def padded_covariances(measurement: Measurement, V2: np.ndarray) -> np.ndarray:
         m = rows[j].stop - rows[j].start
         padded[:, j, :m, :m] = V2[:, measurement.block_of(sensor)].reshape(-1, m, m)
     return padded
+
+
+def logged_rows(flight: xr.Dataset) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the signals of measurement.logged_sizes() in each tick of a flight: the inverse of flight_dataset."""
+    measurement, n = scenario_of(flight).measurement, flight.sizes["tick"]
+    V2 = flight["measurement_covariance"].values
+    m = [V2[:, j] for j in range(V2.shape[1])]
+    references = [flight[name].values for name in ("reference", "reference_velocity", "reference_acceleration")]
+    parts = {
+        "state": flight["truth"].values,
+        "control": flight["control"].values,
+        "y": np.nan_to_num(flight["measurement"].values),
+        "delta": flight["arrival"].values.astype(float),
+        "V2": np.hstack([m[j][:, :k, :k].reshape(n, -1) for j, k in enumerate(np.diff(measurement.layout.first))]),
+        "estimate": flight["estimate"].values,
+        "covariance": flight["covariance"].values.reshape(n, -1),
+        "reference": np.hstack(references),
+    }
+    for k in range(n):
+        yield {name: values[k] for name, values in parts.items()}
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:

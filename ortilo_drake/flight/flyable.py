@@ -1,4 +1,4 @@
-"""Checks whether a scenario can be flown: one answer for `ortilo scenario check` and `ortilo fly`."""
+"""Checks of whether a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
 
 from pydrake.trajectories import Trajectory
 

@@ -22,7 +22,7 @@ Ask = Callable[[int, Signals], Signals]  # a tick and its messages -> the onboar
 
 
 def in_this_process(scenario: Scenario) -> Ask:
-    """Return an onboard half of our own to ask; tick after tick, from 0."""
+    """Return a function that asks an onboard half in this process; its ticks must come in order, from 0."""
     onboard = OnboardHalf(scenario)
 
     def ask(tick: int, messages: Signals) -> Signals:
@@ -41,14 +41,14 @@ def fly_lockstep(
     record: Record | None = None,
     world: WorldHalf | None = None,
 ) -> xr.Dataset:
-    """Fly the world of a scenario on another half's answers.
+    """Fly the world of a scenario on the commands of an onboard half.
 
     Args:
         scenario: the scenario.
         ask: gives the onboard half's outputs of a tick.
         progress: called with the number of ticks flown.
         record: called with everything of a tick once it is known.
-        world: of the scenario, at its start, where building one here would keep the other half waiting.
+        world: the scenario's world, at its start; by default it is built here, while the other half waits.
 
     Returns:
         The Dataset of flight.fly, without its real_time_factor.
@@ -67,7 +67,7 @@ def fly_lockstep(
             record(k, x, messages, outputs)
         if progress and (k % CHECK_EVERY == 0 or k == ticks):
             progress(k)
-        if find_loss(x[np.newaxis], scenario.h, room, scenario.vehicle):  # a tumbling vehicle's signals pass no limits
+        if find_loss(x[np.newaxis], scenario.h, room, scenario.vehicle):  # tumbling, its signals exceed the limits
             break
         if k < ticks:
             world.advance(outputs["control"])

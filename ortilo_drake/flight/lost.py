@@ -1,4 +1,4 @@
-"""When and why a flight is lost, and what it touched."""
+"""Losses of flights, when and why, and contacts with furniture."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,7 +24,7 @@ class Lost:
 
 @lru_cache(maxsize=8)
 def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return walls (True) and the rest (False): cores' corners (n, 2) twice, radii, tops and names (n)."""
+    """Return low and high corners of cores (n, 2), radii, tops and names (n): of walls (True), of the rest (False)."""
 
     def arrays(walls: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         found = [f for f in footprints(room) if (f.name == "wall") == walls]
@@ -38,7 +38,8 @@ def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarra
 def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle, walls: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return which obstacles the vehicle's outline touches at each position (n, obstacles), and their names.
 
-    The outline is a disc of vehicle.radius, BODY_HALF_HEIGHT up and down. Either the walls or all the rest.
+    The outline is a disc of vehicle.radius that reaches BODY_HALF_HEIGHT up and down. The obstacles are the walls, or
+    all others.
     """
     low, high, radius, top, names = _obstacles(room)[walls]
     nearest = np.clip(p_WB[:, np.newaxis, 0:2], low, high)
@@ -50,7 +51,7 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Los
     """Return the first loss in a series of true states, if any.
 
     A flight is lost when its state is no longer finite, when the vehicle tilts by more than 60 degrees, when its
-    centre leaves the room, or when its outline touches a wall. Furniture is another matter, see contacts.
+    centre leaves the room, or when its outline touches a wall. Touching furniture does not end it, see contacts.
 
     Args:
         states: x at every tick (n, 12).

@@ -79,7 +79,7 @@ def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
 def fix_errors(flight: xr.Dataset) -> dict[str, dict[str, float]]:
     """Return median and 95th percentile of a position fix's distance from the truth when it is used [m].
 
-    A sensor without a fix is left out. What a fix is late by counts as its error.
+    A sensor without a fix is left out. The way flown since a late fix was measured is part of its error.
     """
     errors = {}
     for k, sensor in enumerate(("uwb", "camera")):

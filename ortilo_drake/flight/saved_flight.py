@@ -4,7 +4,7 @@ HDF5's library may end the process on a damaged file or a full disk. So a file i
 the SHA-256 of all bytes before: it is checked before HDF5 sees any of them. HDF5 reads a file as far as its own header
 says and takes no notice of what follows, so h5py, netCDF-C and xarray open the file as it is. (A digest in front, in
 HDF5's user block, would keep xarray from knowing the file's kind; one in an attribute is read by HDF5; one in a file
-beside is lost when the flight is copied.) It tells damage, not malice: whoever writes a file can write its digest.
+beside is lost when the flight is copied.) The digest detects damage, not forgery: it has no key.
 """
 
 import hashlib
@@ -54,7 +54,7 @@ def load_flight(path: Path) -> xr.Dataset:
     try:
         _require_plain_arrays(data)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what is odd in a foreign file; it is refused below
+            warnings.simplefilter("ignore")  # a foreign file may be odd in many ways; it is refused below
             with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
                 flight = dataset.load()
         _require_flight(flight)

@@ -1,4 +1,4 @@
-"""Signals of the onboard half in a tick, and how they are held."""
+"""Types of signals and their recorders, and which signals the onboard half gives."""
 
 from collections.abc import Callable
 

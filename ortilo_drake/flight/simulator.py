@@ -11,7 +11,7 @@ from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.scenario import Scenario
 
-CHECK_EVERY = 30  # ticks between two looks at whether the flight is lost
+CHECK_EVERY = 30  # ticks between two checks for a loss
 
 
 def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
@@ -51,7 +51,7 @@ def advance(
     wall = 0.0
     for k in range(0, ticks, CHECK_EVERY):
         end = min(k + CHECK_EVERY, ticks)
-        # Ctrl-C is seen between two of these; asking Drake to look for it costs more.
+        # Python notices Ctrl-C between two calls of AdvanceTo; having Drake look for it costs more.
         started = time.perf_counter()
         simulator.AdvanceTo(end * scenario.h, interruptible=False)
         wall += time.perf_counter() - started

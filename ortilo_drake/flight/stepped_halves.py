@@ -1,4 +1,4 @@
-"""The world and the onboard half, each on its own, met at the ticks.
+"""The world and the onboard half as two objects, stepped tick by tick.
 
 At t_k the world shows its messages (sample), the onboard half answers with the control (take, answer), and only then
 do both go on to t_{k+1} (advance): Drake's AdvanceTo stops at t_k before the updates of t_k, so each half updates from
@@ -12,7 +12,7 @@ tick's *outputs* are a dict of the onboard half's logged signals, see flight/sig
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, PortDataType
+from pydrake.systems.framework import Context, PortDataType
 from pydrake.systems.sensors import ImageRgba8U
 from pydrake.trajectories import Trajectory
 
@@ -44,8 +44,8 @@ class WorldHalf:
         self._state, self._h = self._diagram.GetOutputPort("state"), scenario.h
         self._control = self._diagram.GetInputPort("control" if command_period is None else "command")
         self._hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0])[: self._control.size()]
-        # A throwaway start, as in flight/flight.py: numba compiles, and VTK, whose very first picture of a scene
-        # differs from the later ones in the last bits of a few pixels, has drawn one.
+        # A short flight that is thrown away, as in flight/flight.py: numba compiles, and VTK, whose very first picture
+        # of a scene differs from the later ones in the last bits of a few pixels, has drawn one.
         self._start(scenario)
         self.sample()
         self.advance_to(self._h, self._hover)
@@ -68,7 +68,7 @@ class WorldHalf:
 
     @property
     def failsafe_mode(self) -> str | None:
-        """What flies now, of world.failsafe.MODES; None where there is no failsafe, without a command_period."""
+        """Who commands now, one of the failsafe's MODES; None where there is no failsafe, without a command_period."""
         if not self._diagram.HasOutputPort("failsafe_mode"):
             return None
         mode = self._diagram.GetOutputPort("failsafe_mode").Eval(self._simulator.get_context())
@@ -89,7 +89,7 @@ class WorldHalf:
         self.advance_to(self._k * self._h, control)
 
     def advance_to(self, time: float, control: np.ndarray) -> None:
-        """Go on to a time [s]; else as advance."""
+        """Go on to a time [s], otherwise as advance."""
         self._control.FixValue(self._simulator.get_mutable_context(), control)
         self._simulator.AdvanceTo(time, interruptible=False)
 
@@ -128,20 +128,20 @@ class OnboardHalf:
 
     @property
     def context(self) -> Context:
-        """Its context now."""
+        """The Context of that Diagram now."""
         return self._simulator.get_context()
 
     @property
     def path(self) -> Trajectory:
-        """What it flies, p_WB(t) (3 rows) [m]."""
+        """The path that it flies, p_WB(t) (3 rows) [m]."""
         return self._path
 
     def fly_path(self, path: Trajectory) -> None:
-        """Fly another path, p_WB(t) (3 rows) [m], from this tick on, which has not been taken yet."""
+        """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call it before this tick's take."""
         self._path = path
         self._diagram.SetPath(path)
         context = self._simulator.get_mutable_context()
-        context.SetTime(context.get_time())  # what was computed of the old path at this time is out of date
+        context.SetTime(context.get_time())  # has Drake compute anew what it took from the old path
 
     def take(self, messages: Signals) -> None:
         """Put this tick's messages on the input ports."""
@@ -166,11 +166,11 @@ class OnboardHalf:
         return np.concatenate([groups.value(i) for i in range(groups.num_groups())])
 
     def resume(self, tick: int, state: np.ndarray | None, gap: float) -> None:
-        """Go on in a flight that is at a tick already, after an absence, see resume.py.
+        """Join a flight that is under way, see onboard/estimator/resume.py.
 
         Args:
-            tick: the present one.
-            state: what state() was; None knows nothing.
+            tick: the tick that the flight is at.
+            state: what state() returned some time ago; None if nothing is known.
             gap: how long ago that was [s].
         """
         context = self._simulator.get_mutable_context()

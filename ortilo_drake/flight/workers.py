@@ -19,7 +19,7 @@ LOOPBACK = "127.0.0.1"
 
 
 class _Shared:
-    """The processes that the calls of run_all within kept_workers have in common."""
+    """The worker processes that all calls of run_all within kept_workers use."""
 
     def __init__(self, stack: ExitStack):
         self.stack = stack
@@ -31,7 +31,7 @@ _shared: ContextVar[_Shared | None] = ContextVar("shared workers", default=None)
 
 @contextmanager
 def kept_workers() -> Iterator[None]:
-    """Have every call of run_all within use the processes that the first one starts, which takes seconds."""
+    """Keep the processes that the first call of run_all starts for all calls in this context: a start takes seconds."""
     with ExitStack() as stack:
         token = _shared.set(_Shared(stack))
         try:
@@ -66,7 +66,7 @@ def run_all(
 
 
 def _connect(workers: int, needed: int, stack: ExitStack) -> Client:
-    """Return a client of the shared workers, all of them, or else of as many as are needed, until the stack closes."""
+    """Return a client of the workers kept, started here if there are none; else of new ones, ended with the stack."""
     shared = _shared.get()
     if shared is None:
         return stack.enter_context(Client(stack.enter_context(start_cluster(needed))))
@@ -89,16 +89,16 @@ def start_cluster(workers: int) -> SpecCluster:
         )
 
 
-_SILENT = logging.CRITICAL  # a worker that dies is replaced, and what fails for good is raised here
+_SILENT = logging.CRITICAL  # a worker that dies is replaced, and the error of a job that fails for good is raised here
 
 
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
-    """Start processes and threads that never see Ctrl-C, which is for this thread: it ends them; each would complain.
+    """Block Ctrl-C while processes and threads start; they inherit that, so that none prints a traceback on Ctrl-C.
 
-    They inherit which signals are blocked. One that comes meanwhile is seen at the end.
+    This thread alone handles Ctrl-C and ends them. One that comes meanwhile is handled at the end.
     """
-    resource_tracker.ensure_running()  # would unblock them again
+    resource_tracker.ensure_running()  # started later, it would unblock Ctrl-C
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -107,7 +107,7 @@ def _without_ctrl_c() -> Iterator[None]:
 
 
 class _WithoutHttp:
-    """Lets a process of Dask's serve no HTTP, which it otherwise does even without a dashboard, and without TLS."""
+    """Keeps a process of Dask's from serving HTTP: it would, even without a dashboard, and without TLS."""
 
     def start_http_server(self, *_: Any, **__: Any) -> None:
         """Start nothing."""

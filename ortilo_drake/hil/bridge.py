@@ -1,6 +1,6 @@
 """A listener on the bus: it puts the ticks of a flight together and hands them to other systems.
 
-It says nothing itself but hello to the world, and a user's goals, so else the halves fly as if it were not there.
+It sends nothing but hellos to the world and a user's goals: without goals the halves fly as if it were not there.
 """
 
 import time
@@ -26,7 +26,7 @@ from ortilo_drake.scenario import Scenario
 
 Target = Callable[[float, Signals, Signals], None]  # t [s], messages, outputs; as in interop/ros/ros_messages.py
 Goals = Callable[[], np.ndarray | None]
-LAG: Final = 6  # ticks after which one is handed on without what is missing
+LAG: Final = 6  # ticks after which an incomplete tick is handed on as it is
 _POLL_MS: Final = 50
 _ANSWERS: Final = 100
 
@@ -34,7 +34,7 @@ _ANSWERS: Final = 100
 def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = False) -> Target:
     """Return a target that sends every estimate, and a heartbeat once a second of flight.
 
-    After a gap of answers in which the failsafe began to fly the estimate may jump, which is counted as a reset.
+    The estimate may jump after a gap in which the failsafe flew; that is counted as a reset.
 
     Args:
         bridge: where to.
@@ -42,7 +42,7 @@ def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = Fal
         vision: whether to send VISION_POSITION_ESTIMATE in place of ODOMETRY.
     """
     rate, resets, last = scenario.control_rate, 0, -1
-    longest = max(1.0, scenario.failsafe.timeout * rate)  # in ticks; the next tick's answer ends no gap
+    longest = max(1.0, scenario.failsafe.timeout * rate)  # in ticks; an answer in the very next tick leaves no gap
     send_estimate = bridge.send_vision if vision else bridge.send
 
     def send(t: float, messages: Signals, outputs: Signals) -> None:
@@ -59,12 +59,12 @@ def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = Fal
 
 
 def ros2_target(bridge: Ros2Bridge) -> Target:
-    """Return a target that publishes every tick; of the true state the bus knows nothing."""
+    """Return a target that publishes every tick, without the true state, which is not on the bus."""
     return lambda t, messages, outputs: bridge.send_tick(t, None, messages, outputs)
 
 
-class Ticks:
-    """Puts both halves' packets of each tick together and gives the ticks out in order."""
+class TickCollector:
+    """Puts the packets of both halves together tick by tick, and gives the ticks out in order."""
 
     def __init__(self) -> None:
         self._world = TickInbox()
@@ -76,13 +76,13 @@ class Ticks:
 
     @property
     def lost(self) -> int:
-        """How many ticks between the first and the last given were never heard of."""
+        """How many ticks between the first and the last given out were missing altogether."""
         return self._last + 1 - self._first - self.given if self.given else 0
 
     def put(self, packet: Packet) -> None:
-        """Take a packet; one of a tick that is given already is dropped, but a picture goes with the next tick.
+        """Take a packet. One of a tick that was given out is dropped, but a picture goes with the next tick.
 
-        In real time a picture takes longer than a tick to be drawn, and the list of a tick does not know it.
+        In real time a picture takes longer than a tick to draw, so the tick's list of messages does not name it.
         """
         if packet.tick <= self._last:
             if packet.name == "image":
@@ -97,7 +97,7 @@ class Ticks:
             self._world.put(packet)
 
     def ready(self, lag: int = LAG) -> Iterator[tuple[int, Signals, Signals]]:
-        """Give out what is complete, and what is older by a number of ticks than the newest as it is."""
+        """Yield the complete ticks, and incomplete ones that are that many ticks older than the newest."""
         while self._waiting:
             k, newest = min(self._waiting), max(self._waiting)
             world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= ANSWER
@@ -117,13 +117,13 @@ class Ticks:
 
 
 def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callable[[str], None]) -> Target:
-    """Return a target that has nothing to do with a tick but its moment: it passes goals on to the onboard half.
+    """Return a target that passes a user's goals on to the onboard half, at every tick.
 
     Args:
-        goals: gives the newest wish p_W (2 or more) [m] since it was called last, of which x and y are taken, or None.
+        goals: gives the newest goal p_W (2 or more) [m] since the last call, whose x and y are taken, or None.
         link: to the onboard half.
         answers: what was heard on the goals' channel; emptied here.
-        say: takes a line about what became of a wish.
+        say: takes a line about what became of a goal.
     """
 
     def pass_on(t: float, messages: Signals, outputs: Signals) -> None:
@@ -157,15 +157,16 @@ def run_bridge(
         url: the bus, see bus.open_bus.
         key: that the halves share, see key_file.py.
         scenario: what is flown, the same as the halves'.
-        targets: what takes the ticks, by name. One that raises is told of in one line and given no more.
+        targets: what takes the ticks, by name. One that raises gets no more ticks, and a line says so.
         seconds: end after that long [s]; by default with the flight.
         wait: how long to look for the world [s].
         say: takes a line when it listens, about a target that failed, and about a goal.
         goals: gives the user's goals, see goals_target; by default there are none.
 
     Returns:
-        A report: ticks given, how many between were lost, how many came without all of the world's messages (the
-        onboard half ticks on a little after the end) or all of the onboard half's; packets; why targets failed.
+        A report: how many ticks were given out, how many between them were lost, how many lacked messages of the world
+        (the onboard half goes on for some ticks after the end) or outputs of the onboard half; packets; why targets
+        failed.
 
     Raises:
         InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
@@ -175,7 +176,7 @@ def run_bridge(
         inbox = Inbox(bus, ("hello", "tick", *ports(), "command", "telemetry", "goal"), key)
         say(f"listening on {url}")
         flight = find_world(bus, inbox, scenario, key, wait).flight
-        ticks, alive, failed = Ticks(), dict(targets), dict[str, str]()
+        ticks, alive, failed = TickCollector(), dict(targets), dict[str, str]()
         answers: deque[Goal] = deque(maxlen=_ANSWERS)
         if goals:
             alive["goals"] = goals_target(goals, GoalLink(Outbox(bus, flight.session, flight.key), inbox), answers, say)
@@ -186,7 +187,7 @@ def run_bridge(
             for _, packet in inbox.poll(_POLL_MS):
                 if packet.name == "goal":
                     answers.append(packet.value)
-                    continue  # its sender is not a half, or may be this bridge
+                    continue  # a user sent it, perhaps this bridge
                 if packet.name != "hello":
                     ticks.put(packet)
                 elif packet.value.role == "world":
@@ -213,7 +214,7 @@ def _hand_on(
     for name, target in list(targets.items()):
         try:
             target(t, messages, outputs)
-        except Exception as error:  # whatever another system's library raises, the others go on
+        except Exception as error:  # whatever a library raises, the other targets go on
             del targets[name]
             failed[name] = " ".join(str(error).split()) or type(error).__name__
             say(f"{name}: failed at {t:.3f} s and gets no more: {failed[name]}")

@@ -1,7 +1,7 @@
-"""Lockstep over a link that may lose packets: whoever hears nothing for a while says the last thing again.
+"""Lockstep over a link that may lose packets: a half that hears nothing for a while repeats its last packets.
 
-A repeated packet is the same packet, and the other half drops what it has already had. So loss, duplication and delay
-cost time, never a bit of the flight.
+The other half drops packets that it already has. So loss, duplication and delay cost time, and change no bit of the
+flight.
 """
 
 import time
@@ -25,15 +25,15 @@ POLL_MS: Final = 10
 
 
 def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
-    """Return the onboard half on the other side of a link, to be asked by lockstep.fly_lockstep.
+    """Return a function that asks the onboard half at the other end of a link, for lockstep.fly_lockstep.
 
-    Asking raises InputError if the other half is silent for PATIENCE.
+    It raises InputError if the other half is silent for PATIENCE.
     """
 
     def ask(tick: int, messages: Signals) -> Signals:
         publish_messages(outbox, tick, messages)
         outputs: Signals = {}
-        heard = said = time.monotonic()
+        last_heard = last_sent = time.monotonic()
         while not outputs.keys() >= ANSWER:
             arrivals = inbox.poll(POLL_MS)
             for packet in (arrival.packet for arrival in arrivals):
@@ -43,12 +43,12 @@ def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
                     outputs |= {"control": packet.value} if packet.name == "command" else packet.value
             now = time.monotonic()
             if any(arrival.packet.name != "hello" for arrival in arrivals):
-                heard = said = now
-            elif now > heard + PATIENCE:
+                last_heard = last_sent = now
+            elif now > last_heard + PATIENCE:
                 raise InputError(f"onboard half: silent for {PATIENCE:g} s at tick {tick}")
-            elif now > said + 1e-3 * SILENCE_MS:  # a duplicate ends a poll early, and is no reason to repeat
+            elif now > last_sent + 1e-3 * SILENCE_MS:  # a poll may end early, by a duplicate
                 publish_messages(outbox, tick, messages)
-                said = now
+                last_sent = now
         return outputs
 
     return ask
@@ -61,7 +61,7 @@ def answer_over_link(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
 ) -> int:
-    """Be the onboard half until the world says that it has finished; return how many ticks were answered.
+    """Answer the world as its onboard half until it says that it has finished; return how many ticks were answered.
 
     Raises:
         InputError: if the world is silent for PATIENCE.
@@ -69,7 +69,7 @@ def answer_over_link(
     ticks = TickInbox()
     k = 0
     last: Signals | None = None
-    heard = said = time.monotonic()
+    last_heard = last_sent = time.monotonic()
     while True:
         packets = [arrival.packet for arrival in inbox.poll(POLL_MS)]
         for packet in packets:
@@ -92,16 +92,16 @@ def answer_over_link(
                 progress(k)
         now = time.monotonic()
         if any(packet.name != "goal" for packet in packets):
-            heard = said = now
-        elif now > heard + PATIENCE:
+            last_heard = last_sent = now
+        elif now > last_heard + PATIENCE:
             raise InputError(f"world: silent for {PATIENCE:g} s at tick {k}")
-        elif last is not None and now > said + 1e-3 * SILENCE_MS:
+        elif last is not None and now > last_sent + 1e-3 * SILENCE_MS:
             _answer(outbox, k - 1, last)
-            said = now
+            last_sent = now
 
 
 def _refuse(outbox: Outbox, goal: Goal) -> None:
-    if goal.role == "user":  # else it is our own refusal
+    if goal.role == "user":  # any other role is our own refusal
         publish_goal(outbox, answer_to(goal, LOCKSTEP_REFUSAL))
 
 

@@ -1,4 +1,4 @@
-"""Sessions of either half, one call each: the work of `ortilo hil world` and `ortilo hil onboard`."""
+"""Sessions of the two halves, a function for each: the work of `ortilo hil world` and `ortilo hil onboard`."""
 
 import contextlib
 import time
@@ -29,7 +29,7 @@ from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; each may be lost
-FAREWELL_EVERY = 0.02  # so that one burst of losses does not take them all [s]
+FAREWELL_EVERY = 0.02  # [s]: apart, so that one burst of losses does not take them all
 
 
 def run_world(
@@ -42,7 +42,7 @@ def run_world(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
     show_statistics: Callable[[Statistics], None] | None = None,
-    still_there: Callable[[], None] = lambda: None,
+    check_alive: Callable[[], None] = lambda: None,
 ) -> tuple[xr.Dataset, dict[str, Any]]:
     """Fly a scenario's world against an onboard half over a link.
 
@@ -56,13 +56,13 @@ def run_world(
         progress: called with the number of ticks flown.
         record: called with everything of a tick.
         show_statistics: in real time, see fly_in_real_time.
-        still_there: called while the onboard half is looked for; raises if it will not come.
+        check_alive: called while the world looks for the onboard half; raises if that will not come.
 
     Returns:
         The flight, and a report: ticks, the packets' counts and in real time TickTiming's figures.
 
     Raises:
-        InputError: if the bus does not work or the onboard half is missing, silent or another's.
+        InputError: if the bus does not work or the onboard half is missing, silent or flies another scenario.
     """
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(open_bus(url))
@@ -72,11 +72,11 @@ def run_world(
             stack.enter_context(camera)
         if not lockstep:
             warm_up(scenario)
-        # Before they meet, so that neither half waits for what the other builds.
+        # Built before the halves meet, so that neither waits while the other builds.
         world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
         if camera:
             camera.wait_until_ready()
-        flight_met = meet_onboard(greeter, inbox, scenario, wait, still_there)
+        flight_met = meet_onboard(greeter, inbox, scenario, wait, check_alive)
         outbox = Outbox(bus, flight_met.session, flight_met.key)
         stack.enter_context(_saying_farewell(greeter))
         if lockstep:
@@ -114,9 +114,9 @@ def run_onboard(
     say: Callable[[str], None] = print,
     planner: GoalPlanner | None = None,
 ) -> dict[str, Any]:
-    """Be a scenario's onboard half for one flight; return a report.
+    """Fly one flight as a scenario's onboard half; return a report.
 
-    The report's `silent_at` is the tick at which a world in real time fell silent without a word that it has finished.
+    The report's `silent_at` is the tick at which a world in real time fell silent before it said that it has finished.
     Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
     answered. Call warm_up before.
     """
@@ -124,12 +124,12 @@ def run_onboard(
         inbox = Inbox(bus, ("hello", "goal", "tick", *ports()), key)
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
-        whole = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself, in lockstep
+        in_lockstep = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself
         met = meet_world(bus, inbox, scenario, key, wait, session_of(checkpoint) if checkpoint else 0)
         outbox = Outbox(bus, met.flight.session, met.flight.key)
         report: dict[str, Any] = {}
         if met.lockstep:
-            report["ticks"] = answer_over_link(whole, outbox, inbox, progress, record)
+            report["ticks"] = answer_over_link(in_lockstep, outbox, inbox, progress, record)
         else:
             goals = Goals(scenario, planner) if planner else None
             done = answer_in_real_time(

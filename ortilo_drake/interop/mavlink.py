@@ -1,4 +1,4 @@
-"""The onboard estimate out as MAVLink 2, so that a PX4 could fly on it.
+"""The onboard estimate as MAVLink 2 messages, so that a PX4 could fly on it.
 
 MAVLink's frames are N (north, east, down) for the earth and F (forward, right, down) for the body, ours W (east, north,
 up) and B (forward, left, up):
@@ -75,7 +75,7 @@ def odometry_jacobian(x: np.ndarray) -> np.ndarray:
 
 
 def upper_triangle(C: np.ndarray) -> list[float]:
-    """Return a symmetric C (6 x 6) as MAVLink has it: the 21 of its upper right triangle, row by row."""
+    """Return a symmetric C (6 x 6) as MAVLink has it: the 21 entries of its upper right triangle, row by row."""
     return [float(value) for value in C[_UPPER]]
 
 
@@ -87,7 +87,7 @@ def odometry_fields(
     Args:
         t: time of the estimate [s].
         estimate: xhat (15), of which the integrals are not sent.
-        covariance: P (15 x 15, or its 225).
+        covariance: P (15 x 15, or flat, 225).
         reset_counter: how often the estimate was started anew; sent modulo 256.
         quality: in percent, 0 if not known, -1 if the estimate failed.
     """

@@ -4,13 +4,14 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
 from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
 SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
+Setting = str | tuple[str, Any]  # 'key.key=value' with the value in YAML, or 'key.key' and the value as plain data
 
 
 def scenario_names() -> list[str]:
@@ -18,7 +19,8 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
 
 
-def _resolve(name_or_file: str | Path) -> Path:
+def _resolve(name_or_file: str | Path, field: str) -> Path:
+    """Return the file of a scenario; InputError, which begins with the field, if there is none of that name."""
     path = Path(name_or_file)
     if path.suffix in (".yaml", ".yml"):
         return path
@@ -27,24 +29,33 @@ def _resolve(name_or_file: str | Path) -> Path:
     name, known = str(name_or_file), scenario_names()
     shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
     raise InputError(
-        f"scenario: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
+        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
     )
 
 
-def _set_field(data: dict[str, Any], setting: str) -> None:
+def _parsed(setting: Setting) -> tuple[str, Any, str]:
+    """Return the key of a setting, its value, and how to call it in an error."""
+    if not isinstance(setting, str):
+        return *setting, setting[0]
     key, equals, text = setting.partition("=")
-    shown = repr(setting) if len(setting) <= 100 else f"{setting[:100]!r}..."
-    if not equals or not all(key.split(".")) or key.count(".") > DEEPEST:
-        raise InputError(f"--set {shown}: must read key.key=value")
+    shown = "--set " + (repr(setting) if len(setting) <= 100 else f"{setting[:100]!r}...")
+    if not equals:
+        raise InputError(f"{shown}: must read key.key=value")
+    return key, parse_yaml(text, shown), shown
+
+
+def _set_field(data: dict[str, Any], setting: Setting) -> None:
+    key, value, shown = _parsed(setting)
+    if not all(key.split(".")) or key.count(".") > DEEPEST:
+        raise InputError(f"{shown}: must read key.key=value")
     *parents, last = key.split(".")
     for parent in parents:
         child = data.get(parent)
         if child is None:
             child = data[parent] = {}
         if not isinstance(child, dict):
-            raise InputError(f"--set {shown}: '{parent}' is not a group of settings")
+            raise InputError(f"{shown}: '{parent}' is not a group of settings")
         data = child
-    value = parse_yaml(text, f"--set {shown}")
     if last == "kind" and data.get("kind") != value:
         data.clear()  # another kind has other settings
     data[last] = value
@@ -80,7 +91,9 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         return data
     if not isinstance(base, str):
         raise InputError(f"{source}: base: {base!r}: must be a ready-made scenario's name or a .yaml file")
-    file = path.parent / _resolve(base)  # a ready-made one is absolute
+    file = path.parent / _resolve(base, f"{source}: base")  # a ready-made one is absolute
+    if not exists(file):
+        raise InputError(f"{source}: base: {base}: no such file")
     above = (*above, os.path.realpath(path))
     if os.path.realpath(file) in above:
         raise InputError(f"{source}: base: {base}: leads back to itself")
@@ -106,21 +119,21 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
-    """Return a scenario by name or from a file, with settings 'key.key=value' laid over it.
+def load_scenario(name_or_file: str | Path, settings: tuple[Setting, ...] = (), seed: int | None = None) -> Scenario:
+    """Return a scenario by name or from a file, with settings laid over it.
 
     A file may name another as its `base`: it then says only what differs. Files that a base names are meant from where
     the base lies.
 
     Args:
         name_or_file: a ready-made scenario's name, or the path of a .yaml file.
-        settings: changes, each value in YAML; a changed 'kind' drops what belonged to the former one.
+        settings: changes; a changed 'kind' drops what belonged to the former one.
         seed: the seed, if not the scenario's own.
 
     Raises:
         InputError: naming file, field, value and what is allowed.
     """
-    path = _resolve(name_or_file)
+    path = _resolve(name_or_file, "scenario")
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
     data.setdefault("name", path.stem)
@@ -132,7 +145,9 @@ def load_scenario(name_or_file: str | Path, settings: tuple[str, ...] = (), seed
     return scenario
 
 
-def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, source: str, folder: Path) -> Scenario:
+def _laid_over(
+    scenario: Scenario, settings: tuple[Setting, ...], seed: int | None, source: str, folder: Path
+) -> Scenario:
     if not settings and seed is None:
         return scenario
     data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
@@ -144,7 +159,7 @@ def _laid_over(scenario: Scenario, settings: tuple[str, ...], seed: int | None, 
     return validate(Scenario, data, source)
 
 
-def with_settings(scenario: Scenario, settings: tuple[str, ...], seed: int | None = None) -> Scenario:
+def with_settings(scenario: Scenario, settings: tuple[Setting, ...], seed: int | None = None) -> Scenario:
     """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario."""
     scenario = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name, Path.cwd()))
     scenario.load_room()

@@ -60,9 +60,7 @@ def _built_in_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
 
 
 @lru_cache(maxsize=64)
-def _model(
-    base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tuple[str, Part], ...]
-) -> type[BaseModel]:
+def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tuple[str, Part], ...]) -> type[BaseModel]:
     fields: dict[str, Any] = {sensor.name: (sensor.settings, sensor.settings()) for sensor in sensors}
     names = (*SENSORS, *(sensor.name for sensor in sensors))
     fields["sensors"] = (tuple[Literal[names], ...], base.model_fields["sensors"].default)  # type: ignore[valid-type]

@@ -1,7 +1,6 @@
 """The descriptions of the sensors that a scenario flies, built-in and registered ones alike."""
 
 import numpy as np
-
 from pydrake.systems.framework import InputPort, System
 
 from ortilo_drake.model.measurement import CAMERA, IMU, UWB

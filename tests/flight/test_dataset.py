@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from scipy.linalg import expm
 
-from ortilo_drake.flight.flight import fly, scenario_of
+from ortilo_drake.flight.flight import flight_dataset, fly, logged_rows, scenario_of
 from ortilo_drake.flight.saved_flight import load_flight, save_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
@@ -85,7 +85,7 @@ def test_innovations_are_measurements_less_predictions_where_something_arrived(f
 
 def test_sensors_are_due_at_their_rates_and_arrive_only_then(flight: xr.Dataset) -> None:
     k = np.arange(flight.sizes["tick"])
-    due = flight["due"].values
+    due = flight["due"].values.copy()
     np.testing.assert_array_equal(due, np.column_stack([k % 3 == 0, k % 3 == 0, k >= 0]))
     due[1:, 1] = due[:-1, 1].copy()  # a camera's fix comes a tick after its picture was due
     due[0, 1] = False
@@ -208,3 +208,10 @@ def test_a_flight_that_cannot_be_written_is_refused_and_leaves_nothing(flight: x
     with pytest.raises(InputError, match="cannot be written"):
         save_flight(flight, tmp_path / "folder.nc")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.nc"]
+
+
+def test_the_rows_of_a_flight_make_it_again(flight: xr.Dataset) -> None:
+    sizes = scenario_of(flight).measurement.logged_sizes()
+    rows = np.array([np.concatenate([row[name] for name in sizes]) for row in logged_rows(flight)])
+    again = flight_dataset(scenario_of(flight), flight["time"].values, rows, None)
+    xr.testing.assert_identical(again.drop_attrs(deep=False), flight.drop_attrs(deep=False))

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
-from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, looks
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, look_times
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.scenario import load_scenario
-
 
 SCENARIO = load_scenario("imu_uwb")
 OUTPUTS = output_sizes(SCENARIO.measurement)
@@ -53,7 +52,7 @@ def test_every_tick_is_told_once_in_order_with_what_came(fates: list[str], chanc
 @given(st.integers(0, 10**5), st.sampled_from([5.0, 30.0, 100.0, 333.0, 1000.0]))
 def test_the_world_looks_once_a_millisecond_and_at_the_end_of_every_tick(k: int, rate: float) -> None:
     h = 1.0 / rate
-    moments = np.array(looks(k * h, (k + 1) * h))
+    moments = np.array(look_times(k * h, (k + 1) * h))
     assert moments[-1] == (k + 1) * h
     steps = np.diff([k * h, *moments])
     assert (steps > 0.0).all()

@@ -1,4 +1,4 @@
-"""A wish is repeated until it is answered, and every end of it is one line."""
+"""A request is repeated until it is answered, and every end of it is one line."""
 
 import contextlib
 import threading
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 from waiting import HANGS
 
-from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.hil.goals import goal_link
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal

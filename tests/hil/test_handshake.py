@@ -11,7 +11,7 @@ from hil_link import KEY, PlayedWorld, open_bus
 
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
-from ortilo_drake.hil.wire.handshake import Met, draw, find_world, meet_world, say_hello
+from ortilo_drake.hil.wire.handshake import MetFlight, draw, find_world, meet_world, say_hello
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
 from ortilo_drake.hil.wire.packets import FINISHED, FLYING, KINDS, PORTS, Hello, channel_of
@@ -30,12 +30,12 @@ def as_world(bus: str, key: bytes = KEY, scenario: Scenario = SCENARIO, wait: fl
     return meet_onboard(Greeter(joined, key, scenario, False), inbox, scenario, wait)
 
 
-def as_onboard(bus: str, key: bytes = KEY, scenario: Scenario = SCENARIO, wait: float = 60.0) -> Met:
+def as_onboard(bus: str, key: bytes = KEY, scenario: Scenario = SCENARIO, wait: float = 60.0) -> MetFlight:
     joined = open_bus(bus)
     return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS), key), scenario, key, wait)
 
 
-def both(world: Callable[[], Flight], onboard: Callable[[], Met]) -> tuple["Future[Flight]", "Future[Met]"]:
+def both(world: Callable[[], Flight], onboard: Callable[[], MetFlight]) -> tuple["Future[Flight]", "Future[MetFlight]"]:
     with ThreadPoolExecutor(2) as pool:
         return pool.submit(world), pool.submit(onboard)
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
-    KINDS,
     FLYING,
+    KINDS,
     MAX_HEARD,
     ROLES,
     STATES,
@@ -32,6 +32,7 @@ from ortilo_drake.hil.wire.packets import (
 from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.hil.wire.seal import MAC_SIZE, flight_key, hello_key, seal
 from ortilo_drake.hil.wire.unpack import Packet, decode
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.signals import IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
 
 SESSION, TICK, SHAPE = 77, 30, (6, 9)

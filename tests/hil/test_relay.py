@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from scipy.stats import binomtest, geom, kstest
 from waiting import HANGS, wait_for
 
-from ortilo_drake.hil.relay.faults import Faults, Line
+from ortilo_drake.hil.relay.faults import FaultModel, Faults
 from ortilo_drake.hil.relay.relay import run_relay
 from ortilo_drake.hil.wire.handshake import say_hello
 from ortilo_drake.hil.wire.inbox import Inbox
@@ -30,7 +30,7 @@ FLIGHT = flight_for_packets()
 
 def fates(faults: Faults, seed: int = 1, n: int = N, period: float = 0.01) -> list[list[float]]:
     """Return the delays of the copies of each of n packets."""
-    line = Line(faults, seed, "to_onboard")
+    line = FaultModel(faults, seed, "to_onboard")
     return [[due - k * period for due in line.take("imu", k * period)] for k in range(n)]
 
 
@@ -74,7 +74,7 @@ def test_held_packets_come_later() -> None:
 
 
 def test_a_rate_spaces_packets_and_a_full_queue_loses_them() -> None:
-    line = Line(Faults(rate=100.0, queue=10), 1, "to_world")
+    line = FaultModel(Faults(rate=100.0, queue=10), 1, "to_world")
     arrivals = [due for _ in range(50) for due in line.take("command", 2.0)]
     np.testing.assert_allclose(arrivals, 2.0 + 0.01 * np.arange(11))  # one goes at once, ten wait
     assert line.counts["crowded"] == 39
@@ -84,7 +84,7 @@ def test_a_rate_spaces_packets_and_a_full_queue_loses_them() -> None:
 @given(seed=st.integers(0, 2**31), loss=st.floats(0, 1), other=st.integers(1, 5))
 def test_the_same_seed_gives_the_same_fate_whatever_else_is_sent(seed: int, loss: float, other: int) -> None:
     faults = Faults(loss=loss, delay=0.04, spread=0.02, duplicate=0.2, into_burst=0.1)
-    mixed, fate = Line(faults, seed, "to_onboard"), []
+    mixed, fate = FaultModel(faults, seed, "to_onboard"), []
     for k in range(30):
         for _ in range(k % other):
             mixed.take("uwb", 0.0)
@@ -94,8 +94,12 @@ def test_the_same_seed_gives_the_same_fate_whatever_else_is_sent(seed: int, loss
 
 def test_seeds_directions_and_channels_differ() -> None:
     faults = Faults(delay=0.04, spread=0.02)
-    lines = [("imu", Line(faults, 1, "a")), ("imu", Line(faults, 2, "a")), ("imu", Line(faults, 1, "b"))]
-    lines.append(("uwb", Line(faults, 1, "a")))
+    lines = [
+        ("imu", FaultModel(faults, 1, "a")),
+        ("imu", FaultModel(faults, 2, "a")),
+        ("imu", FaultModel(faults, 1, "b")),
+    ]
+    lines.append(("uwb", FaultModel(faults, 1, "a")))
     assert len({line.take(channel, 0.0)[0] for channel, line in lines}) == 4
 
 
@@ -114,7 +118,7 @@ def test_one_bus_is_not_enough(bus: str) -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("module", ["ortilo_drake.hil.wire.urls", "ortilo_drake.commands.hil"])
+@pytest.mark.parametrize("module", ["ortilo_drake.hil.wire.urls", "ortilo_drake.commands.hil.app"])
 def test_the_buses_are_known_without_drake(module: str) -> None:
     code = f"import sys, {module}; print(sorted(sys.modules.keys() & {{'pydrake', {module!r}}}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -146,7 +150,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     of_world, of_onboard = Outbox(world, 77, FLIGHT_KEY), Outbox(onboard, 77, FLIGHT_KEY)
     at_world = Inbox(world, ["command", "hello", "goal"], KEY, FLIGHT)
     at_onboard = Inbox(onboard, ["imu", "goal"], KEY, FLIGHT)
-    line = Line(Faults(loss=0.5), 5, "to_onboard")
+    line = FaultModel(Faults(loss=0.5), 5, "to_onboard")
     passed = [tick for tick in range(12) if line.take("imu", 0.0)]
     for tick in range(12):
         of_world.send("imu", encode_vector(77, tick, np.concatenate(([1.0, tick / 30], np.zeros(9)))))

@@ -9,7 +9,7 @@ import pytest
 from hil_link import KEY, PlayedWorld, open_bus
 from waiting import HANGS
 
-from ortilo_drake.hil.wire.handshake import Met, meet_world
+from ortilo_drake.hil.wire.handshake import MetFlight, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import PORTS
 from ortilo_drake.hil.wire.wire import publish_command
@@ -41,7 +41,7 @@ def a_flight(bus: str, is_commanded: bool) -> Iterator[int]:
         thread.join(HANGS)
 
 
-def join(bus: str, flew: int) -> Met:
+def join(bus: str, flew: int) -> MetFlight:
     joined = open_bus(bus)
     return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS), KEY), SCENARIO, KEY, HANGS, flew)
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from waiting import HANGS
 
-from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.hil.bridge import mavlink_target
 from ortilo_drake.interop.mavlink import MavlinkBridge, odometry_fields, udp_address, vision_fields
 from ortilo_drake.model.typed_yaml import InputError

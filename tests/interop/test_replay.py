@@ -15,13 +15,13 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from typer.testing import CliRunner
 
-from ortilo_drake.commands.hil import hil_app
+from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
-from ortilo_drake.interop.log.replay import path_about, replay_log
+from ortilo_drake.interop.log.replay import path_through, replay_log
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.signals import MEASUREMENT_DELTA
 from ortilo_drake.model.typed_yaml import InputError
@@ -221,7 +221,7 @@ def test_a_log_of_no_tick_is_not_identical_to_anything(tmp_path: Path) -> None:
     reference=st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=9, max_size=9).map(np.array),
 )
 def test_the_path_about_a_reference_has_its_bits(t: float, reference: np.ndarray) -> None:
-    source = TrajectorySource(path_about(t, reference), 2, True)
+    source = TrajectorySource(path_through(t, reference), 2, True)
     context = source.CreateDefaultContext()
     context.SetTime(t)
     assert source.get_output_port().Eval(context).tolist() == reference.tolist()

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from waiting import HANGS
 
 from ortilo_drake.flight.stepped_halves import Signals
-from ortilo_drake.hil.bridge import LAG, Ticks, run_bridge
+from ortilo_drake.hil.bridge import LAG, TickCollector, run_bridge
 from ortilo_drake.hil.goals.goal_link import answer_to
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.hil.sessions import run_world
@@ -131,7 +131,7 @@ def outputs_of(k: int) -> Signals:
     return {name: np.full(size, float(k)) for name, size in TELEMETRY.items()}
 
 
-def put_tick(ticks: Ticks, k: int, with_telemetry: bool = True) -> None:
+def put_tick(ticks: TickCollector, k: int, with_telemetry: bool = True) -> None:
     ticks.put(Packet("imu", k, np.full(11, float(k))))
     ticks.put(Packet("command", k, np.full(4, float(k))))
     if with_telemetry:
@@ -140,7 +140,7 @@ def put_tick(ticks: Ticks, k: int, with_telemetry: bool = True) -> None:
 
 
 def test_ticks_come_in_order_and_wait_for_what_is_missing_only_so_long() -> None:
-    ticks = Ticks()
+    ticks = TickCollector()
     put_tick(ticks, 3)
     assert [(k, messages["imu"][0], outputs["estimate"][0]) for k, messages, outputs in ticks.ready()] == [(3, 3, 3)]
     put_tick(ticks, 4, with_telemetry=False)
@@ -157,7 +157,7 @@ def test_ticks_come_in_order_and_wait_for_what_is_missing_only_so_long() -> None
 
 
 def test_a_picture_that_took_longer_goes_with_the_next_tick() -> None:
-    ticks, image = Ticks(), np.zeros((2, 3, 4), np.uint8)
+    ticks, image = TickCollector(), np.zeros((2, 3, 4), np.uint8)
     put_tick(ticks, 0)
     assert len(list(ticks.ready())) == 1
     ticks.put(Packet("image", 0, image, 0.0125))

@@ -77,8 +77,8 @@ def test_H_and_E_are_the_papers(delta: np.ndarray) -> None:
     H = MEASUREMENT.arrival_matrix(delta) @ output_C()
     E = MEASUREMENT.selection_matrix(delta)
     seen = np.zeros((9, 12))
-    for row, state in enumerate([0, 1, 2, 0, 1, 2, 3, 4, 5]):
-        seen[row, state] = delta[row // 3]
+    for i, state in enumerate([0, 1, 2, 0, 1, 2, 3, 4, 5]):
+        seen[i, state] = delta[i // 3]
     np.testing.assert_array_equal(H, seen)
     np.testing.assert_array_equal(MEASUREMENT.layout.C, output_C())
     # E C is the position wherever there is a fix, else nothing; UWB goes before the camera, the IMU has no part.

@@ -208,8 +208,8 @@ def test_files_that_a_base_names_lie_beside_it(tmp_path: Path) -> None:
     [
         ("base: mine.yaml\n", "mine.yaml: base: mine.yaml: leads back to itself"),
         ("base: 3\n", "base: 3: must be a ready-made scenario's name or a .yaml file"),
-        ("base: imu_uwbb\n", "did you mean 'imu_uwb'"),
-        ("base: none.yaml\n", "none.yaml"),
+        ("base: imu_uwbb\n", "mine.yaml: base: 'imu_uwbb' is unknown, did you mean 'imu_uwb'"),
+        ("base: none.yaml\n", "mine.yaml: base: none.yaml: no such file"),
         ("base: imu_uwb\nuwb: {lnk: {}}\n", "lnk"),
     ],
 )

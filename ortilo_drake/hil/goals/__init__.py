@@ -1,1 +1,1 @@
-"""Goals in flight: asked for over the wire, planned beside it, flown to."""
+"""Goals that a user sends in flight: asked for over the bus, planned in another process, flown to."""

@@ -1,7 +1,7 @@
-"""Asking the onboard half for a goal over the bus: again and again, for the wire may lose it, until it answers.
+"""A goal asked for over the bus: the request is repeated until the onboard half answers, as packets may be lost.
 
-The onboard half flies there at the height at which it then is, or refuses with one line; see goals.py. A wish's number
-tells the answers apart, and lets the onboard half know a repeated wish.
+The onboard half flies there at the height at which it comes to rest, or refuses with one line; see goals.py. A number
+in each request tells the answers apart, and lets the onboard half know a repeated request.
 """
 
 import time
@@ -18,8 +18,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 LOCKSTEP_REFUSAL: Final = "flies in lockstep, which takes no goals"
-EVERY: Final = 0.2  # after which a wish is repeated [s]
-ANSWER_WAIT: Final = 5.0  # after which it is given up [s]
+EVERY: Final = 0.2  # between two sendings of a request [s]
+ANSWER_WAIT: Final = 5.0  # after which a request is given up [s]
 _POLL_MS: Final = 50
 
 
@@ -28,51 +28,51 @@ def goal_text(goal: Goal) -> str:
     return f"goal ({goal.x:g}, {goal.y:g})"
 
 
-def answer_to(wish: Goal, reason: str = "") -> Goal:
-    """Return the onboard half's answer to a wish; a reason refuses it."""
-    return wish._replace(role="onboard", reason=reason)
+def answer_to(request: Goal, reason: str = "") -> Goal:
+    """Return the onboard half's answer to a request; a reason refuses it."""
+    return request._replace(role="onboard", reason=reason)
 
 
 class GoalLink:
-    """Sends one wish at a time and hears its answer, and never waits.
+    """Sends one request at a time and hears its answer; no method waits.
 
     Args:
         outbox: to the flight.
         inbox: hears goals, and the flight's tick.
-        wait: after how long without an answer a wish is given up [s].
+        wait: after how long without an answer a request is given up [s].
     """
 
     def __init__(self, outbox: Outbox, inbox: Inbox, wait: float = ANSWER_WAIT):
         self._outbox, self._inbox, self._wait = outbox, inbox, wait
-        self._wish: Goal | None = None
+        self._request: Goal | None = None
         self._until = self._next = 0.0
 
     def ask(self, x: float, y: float) -> None:
-        """Wish to fly to (x, y) in W [m], instead of what was wished for before; InputError if that is no place."""
-        wish = Goal(self._outbox.session, 0, draw(), "user", float(x), float(y))
-        if not (abs(wish.x) <= FARTHEST and abs(wish.y) <= FARTHEST):  # False for NaN
-            raise InputError(f"{goal_text(wish)}: must be two finite numbers of at most {FARTHEST:g}")
-        self._wish, self._next = wish, time.monotonic()
+        """Ask for a flight to (x, y) in W [m], in place of an earlier request; InputError if it is out of range."""
+        request = Goal(self._outbox.session, 0, draw(), "user", float(x), float(y))
+        if not (abs(request.x) <= FARTHEST and abs(request.y) <= FARTHEST):  # False for NaN
+            raise InputError(f"{goal_text(request)}: must be two finite numbers of at most {FARTHEST:g}")
+        self._request, self._next = request, time.monotonic()
         self._until = self._next + self._wait
 
     def turn(self, heard: Iterable[Goal]) -> Goal | None:
-        """Repeat the wish if it is time to; return its answer, once: heard, or that none came.
+        """Repeat the request if that is due; return its answer once, or a refusal if none came in time.
 
         Args:
             heard: the goals of this flight that came since the last call, our own among them.
         """
-        if self._wish is None:
+        if self._request is None:
             return None
-        now, wish = time.monotonic(), self._wish
-        answers = [goal for goal in heard if (goal.role, goal.number) == ("onboard", wish.number)]
+        now, request = time.monotonic(), self._request
+        answers = [goal for goal in heard if (goal.role, goal.number) == ("onboard", request.number)]
         if not answers and now > self._until:
-            answers = [answer_to(wish, f"no answer in {self._wait:g} s")]
+            answers = [answer_to(request, f"no answer in {self._wait:g} s")]
         if answers:
-            self._wish = None
+            self._request = None
             return answers[0]
         if now >= self._next:
-            # Of the tick to come: the answer has the same, and one from before we joined would be refused as old.
-            publish_goal(self._outbox, wish._replace(tick=self._inbox.tick + 1))
+            # With the tick to come: the answer has it too, and one of a tick before we joined would be refused as old.
+            publish_goal(self._outbox, request._replace(tick=self._inbox.tick + 1))
             self._next = now + EVERY
         return None
 

@@ -1,6 +1,6 @@
-"""The planner in a process of its own, so that finding a way, up to a second, holds up no tick of the onboard half.
+"""The planner in a process of its own, so that planning, up to a second, holds up no tick of the onboard half.
 
-It ends with the process that started it, however that ends: then nothing is left that could write to its pipe.
+It ends with the process that started it, however that ends: its pipe then has no other end.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ GONE: Final = "the process that plans has ended"
 
 
 class Plan(NamedTuple):
-    """What became of a goal: the knots (7, n) of a way to it that begins at t = 0, or why there is none."""
+    """The plan of a goal: the knots (7, n) of a way to it that begins at t = 0, or the reason why there is none."""
 
     number: int
     knots: np.ndarray | None
@@ -49,12 +49,12 @@ class GoalPlanner:
     """
 
     def __init__(self, scenario: Scenario):
-        # A fork has all modules at once, where a new process loads them for two seconds; threads would not survive it.
+        # A fork has all modules at once, which a new process loads in two seconds; but it loses all threads but one.
         forks = threading.active_count() == 1
         context = multiprocessing.get_context("fork") if forks else multiprocessing.get_context("spawn")
-        self._pipe, self._theirs = context.Pipe()
-        ours = self._pipe if forks else None
-        arguments = scenario.model_dump_json(), self._theirs, ours
+        self._pipe, self._child_end = context.Pipe()
+        parent_end = self._pipe if forks else None
+        arguments = scenario.model_dump_json(), self._child_end, parent_end
         self._process = context.Process(target=_plan, args=arguments, daemon=True)
         self._busy = False
         self._newest: int | None = None
@@ -62,7 +62,7 @@ class GoalPlanner:
 
     def __enter__(self) -> "GoalPlanner":
         self._process.start()
-        self._theirs.close()  # else this process would never hear that the other one has gone
+        self._child_end.close()  # while it is open here, this process cannot notice that the child has ended
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -71,12 +71,12 @@ class GoalPlanner:
         self._process.join(5.0)
 
     def wait_until_ready(self) -> None:
-        """Return once it could plan at once."""
+        """Return once the process is ready to plan."""
         with contextlib.suppress(EOFError):
             self._pipe.recv()
 
     def ask(self, number: int, p: np.ndarray, goal: np.ndarray) -> None:
-        """Have a way planned from rest at p_W (3) to a goal x, y (2) [m]; what waits to be planned is forgotten."""
+        """Have a way planned from rest at p_W (3) to a goal x, y (2) [m]; a goal that still waits is dropped."""
         self._newest, self._next = number, (number, p, goal)
 
     def poll(self) -> Plan | None:
@@ -87,7 +87,7 @@ class GoalPlanner:
         try:
             while self._pipe.poll():
                 done = self._pipe.recv()
-                self._busy = self._busy and done is None  # None says that it is ready
+                self._busy = self._busy and done is None  # None: the process is ready
             if self._next and not self._busy:
                 self._pipe.send(self._next)
                 self._busy, self._next = True, None
@@ -100,15 +100,15 @@ class GoalPlanner:
 
 
 def reason_of(error: Exception) -> str:
-    """Return in one line why a goal is refused, less what its asker knows: that it is the goal, and where that is."""
+    """Return in one line why a goal is refused, without the goal itself, which its asker knows."""
     text = " ".join(str(error).split()).removeprefix("planner.")
     return text.partition("): ")[2] if text.startswith("goal: (") else text
 
 
-def _plan(scenario_json: str, jobs: Connection, ours: Connection | None) -> None:
-    if ours:
-        ours.close()  # else this process would never hear that the other one has gone
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the flight's affair, which ends this process
+def _plan(scenario_json: str, jobs: Connection, parent_end: Connection | None) -> None:
+    if parent_end:
+        parent_end.close()  # while it is open here, this process cannot notice that the parent has ended
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the flight handles Ctrl-C, and ends this process
     os.nice(NICENESS)
     scenario = Scenario.model_validate_json(scenario_json)
     settings, room = goal_settings(scenario), scenario.load_room()
@@ -122,6 +122,6 @@ def _plan(scenario_json: str, jobs: Connection, ours: Connection | None) -> None
             wanted = settings.model_copy(update={"start": (x, y), "goal": tuple(goal.tolist()), "height": height})
             try:
                 done = Plan(number, knots(plan(wanted, room, scenario.vehicle)), "")
-            except (InputError, RuntimeError) as error:  # a solver of Drake's that gives up raises the latter
+            except (InputError, RuntimeError) as error:  # RuntimeError: a solver of Drake's gave up
                 done = Plan(number, None, reason_of(error))
             jobs.send(done)

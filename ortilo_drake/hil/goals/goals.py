@@ -1,10 +1,10 @@
 """Goals that a user sends in flight: refused, or flown to.
 
-A goal is a point x, y: the vehicle keeps the height at which it comes to rest, and its yaw. What is plainly no goal is
-refused at once, and the vehicle flies on. For any other it brakes (onboard/planner/goal_path.py) while a way is planned
-beside the flight, which begins when both are done; where no way is found it stays at rest. A newer goal replaces an
-older one, whether that is being planned or flown. Every goal is answered once it is decided, and again whenever it is
-repeated.
+A goal is a point x, y: the vehicle keeps the height at which it comes to rest, and its yaw. A goal where the vehicle
+cannot be is refused at once, and the vehicle flies on. For any other goal the vehicle brakes
+(onboard/planner/goal_path.py) while another process plans a way. It flies that way once it is at rest and the way is
+there; it stays at rest if there is none. A newer goal replaces an older one, whether that is being planned or flown.
+Every goal is answered once it is decided, and again whenever it is repeated.
 """
 
 from collections import deque
@@ -27,12 +27,12 @@ REMEMBERED: Final = 256  # answers that can be given again
 
 
 class Step(NamedTuple):
-    """What goals change at a tick.
+    """The changes that goals make at a tick.
 
     Attributes:
         path: to fly from now on; None leaves it as it is.
         taken: x, y of a goal for which the vehicle begins to brake (2) [m].
-        answers: for those who asked.
+        answers: to the users who asked.
     """
 
     path: PiecewisePolynomial | None
@@ -58,7 +58,7 @@ class Goals:
         self._answered: deque[Goal] = deque(maxlen=REMEMBERED)
 
     def hear(self, goal: Goal) -> None:
-        """Take a goal packet; what is no user's is dropped."""
+        """Take a goal packet; one that is not from a user is dropped."""
         if goal.role != "user":
             return
         again = [answer for answer in self._answered if answer.number == goal.number]
@@ -70,16 +70,16 @@ class Goals:
             self._heard = goal
 
     def step(self, t: float, path: Trajectory) -> Step:
-        """Return what the goals heard and planned since the last step change.
+        """Return the changes by goals that were heard or planned since the last call.
 
         Args:
-            t: of the tick that comes [s].
-            path: that is flown, p_WB(t) (3 rows) [m].
+            t: time of the tick that comes [s].
+            path: the path flown, p_WB(t) (3 rows) [m].
         """
         new = taken = None
         if self._heard:
             goal, self._heard = self._heard, None
-            # Who brakes already goes on braking: so however often one changes one's mind, it ends at rest in time.
+            # A vehicle that brakes already goes on with that: so it comes to rest however often the goal changes.
             stop = self._stop if self._stop and t < self._stop.end_time() else None
             stop = stop or brake(path, t, self._settings.acceleration)
             rest = stop.value(stop.end_time())[:, 0]
@@ -102,7 +102,7 @@ class Goals:
         return Step(new, taken, answers)
 
     def _refusal(self, goal: Goal, height: float) -> str:
-        """Return why nobody needs to look for a way to a goal; empty if somebody does."""
+        """Return why a goal is refused before any planning; empty if it is not."""
         if not np.isfinite([goal.x, goal.y]).all():
             return "must be finite"
         keep = self._settings.clearance, self._settings.vertical_clearance

@@ -1,1 +1,1 @@
-"""The halves by the clock."""
+"""Both halves in real time: paced by the clock, with their timing."""

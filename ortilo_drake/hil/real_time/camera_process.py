@@ -18,7 +18,7 @@ from ortilo_drake.scenario import Scenario
 class CameraProcess:
     """Draws and sends pictures on request; a context manager.
 
-    Of several requests that wait it draws the newest: an older picture is worth nothing once there is a newer one.
+    Of several requests that wait it draws only the newest.
 
     Args:
         scenario: the scenario, whose camera renders.
@@ -27,22 +27,21 @@ class CameraProcess:
 
     def __init__(self, scenario: Scenario, url: str):
         spawn = multiprocessing.get_context("spawn")
-        self._jobs, theirs = spawn.Pipe()
+        self._jobs, self._child_end = spawn.Pipe()
         self._skipped: Synchronized[int] = spawn.Value("q", 0)
         text = scenario.model_dump_json()
-        self._process = spawn.Process(target=_draw, args=(text, url, theirs, self._skipped), daemon=True)
-        self._theirs = theirs
+        self._process = spawn.Process(target=_draw, args=(text, url, self._child_end, self._skipped), daemon=True)
 
     def __enter__(self) -> "CameraProcess":
         self._process.start()
-        self._theirs.close()  # so that its end is known here
+        self._child_end.close()  # while it is open here, this process cannot notice that the child has ended
         return self
 
     def __exit__(self, *error: Any) -> None:
         try:
             self._jobs.send(None)
         except OSError:
-            return  # it has gone already
+            return  # the process has ended already
         self._process.join(5.0)
 
     @property
@@ -61,7 +60,7 @@ class CameraProcess:
             raise InputError(f"camera: {error}")
 
     def shoot(self, outbox: Outbox, tick: int, stamp: float, x: np.ndarray) -> None:
-        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick, as by an outbox.
+        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick.
 
         The flight goes on without pictures if the process has ended.
         """

@@ -1,4 +1,4 @@
-"""The detector beside the filter's ticks: pictures in, detections messages out when they are ready."""
+"""The detector in a thread of its own: pictures in, and detections messages out when they are ready."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -10,13 +10,13 @@ from ortilo_drake.scenario import Scenario
 
 
 class DetectorThread:
-    """One worker: the network computes outside of Python's lock. Of the pictures that find it busy the newest waits.
+    """Looks at one picture at a time, outside of Python's lock; of those that come meanwhile it keeps the newest.
 
     Args:
         scenario: the scenario, whose camera renders.
 
     Attributes:
-        skipped: how many pictures were not looked at, since a newer one came.
+        skipped: how many pictures were dropped for a newer one.
 
     Raises:
         InputError: if the detector's files are wrong.
@@ -29,7 +29,7 @@ class DetectorThread:
         self._pool = ThreadPoolExecutor(1)
         self._jobs: list[Future[np.ndarray]] = []
         self.skipped = 0
-        self.look(0.0, np.zeros((camera.height, camera.width, 4), dtype=np.uint8))  # the first takes longer
+        self.look(0.0, np.zeros((camera.height, camera.width, 4), dtype=np.uint8))  # the first picture takes longer
         self._jobs.pop().result()
 
     def look(self, stamp: float, image: np.ndarray) -> None:
@@ -42,7 +42,7 @@ class DetectorThread:
         return detections_message(stamp, *self._detect(image[..., :3]))
 
     def newest(self) -> np.ndarray | None:
-        """Return the newest detections message that is ready, once; None if there is none."""
+        """Return the newest detections message, each only once; None if there is none."""
         ready = [job for job in self._jobs if job.done()]
         self._jobs = [job for job in self._jobs if job not in ready]
         return ready[-1].result() if ready else None

@@ -1,4 +1,4 @@
-"""The record of a flight in real time: the world's side of a tick at once, the onboard half's when it has come."""
+"""The record of a flight in real time: of each tick what the world sent, and what the onboard half answered."""
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,7 @@ from ortilo_drake.scenario import Scenario
 
 
 class FlightRecord:
-    """The ticks of a flight; each is told of once its telemetry has had time to come.
+    """Collects the ticks of a flight, and records each once its telemetry has had time to arrive.
 
     Args:
         scenario: what is flown.
@@ -45,7 +45,7 @@ class FlightRecord:
         return {name: heard.get(name, np.full(size, np.nan)) for name, size in self._sizes.items()}
 
     def record_until(self, end: int) -> None:
-        """Tell of the ticks before one that were not told of yet."""
+        """Record the ticks before `end` that are not recorded yet."""
         for k in range(self._recorded, min(end, len(self._states))):
             if self._record:
                 self._record(k, self._states[k], self._sent[k], self.outputs(k))

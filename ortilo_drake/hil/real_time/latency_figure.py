@@ -1,4 +1,4 @@
-"""The histogram of sense to command."""
+"""A histogram of the latencies from sensing to command."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from ortilo_drake.views.pictures import save_picture
 
 
 def latency_figure(latencies_ms: np.ndarray, h: float, path: Path) -> Path:
-    """Draw how long the commands took [ms], if any came, and one tick h [s] beside them; return path."""
+    """Draw the latencies of the commands [ms], if any came, and a line at one tick h [s]; return path."""
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
     if len(latencies_ms):

@@ -1,7 +1,7 @@
-"""The figures of a flight in real time, live in a terminal; and the table of a profile.
+"""A live panel of a flight in real time, in a terminal; and the table of a profile.
 
-The panel is drawn in Rich's own thread, four times a second. For that moment Python hands the interpreter from thread
-to thread a hundred times as often as it does by default (5 ms), so that a tick never waits for the drawing.
+The panel is drawn in Rich's own thread, four times a second. While it is shown, Python lets threads take turns a
+hundred times as often as by default (every 5 ms), so that a tick never waits for the drawing.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from ortilo_drake.hil.real_time.profile import Row
 from ortilo_drake.hil.real_time.real_time_world import Statistics
 
 DRAWINGS_PER_SECOND: Final = 4
-SWITCH_INTERVAL: Final = 5e-5  # how long a thread may keep the interpreter from another [s]
+SWITCH_INTERVAL: Final = 5e-5  # how long a thread may keep another waiting [s]
 _COLOURS = {"command": "green", "hold": "yellow", "descend": "red"}
 
 
@@ -69,7 +69,7 @@ def live_panel(console: Console) -> Iterator[Callable[[Statistics], None]]:
     """Show the panel while in the context, if the console is a terminal; gone when done.
 
     Yields:
-        What run_world takes as show_statistics. Until it is called the panel says that the onboard half is waited for.
+        The argument show_statistics of run_world; until it is called the panel says that the world waits.
     """
     figures: Statistics | None = None
 

@@ -22,8 +22,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 Row = dict[str, Any]
-PROFILE_TICKS = 600  # what the command times
-WHOLE, REST = "whole tick", "Drake"  # the two rows that are no block
+PROFILE_TICKS = 600  # that the command times
+WHOLE, REST = "whole tick", "Drake"  # the two rows that are not blocks
 
 
 def dataflow_order(diagram: Diagram) -> list[OutputPort]:
@@ -44,7 +44,7 @@ def dataflow_order(diagram: Diagram) -> list[OutputPort]:
                 append(sources[key[0], i])
         order[key] = ports[key]
 
-    for key in ports:  # ends, as Drake refuses an algebraic loop
+    for key in ports:  # the recursion ends, as Drake refuses algebraic loops
         append(key)
     return list(order.values())
 
@@ -55,7 +55,7 @@ def updating_systems(diagram: Diagram) -> list[System]:
 
 
 def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[System]) -> dict[str, float]:
-    """Evaluate all of a tick, its messages taken; return what each block spent [s]."""
+    """Evaluate block by block a tick whose messages were taken; return the time of each block [s]."""
     context = onboard.context
     spent = dict.fromkeys((port.get_system().get_name() for port in ports), 0.0)
     of_ports = [(port, port.get_system().GetMyContextFromRoot(context)) for port in ports]
@@ -74,7 +74,7 @@ def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[Sy
 
 
 def time_whole(onboard: OnboardHalf, messages: Signals) -> tuple[Signals, float]:
-    """Do a whole tick as in flight; return its outputs and what it took [s]."""
+    """Do a whole tick as in flight; return its outputs and its time [s]."""
     begin = time.perf_counter()
     onboard.take(messages)
     onboard.answer()
@@ -87,12 +87,12 @@ def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[Row]:
     """Return the table: the blocks, the costliest first, then Drake's rest and the whole tick.
 
     Args:
-        spent: what each block spent in every tick [s].
-        whole: what every tick took as a whole [s].
+        spent: the time of each block in every tick [s].
+        whole: the time of every whole tick [s].
 
     Returns:
-        block; median_us and p99_us over the ticks; share of all the time, from 0 to 1. Drake's may be below 0 by the
-        unrest of the machine.
+        block; median_us and p99_us over the ticks; share of all the time, from 0 to 1. Drake's may be below 0,
+        as the times scatter.
     """
     rest = whole - sum(spent.values(), start=np.zeros_like(whole))
     blocks = sorted(spent, key=lambda name: -float(np.sum(spent[name])))

@@ -1,6 +1,6 @@
-"""The onboard half in real time: it ticks with the world while it hears it, and by its own clock where it does not.
+"""The onboard half in real time: it ticks with the world while it hears it, and by its own clock otherwise.
 
-When it ticks and what it takes is onboard_ticks.py's affair.
+onboard_ticks.py decides when it ticks and which messages it takes.
 """
 
 import time
@@ -24,14 +24,14 @@ from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, pu
 from ortilo_drake.scenario import Scenario
 
 
-class Answered(NamedTuple):
-    """What an onboard half did in a flight.
+class OnboardSummary(NamedTuple):
+    """A summary of an onboard half's flight.
 
     Attributes:
         ticks: how many it answered.
-        ages: how many of the messages that it took were how many ticks old.
-        overtaken: how many messages it did not take, since a newer one had come.
-        silent: where the world fell silent for PATIENCE, without a word that it has finished: the tick; else None.
+        ages: how many messages it took at each age in ticks.
+        overtaken: how many messages it dropped for a newer one.
+        silent: the tick at which the world fell silent for PATIENCE before it had finished; None if it finished.
     """
 
     ticks: int
@@ -51,8 +51,8 @@ def answer_in_real_time(
     checkpoint: Path | None = None,
     goals: Goals | None = None,
     say: Callable[[str], None] = print,
-) -> Answered:
-    """Be the onboard half until the world says that it has finished, or is silent for PATIENCE.
+) -> OnboardSummary:
+    """Answer the world as its onboard half until it says that it has finished, or is silent for PATIENCE.
 
     Args:
         scenario: the scenario.
@@ -60,9 +60,9 @@ def answer_in_real_time(
         outbox: to the world.
         inbox: hears hello, goal, tick and the sensors' messages of this flight.
         detector: looks at the pictures, if there is a rendered camera; onboard then takes detections.
-        progress: called at every tick with the number of it.
-        record: called with what was taken and made of it in every tick; of the true state it knows nothing.
-        checkpoint: a file to write at every tick, and to go on from where the flight has begun already.
+        progress: called with the number of every tick.
+        record: called in every tick with the messages taken and the outputs, but None for the true state.
+        checkpoint: a file to write at every tick; from it this half goes on if the flight has begun already.
         goals: takes the goals of a user; by default they are not heard.
         say: takes a line about a checkpoint that cannot be written; the flight goes on without it.
     """
@@ -80,7 +80,7 @@ def answer_in_real_time(
             heard = received
             if packet.name == "hello":
                 if packet.value.role == "world" and packet.value.state == FINISHED:
-                    return _answered(ticks, None)
+                    return _summary(ticks, None)
             elif packet.name != "image":
                 joins = ticks.first is None
                 ticks.hear(packet, received)
@@ -103,7 +103,7 @@ def answer_in_real_time(
             onboard.advance()
             if record:
                 record(k, None, messages, outputs)
-            if goals:  # after the tick's command, which nothing here holds up
+            if goals:  # after the tick's command is sent, so that goals never delay it
                 step = goals.step(ticks.next * scenario.h, onboard.path)
                 goal = step.taken
                 for answer in step.answers:
@@ -117,15 +117,15 @@ def answer_in_real_time(
             if progress:
                 progress(ticks.next)
         elif time.perf_counter() > heard + PATIENCE:
-            return _answered(ticks, ticks.next)
+            return _summary(ticks, ticks.next)
 
 
-def _answered(ticks: OnboardTicks, silent: int | None) -> Answered:
-    return Answered(ticks.next - (ticks.first or 0), dict(ticks.ages), ticks.overtaken, silent)
+def _summary(ticks: OnboardTicks, silent: int | None) -> OnboardSummary:
+    return OnboardSummary(ticks.next - (ticks.first or 0), dict(ticks.ages), ticks.overtaken, silent)
 
 
 def join_flight(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:
-    """Go on in a flight that is at a tick already, from the checkpoint and its path if they are there and fit."""
+    """Join a flight that is under way at a tick, from the checkpoint and its path if they are there and fit."""
     path = load_path(checkpoint, session) if checkpoint else None
     if path:
         onboard.fly_path(path)

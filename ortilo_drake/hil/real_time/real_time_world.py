@@ -1,7 +1,7 @@
 """The world paced by the wall clock.
 
 It sends its messages at every tick t_k and looks for a command every millisecond; a command acts from the millisecond
-after it came. What flies while none comes is the failsafe's affair (world/vehicle/failsafe.py).
+after it came. While none comes the failsafe flies (world/vehicle/failsafe.py).
 """
 
 import math
@@ -27,12 +27,12 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import STAMP
 from ortilo_drake.scenario import Scenario
 
-Statistics = Callable[[], dict[str, Any]]  # the figures of a flight so far
+Statistics = Callable[[], dict[str, Any]]  # returns the figures of the flight so far
 
 COMMAND_PERIOD: Final = 1e-3  # [s]
-SPIN: Final = 1.5e-3  # where less than this is left, waiting for a packet might return too late [s]
-HEARTBEAT: Final = 0.1  # how often the world says hello in flight, for an onboard half that joins it then [s]
-LATE_TELEMETRY: Final = 0.5  # how long the telemetry of a tick is waited for [s]
+SPIN: Final = 1.5e-3  # with less time left than this it spins: a wait for a packet might return too late [s]
+HEARTBEAT: Final = 0.1  # between two hellos in flight, for an onboard half that joins then [s]
+LATE_TELEMETRY: Final = 0.5  # how long to wait for the telemetry of a tick [s]
 
 
 def fly_in_real_time(
@@ -57,7 +57,7 @@ def fly_in_real_time(
         greeter: says hello.
         camera: draws the pictures, if there is a rendered camera.
         seconds: end after that much of the flight; by default at its end.
-        progress: called at every tick with the number of it.
+        progress: called with the number of every tick.
         record: called with everything of a tick LATE_TELEMETRY after it; outputs that were lost are NaN.
         show_statistics: called before the first tick with a function that gives the figures so far, in any thread:
             TickTiming.summary, simulated_s, packets and failsafe.
@@ -77,12 +77,12 @@ def fly_in_real_time(
     start = time.perf_counter()
 
     def listen(until: float) -> None:
-        """Take what comes until a time of the flight, and return then."""
+        """Take packets until a time of the flight."""
         for received, packet in _polled(inbox, start + until):
             if packet.name == "hello":
                 greeter.hear(packet.value)
             if packet.name == "hello" or packet.tick > k + lag:
-                continue  # no onboard half is that far ahead, not even of a world that was held up
+                continue  # no onboard half is that far ahead, even of a world that was delayed
             flown.hear(packet)
             if packet.name == "command":
                 timing.answered(packet.tick, received)
@@ -107,11 +107,11 @@ def fly_in_real_time(
             lost = Lost(k, k * h, found.cause)
         if lost or k == ticks:
             break
-        moments = looks(k * h, (k + 1) * h)
+        moments = look_times(k * h, (k + 1) * h)
         for i, moment in enumerate(moments):
             listen(moment)
             world.advance_to(moment, command.value)
-            if i == len(moments) // 2:  # midway, where neither this tick's command nor the next tick waits for it
+            if i == len(moments) // 2:  # midway, where it delays neither this tick's command nor the next tick
                 flown.record_until(k - lag)
     listen(time.perf_counter() - start + LATE_TELEMETRY)
     flown.record_until(k + 1)
@@ -120,7 +120,7 @@ def fly_in_real_time(
     return flight, timing
 
 
-def looks(begin: float, end: float) -> list[float]:
+def look_times(begin: float, end: float) -> list[float]:
     """Return when the world looks for a command in a tick: the multiples of COMMAND_PERIOD within it, and its end."""
     first, last = math.floor(begin / COMMAND_PERIOD + 1e-6) + 1, math.ceil(end / COMMAND_PERIOD - 1e-6)
     return [*(n * COMMAND_PERIOD for n in range(first, last)), end]
@@ -141,7 +141,7 @@ class Command:
 
 
 def _polled(inbox: Inbox, until: float) -> Iterator[Arrival]:
-    """Yield what comes until a time of time.perf_counter(), and return then."""
+    """Yield the packets that arrive until a time of time.perf_counter()."""
     while True:
         left = until - time.perf_counter()
         yield from inbox.poll(1 if left > SPIN else 0)

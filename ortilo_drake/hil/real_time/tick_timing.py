@@ -35,15 +35,15 @@ class TickTiming:
         self._sent.append(now)
 
     def answered(self, tick: int, now: float) -> None:
-        """Note when a tick's command came; of several the first, and none of a tick that was not sent."""
+        """Note when the first command of a tick came; one of a tick that was not sent is ignored."""
         if tick < len(self._sent):
             self._answered.setdefault(tick, now)
 
     def latencies_ms(self, ticks: int | None = None) -> np.ndarray:
-        """Return sense to command of every answered tick, from its messages sent to its command received [ms].
+        """Return the latency of every answered tick, from its messages sent to its command received [ms].
 
         Args:
-            ticks: look at the first so many only.
+            ticks: how many of the first ticks to look at; all by default.
         """
         return self._after(self._sent, ticks)
 
@@ -54,13 +54,13 @@ class TickTiming:
     def summary(self, ticks: int | None = None) -> dict[str, Any]:
         """Return the figures as plain data, for JSON.
 
-        A deadline is missed where the command of a tick is not there when the next tick is due; what the world itself
-        was late is in it. lateness_ms is how far the worst was beyond it. longest_silence is the longest run of ticks
-        without an answer [s]. jitter_ms is how late the world itself sent its ticks.
+        A tick misses its deadline if its command is not there when the next tick is due; a tick that the world sent
+        late counts too. lateness_ms is how far the worst was beyond its deadline. longest_silence is the longest run
+        of ticks without an answer [s]. jitter_ms is how late the world sent its ticks.
 
         Args:
-            ticks: look at the first so many only; in flight those before the present one, which is not answered yet.
-                (Another thread may ask for these while the flight goes on.)
+            ticks: how many of the first ticks to look at; all by default. In flight leave out the present one, which is
+                not answered yet. (Another thread may call this while the flight goes on.)
         """
         ticks = len(self._sent) if ticks is None else ticks
         latencies, beyond = self.latencies_ms(ticks), self._after(self._due, ticks) - 1e3 * self._h

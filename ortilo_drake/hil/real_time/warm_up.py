@@ -1,4 +1,4 @@
-"""Preparation of a process before its first tick in real time: nothing is compiled or collected in flight."""
+"""Preparation of a process for real time, so that nothing is compiled or garbage-collected in flight."""
 
 import contextlib
 import gc
@@ -8,18 +8,18 @@ from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.scenario import Scenario
 
-TICKS = 12  # every sensor has sent, and every message entered the filter
+TICKS = 12  # enough for every sensor to send, and every message to enter the filter
 
 
 def warm_up(scenario: Scenario) -> None:
-    """Fly a moment of the scenario in this process, which has numba compile or load all that either half calls."""
+    """Fly a moment of the scenario in this process, so that numba compiles or loads all that either half calls."""
     flown = scenario.model_copy(update={"camera": "projected"})
     make_simulator(make_closed_loop(flown), flown).AdvanceTo((TICKS + 0.5) * flown.h)
 
 
 @contextlib.contextmanager
 def no_collecting() -> Iterator[None]:
-    """Within it Python does not search for reference cycles: a tick makes none, and looking takes many milliseconds."""
+    """Keep Python from searching for reference cycles: a tick makes none, and the search takes many milliseconds."""
     gc.collect()
     gc.freeze()
     collects = gc.isenabled()

@@ -17,7 +17,7 @@ from ortilo_drake.world.noise import stream_id, uniforms
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Seconds = Annotated[float, Field(ge=0.0, le=60.0)]
-_CHAIN, _LOST, _DELAY, _TWICE, _SECOND_DELAY, _HELD, _N = 0, 1, 2, 3, 4, 5, 6  # what each uniform number decides
+_CHAIN, _LOST, _DELAY, _TWICE, _SECOND_DELAY, _HELD, _N = 0, 1, 2, 3, 4, 5, 6  # uses of the uniform numbers
 
 
 class Faults(Frozen):
@@ -32,7 +32,7 @@ class Faults(Frozen):
         spread: greatest deviation from it [s], uniform; a delay below zero is zero. Packets overtake each other.
         duplicate: probability that a packet comes twice, each with a delay of its own.
         held: probability that a packet is held back, so that others overtake it.
-        hold: for how long [s].
+        hold: how long it is held back [s].
         rate: greatest number of packets per second; 0 for any.
         queue: number of packets that may wait for their turn under a rate; more are lost.
     """
@@ -70,13 +70,13 @@ def delays_of_packet(faults: Faults, in_burst: bool, u: np.ndarray) -> list[floa
     return [hold + delay_of(faults, float(u[i])) for i in copies]
 
 
-class Line:
-    """One direction of a link: the packets so far of each channel, its bursts, and the turn of the next under a rate.
+class FaultModel:
+    """The faults of one direction of a link, packet by packet: it counts each channel's packets and keeps its bursts.
 
     Args:
-        faults: its faults.
-        seed: of all its chances.
-        name: of the direction; each has chances of its own.
+        faults: the faults.
+        seed: seed of all random numbers.
+        name: name of the direction; each direction has random numbers of its own.
     """
 
     def __init__(self, faults: Faults, seed: int, name: str):

@@ -1,8 +1,8 @@
 """A process between the halves that passes their packets on, with faults.
 
-Each half has a bus of its own; the relay listens on both. A packet of a half that is heard on the other's bus is the
-relay's own, and is not sent back: a channel, or the role in a hello, tells which half a packet comes from. Who listens
-or wishes for a goal does so on the world's side. It passes on bytes and needs no key.
+Each half has a bus of its own; the relay listens on both. The channel, or the role in a hello, tells which half a
+packet comes from. A packet heard on the other half's bus is the relay's own, and is not sent back. Listeners, and users
+who ask for a goal, are on the world's bus. The relay passes on bytes and needs no key.
 """
 
 import heapq
@@ -12,10 +12,10 @@ from functools import partial
 from threading import Event
 from typing import Final
 
-from ortilo_drake.hil.relay.faults import Faults, Line
+from ortilo_drake.hil.relay.faults import FaultModel, Faults
 from ortilo_drake.hil.wire.bus import Bus, open_bus
 from ortilo_drake.hil.wire.multicast import address
-from ortilo_drake.hil.wire.packets import NO_TICK, channel_of
+from ortilo_drake.hil.wire.packets import NO_TICK, channel_of, ports
 from ortilo_drake.hil.wire.unpack import role_of
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
@@ -29,8 +29,8 @@ _WAIT = 1  # [ms]
 class _Direction:
     """Packets on their way from one half's bus to the other's, the next due first."""
 
-    def __init__(self, half: str, source: Bus, target: Bus, line: Line):
-        self._half, self._target, self.line = half, target, line
+    def __init__(self, half: str, source: Bus, target: Bus, faults: FaultModel):
+        self._half, self._target, self.faults = half, target, faults
         self._due: list[tuple[float, int, str, bytes]] = []
         self._order = itertools.count()  # breaks ties, first come first served
         for name in (*_FROM_ONBOARD, *NO_TICK) if half == "onboard" else (*ports(), "tick", *NO_TICK):
@@ -39,7 +39,7 @@ class _Direction:
     def _take(self, name: str, data: bytes) -> None:
         if name in NO_TICK and role_of(name, data) not in _ROLES[self._half]:
             return
-        for due in self.line.take(name, time.monotonic()):
+        for due in self.faults.take(name, time.monotonic()):
             heapq.heappush(self._due, (due, next(self._order), channel_of(name), data))
 
     def release(self, now: float) -> None:
@@ -47,7 +47,7 @@ class _Direction:
         while self._due and self._due[0][0] <= now:
             _, _, channel, data = heapq.heappop(self._due)
             self._target.publish(channel, data)
-            self.line.counts["sent"] += 1
+            self.faults.counts["sent"] += 1
 
 
 def run_relay(
@@ -60,14 +60,14 @@ def run_relay(
     stop: Event | None = None,
     ready: Event | None = None,
 ) -> dict[str, dict[str, int]]:
-    """Pass packets on until the time is over, an event is set or Ctrl-C is pressed; then return what was counted.
+    """Pass packets on until the time is over, an event is set or Ctrl-C is pressed; then return their counts.
 
     Args:
         url_world: the bus of the world.
         url_onboard: the bus of the onboard half.
         to_onboard: faults on the way to the onboard half; none by default.
         to_world: faults on the way to the world; none by default.
-        seed: of all chances.
+        seed: seed of all random numbers.
         seconds: for how long [s].
         stop: ends it.
         ready: is set once it listens.
@@ -83,10 +83,10 @@ def run_relay(
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")
     with open_bus(url_world) as world, open_bus(url_onboard) as onboard:
         directions = {
-            "to_onboard": _Direction("world", world, onboard, Line(to_onboard or Faults(), seed, "to_onboard")),
-            "to_world": _Direction("onboard", onboard, world, Line(to_world or Faults(), seed, "to_world")),
+            "to_onboard": _Direction("world", world, onboard, FaultModel(to_onboard or Faults(), seed, "to_onboard")),
+            "to_world": _Direction("onboard", onboard, world, FaultModel(to_world or Faults(), seed, "to_world")),
         }
-        uniforms(seed, stream_id("compile now"), 0, 1)  # not at the first packet
+        uniforms(seed, stream_id("compile now"), 0, 1)  # so that numba does not compile at the first packet
         if ready:
             ready.set()
         end = time.monotonic() + seconds
@@ -98,4 +98,4 @@ def run_relay(
                     each.release(time.monotonic())
         except KeyboardInterrupt:
             pass
-        return {name: dict(each.line.counts) for name, each in directions.items()}
+        return {name: dict(each.faults.counts) for name, each in directions.items()}

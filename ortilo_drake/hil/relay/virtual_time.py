@@ -1,8 +1,8 @@
-"""A flight in real time behind a relay, with no clock but the flight's own.
+"""A flight behind a relay in virtual time: the same as in real time, but without waiting.
 
 The world's millisecond, the relay's faults and the onboard half's ticks are those of real_time_world.py, relay.py and
-real_time_onboard.py; only the time is counted instead of waited for. So what is compared are the faults and the
-filters, on any machine and bit for bit, and not what else the machine had to do. Computing takes no time here.
+real_time_onboard.py; only the time is counted instead of waited for, and computing takes none of it. So flights
+compare faults and filters bit for bit, on any machine and whatever else that has to do.
 """
 
 import heapq
@@ -22,8 +22,8 @@ from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
 from ortilo_drake.hil.real_time.real_time_onboard import join_flight
-from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Command, looks
-from ortilo_drake.hil.relay.faults import Faults, Line
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Command, look_times
+from ortilo_drake.hil.relay.faults import FaultModel, Faults
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
@@ -32,19 +32,19 @@ NONE: Final = Faults()
 
 
 class _Way:
-    """Packets on their way through a direction of the relay."""
+    """The packets on their way in one direction of the relay."""
 
-    def __init__(self, line: Line):
-        self._line, self._order = line, itertools.count()
+    def __init__(self, faults: FaultModel):
+        self._faults, self._order = faults, itertools.count()
         self._due: list[tuple[float, int, Packet]] = []
         self._seen: set[tuple[str, int]] = set()
 
     def send(self, packet: Packet, now: float) -> None:
-        for due in self._line.take(packet.name, now):
+        for due in self._faults.take(packet.name, now):
             heapq.heappush(self._due, (due, next(self._order), packet))
 
     def arrived(self, now: float) -> list[tuple[float, Packet]]:
-        """Return what has come by now, each with when it came, and as inbox.Inbox does without duplicates."""
+        """Return the packets that have arrived by now, with their times; without duplicates, as inbox.Inbox does."""
         came = []
         while self._due and self._due[0][0] <= now:
             due, _, packet = heapq.heappop(self._due)
@@ -63,7 +63,7 @@ def fly_in_virtual_time(
         scenario: the scenario; a rendered camera is refused, its pictures take time.
         to_onboard: faults on the way to the onboard half.
         to_world: faults on the way to the world.
-        seed: of the relay's chances.
+        seed: seed of the relay's random numbers.
 
     Raises:
         InputError: if the scenario cannot be flown so.
@@ -71,7 +71,7 @@ def fly_in_virtual_time(
     if scenario.is_rendered:
         raise InputError(f"{scenario.name}: camera: must be 'projected' in virtual time")
     world, onboard = WorldHalf(scenario, COMMAND_PERIOD), OnboardHalf(scenario)
-    there, back = _Way(Line(to_onboard, seed, "to_onboard")), _Way(Line(to_world, seed, "to_world"))
+    there, back = _Way(FaultModel(to_onboard, seed, "to_onboard")), _Way(FaultModel(to_world, seed, "to_world"))
     ticks, flown, command = OnboardTicks(scenario), FlightRecord(scenario, None), Command(scenario.vehicle.hover_thrust)
     room, h, end, lost = scenario.load_room(), scenario.h, flight_ticks(scenario), None
 
@@ -101,7 +101,7 @@ def fly_in_virtual_time(
             lost = Lost(k, k * h, found.cause)
         if lost or k == end:
             break
-        for moment in looks(k * h, (k + 1) * h):
+        for moment in look_times(k * h, (k + 1) * h):
             answer(moment)
             for received, packet in back.arrived(moment):
                 command.hear(packet, received)

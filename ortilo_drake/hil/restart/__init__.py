@@ -1,1 +1,1 @@
-"""An onboard half that is killed, starts again and takes over."""
+"""Restarts of the onboard half: it is killed, starts again and flies on from a checkpoint."""

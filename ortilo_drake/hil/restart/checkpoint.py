@@ -1,7 +1,7 @@
 """Checkpoints, from which an onboard process goes on where a killed one stopped.
 
-The state is in a file that is replaced at every tick; the path flown, where it is not the scenario's, in one beside it
-that is replaced when it changes.
+One file holds the state and is replaced at every tick. A path that is not the scenario's is in a second file beside it,
+which is replaced when the path changes.
 """
 
 import io
@@ -18,7 +18,7 @@ from ortilo_drake.model.input_files import open_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots, through
 
-MAX_AGE = 5.0  # an older checkpoint tells nothing of where the vehicle is [s]
+MAX_AGE = 5.0  # [s]: the vehicle is elsewhere by then, and an older checkpoint is not used
 
 
 class Checkpoint(NamedTuple):
@@ -38,8 +38,8 @@ def _replace(path: Path, **arrays: npt.ArrayLike) -> None:
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: cannot be written: is no regular file")  # a full pipe would stop the flight
     packed = io.BytesIO()
-    np.savez(packed, **arrays)  # type: ignore[arg-type]  # none is called allow_pickle
-    write_bytes(path, packed.getvalue(), sync=False)  # of no use after a loss of power; a disk may take 10 ms
+    np.savez(packed, **arrays)  # type: ignore[arg-type]  # no array is named allow_pickle
+    write_bytes(path, packed.getvalue(), sync=False)  # useless after a loss of power; a disk may take 10 ms
 
 
 def session_of(path: Path) -> int:
@@ -55,11 +55,11 @@ def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) ->
     """Return the checkpoint that fits, or None.
 
     Args:
-        path: the file; it may be missing, damaged or another flight's.
-        session: of this flight.
-        tick: at which the flight is now.
+        path: the file; it may be missing, damaged or of another flight.
+        session: the session of this flight.
+        tick: the tick that the flight is at.
         h: tick [s].
-        size: of the state.
+        size: the size of the state.
     """
     try:
         with open_file(path) as opened, np.load(opened, allow_pickle=False) as file:
@@ -89,4 +89,4 @@ def load_path(checkpoint: Path, session: int) -> PiecewisePolynomial | None:
             return None
         return through(its_knots)
     except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, IndexError, zipfile.BadZipFile):
-        return None  # RuntimeError: Drake's, for times that do not increase
+        return None  # RuntimeError: Drake refuses times that do not increase

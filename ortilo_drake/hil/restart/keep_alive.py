@@ -1,4 +1,4 @@
-"""A process that keeps an onboard half in the air: when it is killed, the next one is there in a moment.
+"""A parent process that keeps an onboard half flying: when its child is killed, it forks the next at once.
 
 The parent has imported, compiled and planned all that a flight needs before it forks, so a child has only to open the
 bus and build its diagram (with a rendered camera also to load the detector).
@@ -15,16 +15,16 @@ from typing import Final
 
 from ortilo_drake.model.typed_yaml import InputError
 
-TOO_SOON: Final = 2.0  # a process that was killed within that long of its start did not come to fly [s]
-TRIES: Final = 3  # how many such in a row are started again
-LOOK_EVERY: Final = 0.005  # whether the process has ended, or is to end [s]
+TOO_SOON: Final = 2.0  # [s]: a process killed sooner after its start is taken for one that never flew
+TRIES: Final = 3  # how many such processes in a row are replaced
+LOOK_EVERY: Final = 0.005  # between two looks at whether the process has ended, or is to end [s]
 ENDING: Final = (signal.SIGTERM, signal.SIGINT)
 
 
 class _Ending:
-    """A handler of the signals that are to end it all: notes the first, and hands each on to the child.
+    """A handler of the signals that end parent and child: it notes the first, and passes each on to the child.
 
-    It raises nothing: what a handler raises while os.fork runs is lost, and so would be the child.
+    It raises nothing: an exception of a handler while os.fork runs would be lost, and the child with it.
     """
 
     def __init__(self) -> None:
@@ -40,12 +40,12 @@ def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
     """Call fly in a child process, again whenever a signal has killed it; return how many were killed.
 
     Args:
-        fly: flies until the end of the flight. What it raises ends it all, told as the command `ortilo` tells it.
-        say: told of every start (by the child, before it flies) and of every end by a signal, and of an InputError,
-            in a line each.
+        fly: flies until the end of the flight. What it raises ends child and parent, with the line of `ortilo`.
+        say: takes a line about every start (from the child, before it flies), every end by a signal, and an
+            InputError.
 
     Raises:
-        SystemExit: with the child's code if it ends with another than 0; on SIGTERM, after the child has had it too.
+        SystemExit: with the child's code if that is not 0; on SIGTERM, after the child has received it too.
         InputError: if TRIES in a row were killed TOO_SOON.
         KeyboardInterrupt: on Ctrl-C, after the child has ended as well.
     """
@@ -92,9 +92,9 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
             os._exit(code)
     ending.child = child
     signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
-    if ending.number:  # it came before the child was there
+    if ending.number:  # the signal came before the child was there
         os.kill(child, ending.number)
-    # With WNOWAIT its number stays its own until nothing can be sent to it. A wait without end would sleep through a
+    # With WNOWAIT no other process gets its number while we may send it signals. An endless wait would sleep through a
     # signal that another thread has taken, as one does while this one has them blocked.
     while os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None:
         time.sleep(LOOK_EVERY)
@@ -103,7 +103,7 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
 
 
 def _exit_code(fly: Callable[[], None], say: Callable[[str], None]) -> int:
-    """Call fly, in the child; return what the child's exit code is to be."""
+    """Call fly in the child; return the exit code for the child."""
     code = 1
     try:
         say(f"onboard half: process {os.getpid()}")

@@ -1,4 +1,4 @@
-"""Writing that a flight can do without: a log, a checkpoint. A full disk must not take the vehicle down."""
+"""Files that a flight can do without, a log or a checkpoint: a full disk must not end the flight."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,8 +10,8 @@ class UntilItFails:
     """A function called in flight until it fails the first time; then no more.
 
     Args:
-        write: raises InputError where it cannot.
-        say: told the first failure, in one line.
+        write: raises InputError where it fails.
+        say: takes a line about the first failure.
 
     Attributes:
         error: that failure, to be raised once the flight is over; None if there was none.

@@ -1,4 +1,4 @@
-"""The wire: an LCM bus, by sockets of our own, that is really there."""
+"""The LCM bus over sockets of our own, checked to work when it is opened."""
 
 import contextlib
 import time
@@ -11,12 +11,12 @@ from ortilo_drake.hil.wire.udpm import Reassembly, Sender, encode
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.model.typed_yaml import InputError
 
-MEMORY_URL: Final = "memq://"  # one process with itself
+MEMORY_URL: Final = "memq://"  # within one process
 _PROBE: Final = "ORTILO_PROBE"
 
 
 class _Wire(Protocol):
-    """What carries datagrams."""
+    """A carrier of datagrams."""
 
     def send(self, datagram: bytes) -> None: ...
     def receive(self) -> list[tuple[Sender, bytes]]: ...
@@ -47,7 +47,7 @@ class _Memory:
 
 
 class Bus:
-    """LCM's messages on their channels; nothing is received but in handle.
+    """LCM's messages on their channels; only handle receives.
 
     Args:
         wire: what carries the datagrams.
@@ -66,7 +66,7 @@ class Bus:
         return self._reassembly.refused
 
     def publish(self, channel: str, data: bytes) -> None:
-        """Send a message; where the network is down it is lost, as on the way."""
+        """Send a message; it is lost if the network is down."""
         for datagram in encode(channel, self._sequence, data):
             try:
                 self._wire.send(datagram)
@@ -80,7 +80,7 @@ class Bus:
         self._takers.setdefault(channel, []).append(take)
 
     def handle(self, timeout_ms: int = 0) -> int:
-        """Hand on what has come on the channels subscribed to; wait for the first as long as given, at most.
+        """Hand on the messages that have come on subscribed channels; wait for the first at most as long as given.
 
         Returns:
             How many messages were handed on.
@@ -96,7 +96,7 @@ class Bus:
                     handed += 1
             if handed or left <= 0 or not self._wire.wait(left):
                 return handed
-            left = int(1e3 * (until - time.perf_counter()))  # what woke it may have been for others
+            left = int(1e3 * (until - time.perf_counter()))  # a message for others may have ended the wait
 
     def probe(self) -> None:
         """Send a message that nobody needs; OSError where it cannot be sent."""
@@ -122,7 +122,7 @@ def open_bus(url: str = DEFAULT_URL) -> Bus:
     """Return an LCM bus, once a packet has crossed it.
 
     Args:
-        url: udpm://GROUP:PORT?ttl=N, or memq:// for one process with itself.
+        url: udpm://GROUP:PORT?ttl=N, or memq:// within one process.
 
     Raises:
         InputError: if the URL is of another form, or nothing can be sent there: where multicast has no route, with the

@@ -1,4 +1,4 @@
-"""The world's side of the handshake (handshake.py): it says hello, and flies with the first half that answers."""
+"""The world's side of the handshake (handshake.py): it says hello, and flies with the first half to answer."""
 
 import time
 from collections import deque
@@ -14,7 +14,7 @@ from ortilo_drake.hil.wire.seal import flight_key
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-REFUSALS: Final = 6  # how often the world says hello to who flies another scenario before it ends: each may be lost
+REFUSALS: Final = 6  # hellos to a half of another scenario before the world ends; each may be lost
 
 
 class Greeter:
@@ -23,8 +23,8 @@ class Greeter:
     Args:
         bus: the bus.
         key: that the halves share.
-        scenario: of the world.
-        lockstep: whether it waits for every answer.
+        scenario: the world's scenario.
+        lockstep: whether the world waits for every answer.
     """
 
     def __init__(self, bus: Bus, key: bytes, scenario: Scenario, lockstep: bool):
@@ -38,20 +38,20 @@ class Greeter:
         return self._hello.session
 
     def hear(self, hello: Hello) -> bool:
-        """Note the nonce of who answers this world; return whether it does."""
+        """Note the nonce of a hello that answers this world; return whether it does."""
         answers = hello.role != "world" and hello.session == self.session
         if answers and hello.nonce not in self._heard:
             self._heard.append(hello.nonce)
         return answers
 
     def meet(self, nonce: int) -> Flight:
-        """Fly with the onboard half of a nonce; return the flight, which every hello tells of from now on."""
+        """Fly with the onboard half of a nonce; return the flight, which every hello names from now on."""
         self._hello = self._hello._replace(state=FLYING, nonce=nonce)
         key = flight_key(self._key, self.session, nonce, self._hello.scenario_digest)
         return flight_of(self._scenario, self.session, key)
 
     def say(self, tick: int = -1, state: str = "") -> None:
-        """Say hello at a tick, in another state than before if one is given."""
+        """Say hello at a tick; a state, if given, replaces the present one."""
         self._hello = self._hello._replace(
             sequence=self._hello.sequence + 1, tick=tick, state=state or self._hello.state, heard=tuple(self._heard)
         )
@@ -63,27 +63,27 @@ def meet_onboard(
     inbox: Inbox,
     scenario: Scenario,
     wait: float,
-    still_there: Callable[[], None] = lambda: None,
+    check_alive: Callable[[], None] = lambda: None,
 ) -> Flight:
-    """Find the onboard half; return the flight, which it has been told of.
+    """Find the onboard half, agree with it on a flight and return that.
 
     Args:
         greeter: says hello for the world.
         inbox: hears hello; from now on it takes this flight's packets.
         scenario: the scenario of this half.
         wait: how long to look for it [s].
-        still_there: called again and again meanwhile; raises if it will not come.
+        check_alive: called again and again meanwhile; raises if the onboard half will not come.
 
     Raises:
-        InputError: if the onboard half is not there, or is another's.
+        InputError: if the onboard half is not there, or flies another scenario.
     """
     digest = scenario_digest(scenario)
-    until, said = time.monotonic() + wait, -1.0
+    until, last_sent = time.monotonic() + wait, -1.0
     while (now := time.monotonic()) < until:
-        if now > said + EVERY:  # not whenever something is heard: it hears itself
-            still_there()
+        if now > last_sent + EVERY:  # not at every packet heard: it hears its own
+            check_alive()
             greeter.say()
-            said = now
+            last_sent = now
         for arrival in inbox.poll(round(1e3 * EVERY)):
             hello = arrival.packet.value
             if not greeter.hear(hello) or hello.role != "onboard":

@@ -1,10 +1,10 @@
 """The handshake: the two halves agree on protocol, scenario, session and key before a flight.
 
-The world says hello ten times a second. Whoever hears it answers with a nonce that it drew, until a hello of the world
-has that among those it heard: then it is the world that speaks, now, and no recording. The first onboard half so heard
-is the one the world flies with. From then on its hellos hold that half's nonce, of which with the session the flight's
-key is made (seal.py). In flight the world goes on saying hello, with its tick: for an onboard half that has to join
-again, and for those who listen or ask for a goal. Of what was sent before that tick they take nothing.
+The world says hello ten times a second. A process that hears it answers with a nonce that it drew. The world's hellos
+list the nonces that it heard; once its own is among them, the process knows that the world speaks now and is no
+recording. The world flies with the first onboard half that it hears. From then on its hellos hold that half's nonce;
+nonce and session make the flight's key (seal.py). In flight the world goes on saying hello, with its tick: an onboard
+half may join again, and listeners and users may join. They take nothing that was sent before that tick.
 
 Hellos are sealed too. A half that speaks another version of the protocol, or flies another scenario, is refused by
 name; so is a second onboard half.
@@ -24,24 +24,24 @@ from ortilo_drake.hil.wire.seal import flight_key, hello_key, seal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-PATIENCE: Final = 10.0  # silence after which the other half is given up [s]
+PATIENCE: Final = 10.0  # after which a silent half is given up [s]
 OTHERS: Final = 1.0  # how long to listen whether another onboard half flies [s]
 EVERY: Final = 0.1  # between two hellos [s]
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Return what both halves must have in common: a digest of the scenario with its seed, and of its room."""
+    """Return a digest of the scenario with its seed, and of its room, which both halves must have in common."""
     text = scenario.model_dump_json() + scenario.load_room().model_dump_json()
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def draw() -> int:
-    """Return a positive number that was never drawn before, of 62 bits: a session or a nonce."""
+    """Return a positive random number of 62 bits, for a session or a nonce: no two are the same in practice."""
     return secrets.randbelow(2**62) + 1
 
 
 def flight_of(scenario: Scenario, session: int, key: bytes) -> Flight:
-    """Return what packets of a flight are checked against.
+    """Return the description of a flight that its packets are checked against.
 
     Args:
         scenario: the scenario.
@@ -79,20 +79,20 @@ def refusal(hello: Hello, digest: str) -> str:
 
 
 def unheard(inbox: Inbox, wait: float, command: str) -> str:
-    """Return that nobody was heard, how to start it, and whether somebody without our key was."""
+    """Return a line that nobody was heard, how to start the other half, and whether one with another key was heard."""
     strangers = inbox.counts()["refused"].get("mac", 0)
     other = f"; {strangers} packets came under another key: give both halves the same --key" if strangers else ""
     return f"not heard in {wait:g} s; start it with: {command}{other}"
 
 
-class Met(NamedTuple):
-    """A flight that a world flies now.
+class MetFlight(NamedTuple):
+    """A flight under way that a process has met.
 
     Attributes:
         flight: the flight.
         lockstep: whether the world waits for every answer.
-        tick: of the world when it was met.
-        is_chosen: whether the world flies with who met it.
+        tick: the world's tick at that moment.
+        is_chosen: whether the world flies with this process as its onboard half.
     """
 
     flight: Flight
@@ -101,7 +101,7 @@ class Met(NamedTuple):
     is_chosen: bool
 
 
-def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, role: str = "user") -> Met:
+def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, role: str = "user") -> MetFlight:
     """Find a world and the flight it flies; from now on the inbox takes that flight's packets.
 
     A world that is still looking for its onboard half is waited for.
@@ -109,23 +109,23 @@ def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: flo
     Args:
         bus: the bus.
         inbox: hears hello.
-        scenario: the scenario of who looks.
+        scenario: the scenario of this process.
         key: that the halves share.
         wait: how long to look for it [s].
-        role: "user", or "onboard" for who would fly it.
+        role: "user", or "onboard" to fly it.
 
     Raises:
         InputError: if the world is not heard, has no onboard half, or flies another scenario.
     """
     digest, nonce, sequence = scenario_digest(scenario), draw(), 0
-    inbox.poll()  # what came while nobody listened may be of a world that has gone
-    until, said, theirs, is_there = time.monotonic() + wait, -1.0, None, False
+    inbox.poll()  # dropped: packets that came earlier may be of a world that has gone
+    until, last_sent, world_hello, is_there = time.monotonic() + wait, -1.0, None, False
     while (now := time.monotonic()) < until:
         for arrival in inbox.poll(round(1e3 * EVERY)):
             hello = arrival.packet.value
             if hello.role != "world" or hello.state == FINISHED:
                 continue
-            theirs = hello
+            world_hello = hello
             if nonce not in hello.heard:
                 continue
             if why := refusal(hello, digest):
@@ -135,17 +135,17 @@ def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: flo
                 flight = flight_of(scenario, hello.session, flight_key(key, hello.session, hello.nonce, digest))
                 tick = max(hello.tick, 0)
                 inbox.begin(flight, tick)
-                return Met(flight, hello.lockstep, tick, hello.nonce == nonce)
-        if theirs and now > said + EVERY / 2.0:
+                return MetFlight(flight, hello.lockstep, tick, hello.nonce == nonce)
+        if world_hello and now > last_sent + EVERY / 2.0:
             sequence += 1
-            say_hello(bus, key, Hello(role, digest, theirs.session, nonce=nonce, sequence=sequence))
-            said = now
+            say_hello(bus, key, Hello(role, digest, world_hello.session, nonce=nonce, sequence=sequence))
+            last_sent = now
     if is_there:
         raise InputError(f"world: found no onboard half in {wait:g} s; start it with: ortilo hil onboard")
     raise InputError(f"world: {unheard(inbox, wait, 'ortilo hil world')}")
 
 
-def _is_commanded(bus: Bus, key: bytes, met: Met) -> bool:
+def _is_commanded(bus: Bus, key: bytes, met: MetFlight) -> bool:
     """Return whether somebody commands a flight at the moment."""
     with open_bus(bus.url) as another:
         inbox = Inbox(another, ("command",), key)
@@ -157,7 +157,7 @@ def _is_commanded(bus: Bus, key: bytes, met: Met) -> bool:
     return False
 
 
-def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, flew: int = 0) -> Met:
+def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, last_session: int = 0) -> MetFlight:
     """Find a world to fly, as find_world, and fly it.
 
     Args:
@@ -166,13 +166,13 @@ def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: flo
         scenario: the scenario of this half.
         key: that the halves share.
         wait: how long to look for it [s].
-        flew: a session that this half was flying when it was killed: it joins that again at once; for any other that is
-            under way it listens first whether somebody flies it.
+        last_session: the session that this half flew when it was killed, which it joins again at once. Before it joins
+            any other flight it listens whether another onboard half flies that.
 
     Raises:
-        InputError: as find_world, and if somebody does.
+        InputError: as find_world, and if another does.
     """
     met = find_world(bus, inbox, scenario, key, wait, "onboard")
-    if not met.is_chosen and met.flight.session != flew and _is_commanded(bus, key, met):
+    if not met.is_chosen and met.flight.session != last_session and _is_commanded(bus, key, met):
         raise InputError("world: flies with another onboard half already")
     return met

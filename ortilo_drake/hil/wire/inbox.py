@@ -1,4 +1,4 @@
-"""Takes whatever comes on a bus."""
+"""The inbox: packets from a bus, checked and without duplicates."""
 
 import time
 from collections import Counter, deque
@@ -8,13 +8,13 @@ from typing import Any, Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
-from ortilo_drake.hil.wire.packets import KINDS, Goal, Hello, channel_of
+from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of
 from ortilo_drake.hil.wire.seal import hello_key
 from ortilo_drake.hil.wire.unpack import Packet, decode
 from ortilo_drake.hil.wire.window import Window
 
-GOAL_AGE: Final = 10.0  # an older wish is not heard [s]
-_SENDERS: Final = 64  # of hellos, whose last number is known
+GOAL_AGE: Final = 10.0  # an older request is refused [s]
+_SENDERS: Final = 64  # whose last hello is remembered
 
 
 class Arrival(NamedTuple):
@@ -25,21 +25,21 @@ class Arrival(NamedTuple):
 
 
 class Inbox:
-    """Takes what comes on our channels, refuses and counts what is not of this flight, and never raises on any of it.
+    """Takes the packets of a flight from our channels; refuses and counts all others, and raises on none.
 
-    A packet is taken once: a tick of a channel, and of each sender only newer hellos. Of what was sent before this half
-    joined the flight nothing is taken. Refused is what is "old", what packet_checks.py refuses, and what is no datagram
-    of LCM's (udpm.Reassembly).
+    A packet is taken once: one for each tick of a channel, and of each sender only newer hellos. A packet from before
+    this half joined the flight is refused as "old". Refused are also those that fail packet_checks.py, and datagrams
+    that are not LCM's (udpm.Reassembly).
 
     Args:
         bus: the bus; only poll handles its subscriptions.
         names: the channels to listen on, of packets.KINDS or a sensor.
         key: that the halves share, see key_file.py.
-        flight: what packets are checked against; None lets only a hello pass, until begin.
+        flight: the flight that packets are checked against; with None only hellos pass, until begin.
 
     Attributes:
         flight: the flight.
-        tick: the newest that was heard of; -1 before any.
+        tick: the newest tick heard of; -1 before any.
     """
 
     def __init__(self, bus: Bus, names: Iterable[str], key: bytes, flight: Flight | None = None):
@@ -61,7 +61,7 @@ class Inbox:
         self._raw.append((name, time.perf_counter(), data))
 
     def begin(self, flight: Flight, tick: int = 0) -> None:
-        """Take the packets of a flight, of a tick and later ones, from now on, and count anew."""
+        """Take the packets of a flight from a tick on, and count anew."""
         self.flight, self._joined, self.tick = flight, tick, tick - 1
         self._windows = {name: Window(tick) for name in self._newest}
         self._count.clear()
@@ -69,7 +69,7 @@ class Inbox:
         self._bus.refused.clear()
 
     def poll(self, timeout_ms: int = 0) -> list[Arrival]:
-        """Return what has come and passed, in order of arrival; wait for the first as long as given.
+        """Return the packets that came and passed the checks, in order of arrival; wait for the first as long as given.
 
         A late packet, of an older tick than the newest of its channel, is returned.
         """
@@ -89,14 +89,14 @@ class Inbox:
         return arrivals
 
     def _is_new(self, name: str, packet: Packet) -> bool:
-        """Note a packet; return whether it was not there before. BadPacket if it is too old to tell."""
+        """Note a packet; return whether it is new. BadPacket if it is older than what is remembered."""
         if isinstance(packet.value, Hello):
             return self._is_new_hello(packet.value)
         if isinstance(packet.value, Goal):
             goal, age = packet.value, GOAL_AGE / self.flight.h if self.flight else 0.0
             if goal.tick < max(self._joined, self.tick - age):
                 raise BadPacket("old")
-            return True  # the same wish again asks for the same answer
+            return True  # a repeated request asks for its answer again
         window, newest, tick = self._windows[name], self._newest[name], packet.tick
         if window.is_old(tick):
             raise BadPacket("old")
@@ -115,7 +115,7 @@ class Inbox:
             raise BadPacket("foreign")
         sender = hello.role, hello.session, hello.nonce if hello.role != "world" else 0
         last = self._hellos.pop(sender, -1)
-        self._hellos[sender] = max(last, hello.sequence)  # now the newest of the senders
+        self._hellos[sender] = max(last, hello.sequence)  # the sender heard last stands last
         if len(self._hellos) > _SENDERS:
             del self._hellos[next(iter(self._hellos))]
         if hello.sequence <= last:
@@ -125,10 +125,10 @@ class Inbox:
         return True
 
     def counts(self, name: str = "") -> dict[str, Any]:
-        """Return how many packets were accepted, of these late, duplicates, refused by reason, and lost, for JSON.
+        """Return how many packets were accepted, late (of these), duplicates, refused by reason, and lost, for JSON.
 
-        Lost are the gaps in a channel's ticks since the first heard, of the channel named or of none: a sensor does
-        not speak in every tick.
+        Lost are the gaps in the ticks of the channel named, since the first it heard; 0 without a name, as a sensor
+        does not send in every tick.
         """
         lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
         refused = self._refused + self._bus.refused

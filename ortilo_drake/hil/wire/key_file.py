@@ -1,4 +1,4 @@
-"""The secret that both halves have: a file that only its owner can read, 64 hexadecimal digits.
+"""The secret that both halves share: a file that only its owner can read, 64 hexadecimal digits.
 
 The halves of one user on one machine share one, made when it is first needed. Two machines are given the same file.
 """
@@ -17,17 +17,17 @@ from ortilo_drake.hil.wire.seal import KEY_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 
 STDIN: Final = "-"
-NO_SECRET: Final = hashlib.sha256(b"ortilo: no secret").digest()  # whoever knows the program knows it
+NO_SECRET: Final = hashlib.sha256(b"ortilo: no secret").digest()  # known to all who have the program
 _TEXT: Final = 2 * KEY_SIZE
 
 
 def new_key() -> bytes:
-    """Return a key (KEY_SIZE) that nobody else has."""
+    """Return a new random key (KEY_SIZE)."""
     return secrets.token_bytes(KEY_SIZE)
 
 
 def default_file() -> Path:
-    """Return where the key is that the halves of one user share."""
+    """Return the file of the key that the halves of one user share."""
     base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
     return Path(base) / "ortilo" / "key"
 
@@ -55,7 +55,7 @@ def read_key(path: Path) -> bytes:
     """Return the key in a file.
 
     Raises:
-        InputError: if it is none, or anybody but this user could read or have written it.
+        InputError: if it holds no key, or others than this user may read it or could have written it.
     """
     try:
         opened = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -88,7 +88,7 @@ def own_key() -> bytes:
         try:
             write_key(path)
         except InputError:
-            if not os.path.lexists(path):  # else another process was first
+            if not os.path.lexists(path):  # another process may have been first
                 raise
     return read_key(path)
 

@@ -1,12 +1,13 @@
 """Limits of each signal of a scenario: what its vehicle, its room, its sensors' noise and its links can give.
 
-From the largest command follow the largest accelerations, from these and the room the largest velocities and, until the
-flight counts as lost (flight/lost.py), positions and attitudes; from these what sensors show:
+The largest command gives the largest accelerations. These and the room give the largest velocities, and the positions
+and attitudes until the flight counts as lost (flight/lost.py). From all of these follow the sensors' limits:
 
     a = f / m + g,  v = sqrt(2 a L),  alpha_i = tau_i / I_i,  w = sqrt(2 alpha 2 pi) + alpha h
 
-with L the room's diagonal: the speeds after going through the room, and after a turn, under the largest command from
-rest. Noise counts with SIGMAS standard deviations. These are no limits of flying well; no honest half exceeds them.
+with L the room's diagonal: v is the speed after crossing the room, w that after a full turn, under the largest command
+from rest. Noise counts with SIGMAS standard deviations. These limits are wide: an honest half never exceeds them, even
+if it flies badly.
 """
 
 import math
@@ -30,7 +31,7 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described, message_size
 
-ASKED: Final = 8.0  # times what the rotors give: so much a servo may ask for; ideal rotors give it
+ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; ideal rotors give it
 SIGMAS: Final = 10.0
 LOOSE: Final = 1000.0  # times what the vehicle does: so wrong an estimate may be, of a filter that has lost it
 LARGEST: Final = 1e6  # of what a registered sensor sends, where it names no limits itself
@@ -38,13 +39,13 @@ FARTHEST: Final = 1e4  # of a goal that somebody may ask for [m]; onboard it is 
 
 
 class Limits(NamedTuple):
-    """Limits of a vector; message vectors begin with arrived and stamp.
+    """Limits of a vector's entries; message vectors begin with arrived and stamp.
 
     Attributes:
         low: least values.
         high: greatest values.
-        whole: indices of those that are whole numbers.
-        oldest: how many ticks a stamp may be old.
+        whole: indices of the entries that are whole numbers.
+        oldest: how old a stamp may be, in ticks.
     """
 
     low: np.ndarray
@@ -58,7 +59,7 @@ def _symmetric(high: np.ndarray) -> Limits:
 
 
 def _message(low: np.ndarray, high: np.ndarray, oldest: int, whole: list[int] | None = None) -> Limits:
-    """Return the limits of a message from those of its payload; its stamp is another check's."""
+    """Return the limits of a message from those of its payload; check_stamp checks its stamp."""
     head = np.array([0.0, -np.inf]), np.array([1.0, np.inf])
     indices = np.array([ARRIVED, *(PAYLOAD + i for i in whole or ())])
     return Limits(np.concatenate((head[0], low)), np.concatenate((head[1], high)), indices, oldest)
@@ -72,7 +73,7 @@ def largest_command(vehicle: Vehicle) -> np.ndarray:
 
 
 def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
-    """Return the largest range to each anchor (n) [m], of a vehicle in the room or that far outside."""
+    """Return the largest range to each anchor (n) [m], of a vehicle in the room or up to `reach` outside."""
     low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
     corners = np.array(list(product(*zip(low, high, strict=True))))
     distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
@@ -94,7 +95,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     rate = math.sqrt(2.0 * alpha * 2.0 * math.pi) + alpha * h
     tilt = MAX_TILT + rate * h
     angles = np.array([tilt, tilt, abs(scenario.servo.yaw) + 2.0 * math.pi + rate * h])
-    euler_rates = 4.0 * rate * np.ones(3)  # as many times the body's at MAX_TILT, at most
+    euler_rates = 4.0 * rate * np.ones(3)  # at MAX_TILT, Euler rates are at most 4 times the body's
 
     def oldest(sensor: str) -> int:
         link = scenario.link_of(sensor)

@@ -17,7 +17,7 @@ from ortilo_drake.model.typed_yaml import InputError
 MEND: Final = "ip link set lo up"
 MEND_NETWORK: Final = "ip route add 224.0.0.0/4 dev INTERFACE, the one to the other machine"
 RECEIVE_BUFFER: Final = 2**21  # [bytes], several pictures
-AT_ONCE: Final = 256  # datagrams that are taken before something else has its turn
+AT_ONCE: Final = 256  # datagrams that one call of receive takes at most
 _LOOPBACK: Final = "127.0.0.1"
 _IP_MULTICAST_ALL: Final = 49  # linux/in.h; Python's socket does not name it
 _LARGEST: Final = 65_536
@@ -67,7 +67,7 @@ class Multicast:
         group: IPv4 address of the group.
         port: UDP port.
         ttl: 0 for this machine alone, 1 for its network as well, more beyond.
-        buffer: what the system is asked to keep until it is received [bytes].
+        buffer: how much the system is asked to keep until it is received [bytes].
 
     Raises:
         OSError: if the group cannot be joined.
@@ -103,7 +103,7 @@ class Multicast:
         self._out.sendto(datagram, self._to)
 
     def receive(self) -> list[tuple[Sender, bytes]]:
-        """Return the datagrams that are there, at most AT_ONCE, and whom they are from; do not wait."""
+        """Return the datagrams that have come, at most AT_ONCE, with their senders; do not wait."""
         came: list[tuple[Sender, bytes]] = []
         for _ in range(AT_ONCE):
             try:

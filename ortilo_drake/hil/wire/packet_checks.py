@@ -1,12 +1,12 @@
-"""Checks that every packet must pass, whatever its kind: BadPacket with a reason to count, or nothing.
+"""Checks that every packet must pass, whatever its kind: a packet that fails raises BadPacket with a reason.
 
 channel      no channel of ours
 length       too short, too long, or not as long as its own sizes say
 fingerprint  another LCM type, or another version of it
 foreign      another session's
-mac          damaged, or from who has not the key
+mac          damaged, or sealed with another key
 tick         negative, or beyond the longest flight
-value        out of what this flight's sensors, rotors and room can give, or a label that is none
+value        beyond what this flight's sensors, rotors and room can give, or an unknown label
 stamp        before the flight, after its tick, or older than its link holds back
 text         not UTF-8, too long, or not a word that may stand there
 picture      not a PNG of this flight's size and kind
@@ -23,7 +23,7 @@ from ortilo_drake.hil.wire.seal import MAC_SIZE, is_sealed
 
 TOLERANCE: Final = 1e-6  # [s] by which a stamp may pass its tick: rounding
 LONGEST: Final = 1e6  # flight [s]
-COUNT_SIZE: Final = 4  # of a size, or of the length of a text
+COUNT_SIZE: Final = 4  # bytes of a size, or of the length of a text
 
 
 class BadPacket(Exception):
@@ -35,7 +35,7 @@ class BadPacket(Exception):
 
 
 class Flight(NamedTuple):
-    """What a receiver knows of a flight before any packet of it.
+    """The properties of a flight that its packets are checked against.
 
     Attributes:
         session: the number of the flight, positive.
@@ -80,20 +80,20 @@ def open_message(kind: Any, name: str, data: bytes, sizes: tuple[int, int], key:
 
 
 def check_size(data: bytes, at: int, unit: int) -> None:
-    """Refuse data whose rest is not what the size at an offset says, in units of so many bytes."""
+    """Refuse data whose length is not what the size at an offset says, in units of that many bytes."""
     stated = int.from_bytes(data[at : at + COUNT_SIZE], "big", signed=True)
     if stated < 0 or at + COUNT_SIZE + unit * stated + MAC_SIZE != len(data):
         raise BadPacket("length")
 
 
 def check_tick(tick: int, flight: Flight) -> None:
-    """Refuse a tick that is negative, or of no flight that ends."""
+    """Refuse a tick that is negative, or beyond the longest flight."""
     if not 0 <= tick <= LONGEST / flight.h:
         raise BadPacket("tick")
 
 
 def check_stamp(stamp: float, tick: int, limits: Limits, flight: Flight) -> None:
-    """Refuse a stamp [s] from before the flight, after its tick, or older than the signal's link holds back."""
+    """Refuse a stamp [s] from before the flight, after its tick, or older than the signal's link can delay it."""
     if not max(0.0, (tick - limits.oldest) * flight.h - TOLERANCE) <= stamp <= tick * flight.h + TOLERANCE:
         raise BadPacket("stamp")
 
@@ -113,6 +113,6 @@ def check_canonical(message: Any, data: bytes) -> None:
 
 
 def check_texts(role: str, roles: tuple[str, ...], *others: str) -> None:
-    """Refuse a role that is none, and texts that are too long."""
+    """Refuse an unknown role, and texts that are too long."""
     if role not in roles or any(len(text.encode()) > MAX_TEXT for text in others):
         raise BadPacket("text")

@@ -1,7 +1,7 @@
-"""Packets between the halves as bytes: LCM types (lcmtypes/*.lcm), still without the tag of seal.py at their end.
+"""Packets between the halves as bytes: LCM types (lcmtypes/*.lcm), without the tag that seal.py puts at their end.
 
 unpack.py turns packets back, strictly. A packet of one tick belongs to a session, a number that the world draws for
-each flight, so that packets of another flight on the same wire are known as foreign.
+each flight; so packets of another flight on the same wire are recognised.
 """
 
 from typing import Any, Final, NamedTuple
@@ -22,7 +22,14 @@ from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
 
 PROTOCOL: Final = 3
-PORTS: Final = ("imu", "uwb", "detections", "shutter", "velocity", "image")  # what the world may send in a tick, beside registered sensors
+PORTS: Final = (
+    "imu",
+    "uwb",
+    "detections",
+    "shutter",
+    "velocity",
+    "image",
+)  # of the world; registered sensors come to them
 KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets
 MEASUREMENT: Final = ("y", "delta", "V2")  # one after the other in telemetry
 TELEMETRY: Final = {
@@ -52,15 +59,15 @@ class Hello(NamedTuple):
     """Handshake and heartbeat.
 
     Attributes:
-        role: of ROLES; a user is who listens or asks for a goal.
+        role: one of ROLES; "user" listens, or asks for a goal.
         scenario_digest: hash of the scenario that the sender flies, 16 hexadecimal digits.
         session: the flight's number, which the world draws.
         lockstep: whether the world waits for every answer.
-        state: of STATES: looking for the other half, flying with one, or finished.
-        nonce: which the sender drew; of the world that of the onboard half it met, 0 before.
+        state: one of STATES: looking for the other half, flying with one, or finished.
+        nonce: a number that the sender drew; in the world's hellos that of the onboard half it met, 0 before.
         sequence: grows with each hello of a sender.
-        tick: of the world now; -1 before the first.
-        heard: nonces that the world has heard lately, which tells their senders that it is no recording.
+        tick: the world's tick now; -1 before the first.
+        heard: nonces that the world has heard lately: so their senders know that it is no recording.
         protocol: version of the types and of the order in which they are sent.
     """
 
@@ -77,12 +84,12 @@ class Hello(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """A wish of where to fly, or the answer to it.
+    """A request to fly somewhere, or the answer to it.
 
     Attributes:
         session: the flight's number.
-        tick: of the world when it was asked: an old wish is no wish.
-        number: of the wish, positive, chosen at random by who asks; an answer has the wish's.
+        tick: the world's tick when it was sent; an old request is refused.
+        number: the request's, positive and random; its answer has the same.
         role: "user" asks, "onboard" answers.
         x: east [m], in W.
         y: north [m], in W.
@@ -99,7 +106,7 @@ class Goal(NamedTuple):
 
 
 def _body(message: Any) -> bytes:
-    return bytes(message.encode())  # its mac is empty
+    return bytes(message.encode())  # with an empty mac
 
 
 def _cut(text: str) -> str:
@@ -124,7 +131,7 @@ def encode_picture(session: int, tick: int, stamp: float, image: np.ndarray) -> 
 
 
 def encode_tick(session: int, tick: int, sent: tuple[str, ...]) -> bytes:
-    """Return the bytes that tell which ports, names of PORTS, have a message in a tick."""
+    """Return the bytes of the list of ports, names of PORTS, that have a message in a tick."""
     message = lcmt_tick()
     message.session, message.tick, message.n, message.sent = session, tick, len(sent), list(sent)
     return _body(message)
@@ -158,7 +165,7 @@ def encode_hello(hello: Hello) -> bytes:
 
 
 def encode_goal(goal: Goal) -> bytes:
-    """Return the bytes of a wish or an answer; a reason is cut to MAX_TEXT bytes."""
+    """Return the bytes of a request or an answer; a reason is cut to MAX_TEXT bytes."""
     message = lcmt_goal()
     message.session, message.tick, message.number, message.role = goal[:4]
     message.p_W, message.reason = [goal.x, goal.y], _cut(goal.reason)

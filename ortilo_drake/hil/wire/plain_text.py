@@ -1,4 +1,4 @@
-"""Text from others, as a terminal may see it."""
+"""Text from other processes, made safe for a terminal."""
 
 
 def plain(text: str) -> str:

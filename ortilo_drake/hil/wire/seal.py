@@ -1,13 +1,13 @@
 """The seal of a packet: an HMAC-SHA-256 (RFC 2104) of its channel and all bytes before it, at its end.
 
-The key of a hello is made from the file's key (key_file.py), that of all else from it, the session's number, which the
-world draws, and the nonce of the onboard half that it met:
+The key of hellos is made from the file's key k (key_file.py). The key of all other packets is made from k, the number
+of the session, which the world draws, and the nonce of the onboard half that it met:
 
     k_hello  = HMAC(k, "ortilo hello")
     k_flight = HMAC(k, "ortilo flight" 0 session nonce digest)
 
-So packets of another flight are of no use. The channel is in the tag and says which half speaks on it, hellos and goals
-state their role: so one half's packet is none of the other's. What was there already is inbox.py's affair.
+So packets of another flight are refused. The tag covers the channel, which says which half speaks; hellos and goals
+state their role: so one half's packet cannot pass for the other's. inbox.py refuses repeated packets.
 """
 
 import hmac
@@ -44,7 +44,7 @@ def flight_key(key: bytes, session: int, nonce: int, digest: str) -> bytes:
     Args:
         key: the file's.
         session: the flight's number, which the world drew.
-        nonce: which the onboard half drew.
-        digest: of the scenario.
+        nonce: the nonce that the onboard half drew.
+        digest: the digest of the scenario.
     """
     return hmac.digest(key, b"ortilo flight\0" + struct.pack(">qq", session, nonce) + digest.encode(), "sha256")

@@ -8,7 +8,7 @@ class TickInbox:
     """Puts the packets of each tick together; they may come in any order.
 
     Attributes:
-        overtaken: how many messages were given up since a newer one was there on the same port.
+        overtaken: how many messages were dropped for a newer one on the same port.
     """
 
     def __init__(self) -> None:
@@ -33,9 +33,9 @@ class TickInbox:
         return self._messages.pop(tick, {})
 
     def take_until(self, tick: int, keep_from: int) -> Signals:
-        """Return the messages of a tick and the late ones from before; of several on a port the newest.
+        """Return the messages of a tick and late ones of earlier ticks; of several on a port the newest.
 
-        The others of the tick keep_from and later stay, for a tick that has none on that port.
+        Those not returned are dropped, but kept from the tick keep_from on, for a later tick without one on their port.
         """
         taken: Signals = {}
         for k in sorted((k for k in self._messages if k <= tick), reverse=True):

@@ -21,9 +21,9 @@ MOST_FRAGMENT: Final = 65_487
 MOST_CHANNEL: Final = 63
 LARGEST: Final = 2**24  # bytes of a message: a picture of the widest camera
 PENDING: Final = 8  # incomplete messages of one sender
-SENDERS: Final = 16  # whose messages are incomplete
+SENDERS: Final = 16  # that may have incomplete messages
 HELD: Final = 2**25  # bytes of all incomplete messages
-OVERHEAD: Final = 256  # bytes that a fragment takes beside its data
+OVERHEAD: Final = 256  # bytes of memory for a fragment besides its data
 AGE: Final = 1.0  # after which an incomplete message is given up [s]
 
 _SHORT: Final = struct.Struct(">II")
@@ -33,7 +33,7 @@ Sender = tuple[str, int]  # address and port
 
 
 class BadDatagram(Exception):
-    """Bytes that are no datagram of LCM's; `reason` is a word to count."""
+    """Bytes that are no datagram of LCM's; `reason` is the word under which they are counted."""
 
     def __init__(self, reason: str):
         super().__init__(reason)
@@ -48,7 +48,7 @@ class Short(NamedTuple):
 
 
 class Fragment(NamedTuple):
-    """A part of a message; channel is empty but in number 0."""
+    """A part of a message; channel is empty except in number 0."""
 
     sequence: int
     size: int
@@ -79,7 +79,7 @@ def encode(channel: str, sequence: int, data: bytes) -> list[bytes]:
 
 
 def _channel(datagram: bytes, start: int) -> tuple[str, int]:
-    """Return the channel at an offset, and where what follows it begins."""
+    """Return the channel at an offset, and the offset after it."""
     end = datagram.find(b"\0", start, start + MOST_CHANNEL + 1)
     name = datagram[start:end]
     if end <= start or not name.isascii():
@@ -88,7 +88,7 @@ def _channel(datagram: bytes, start: int) -> tuple[str, int]:
 
 
 def decode(datagram: bytes) -> Short | Fragment:
-    """Return what a datagram is; BadDatagram if it is none, or lies about its sizes."""
+    """Return the content of a datagram; BadDatagram if it is not LCM's, or its sizes are wrong."""
     magic = int.from_bytes(datagram[:4], "big")
     if magic == SHORT and len(datagram) >= _SHORT.size:
         channel, start = _channel(datagram, _SHORT.size)
@@ -105,7 +105,7 @@ def decode(datagram: bytes) -> Short | Fragment:
 
 
 class _Message:
-    """A message of which fragments are missing; parts is None where nobody listens to its channel."""
+    """A message of which fragments are missing; parts is None if nobody listens to its channel."""
 
     def __init__(self, first: Fragment, now: float):
         self.shape = first.size, first.total
@@ -117,15 +117,16 @@ class _Message:
 
 
 class Reassembly:
-    """Messages from datagrams; whatever comes, it neither raises nor holds more than HELD bytes.
+    """Puts messages together from datagrams. Whatever comes, it raises nothing and holds at most HELD bytes.
 
-    It holds what came and not what a header promises, and gives up the oldest incomplete message for a newer one.
+    It allocates for the data that came, not for the size in a header, and drops the oldest incomplete message for a
+    newer one.
 
     Attributes:
         channels: those to put together; messages on others are dropped as soon as their channel is known.
-        refused: how many datagrams or messages were dropped, by reason: datagram, channel and fragment for what is
-            none of LCM's, overlap for fragments that do not make a whole, incomplete for what was given up.
-        held: bytes of all incomplete messages, what it takes to keep them included.
+        refused: how many datagrams or messages were dropped, by reason: datagram, channel and fragment if they
+            are not LCM's, overlap for fragments that do not make a whole, incomplete for messages given up.
+        held: bytes of all incomplete messages, with OVERHEAD for each fragment.
     """
 
     def __init__(self) -> None:
@@ -138,7 +139,7 @@ class Reassembly:
         """Return the message that a datagram completes, if it does, on one of the channels.
 
         Args:
-            sender: whom it is from.
+            sender: the sender's address.
             datagram: any bytes.
             now: a clock's reading [s].
         """

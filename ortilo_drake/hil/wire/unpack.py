@@ -1,4 +1,4 @@
-"""Packets from any bytes, strictly: a packet of this flight, or BadPacket with one of packet_checks.py's reasons.
+"""Decoding of packets from untrusted bytes: a packet of this flight, or BadPacket with a reason of packet_checks.py.
 
 No decoder here raises anything else, and none allocates more than a few times the length of what it was given: lengths
 are compared with the bytes that are there, and a picture's size with this flight's, before anything is unpacked.
@@ -31,7 +31,17 @@ from ortilo_drake.hil.wire.packet_checks import (
     check_values,
     open_message,
 )
-from ortilo_drake.hil.wire.packets import KINDS, MAX_HEARD, MAX_TEXT, MEASUREMENT, ROLES, STATES, TELEMETRY, Goal, Hello, ports
+from ortilo_drake.hil.wire.packets import (
+    MAX_HEARD,
+    MAX_TEXT,
+    MEASUREMENT,
+    ROLES,
+    STATES,
+    TELEMETRY,
+    Goal,
+    Hello,
+    ports,
+)
 from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.hil.wire.seal import MAC_SIZE
 from ortilo_drake.interop.ros.picture_codec import decode_foreign_png
@@ -164,8 +174,8 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
     Args:
         name: of the channel, of packets.KINDS or a sensor.
         data: any bytes.
-        key: of hellos, see seal.hello_key.
-        flight: what is known of the flight; without it only a hello can pass.
+        key: the key of hellos, see seal.hello_key.
+        flight: the flight; without it only a hello can pass.
 
     Raises:
         BadPacket: if they are no packet of this flight.
@@ -182,7 +192,7 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
 
 
 def role_of(name: str, data: bytes) -> str:
-    """Return the role that a hello or a goal states, of whatever flight and key; none if it is no such packet."""
+    """Return the role stated by a hello or a goal, of any flight and key; empty for any other packet."""
     kinds: dict[str, Any] = {"hello": lcmt_hello, "goal": lcmt_goal}
     kind, sizes = kinds[name], {"hello": _HELLO_SIZES, "goal": _GOAL_SIZES}[name]
     if not sizes[0] <= len(data) - MAC_SIZE <= sizes[1]:

@@ -7,9 +7,9 @@ REMEMBERED: Final = 4096  # more than a link holds a packet back
 
 
 class Window:
-    """Remembers the greatest numbers taken; below the least of them, or of a floor, it takes none.
+    """Remembers the REMEMBERED greatest numbers taken; those up to the last it forgot, or below a floor, are old.
 
-    One from far ahead shuts nothing out: it is remembered beside the others.
+    A single number far ahead makes no others old.
 
     Args:
         floor: the least number to take.
@@ -21,7 +21,7 @@ class Window:
         self._known: set[int] = set()
 
     def is_old(self, number: int) -> bool:
-        """Return whether a number is below what is remembered."""
+        """Return whether a number is too old to tell whether it was taken, or below the floor."""
         return number < self._floor
 
     def is_known(self, number: int) -> bool:

@@ -1,4 +1,4 @@
-"""A half's packets of a flight, sealed and put on the wire; tick_inbox.py puts a tick's together again."""
+"""The sending side of a flight: packets are sealed and put on the bus; tick_inbox.py receives them tick by tick."""
 
 from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.bus import Bus
@@ -21,8 +21,8 @@ class Outbox:
 
     Args:
         bus: the bus.
-        session: of the flight.
-        key: of the flight, see seal.flight_key.
+        session: the flight's session.
+        key: the flight's key, see seal.flight_key.
     """
 
     def __init__(self, bus: Bus, session: int, key: bytes):
@@ -35,7 +35,7 @@ class Outbox:
 
 
 def publish_messages(outbox: Outbox, tick: int, messages: Signals) -> None:
-    """Send a tick's messages, and last the list of what was sent."""
+    """Send a tick's messages, and at last the list of them."""
     session = outbox.session
     for name, value in messages.items():
         if name == "image":
@@ -51,10 +51,10 @@ def publish_command(outbox: Outbox, tick: int, outputs: Signals) -> None:
 
 
 def publish_telemetry(outbox: Outbox, tick: int, outputs: Signals) -> None:
-    """Send what the onboard half knew in a tick."""
+    """Send the onboard half's telemetry of a tick."""
     outbox.send("telemetry", encode_telemetry(outbox.session, tick, outputs))
 
 
 def publish_goal(outbox: Outbox, goal: Goal) -> None:
-    """Send a wish or an answer."""
+    """Send a request or an answer."""
     outbox.send("goal", encode_goal(goal))

@@ -38,7 +38,7 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
     """
     times = {"duration": {"nanoseconds": end}, "starting_time": {"nanoseconds_since_epoch": 0}}
     total = sum(counts.values())
-    about = {
+    information = {
         "version": 9,
         "storage_identifier": "mcap",
         "relative_file_paths": [file],
@@ -63,11 +63,11 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
         "custom_data": None,
         "ros_distro": "jazzy",
     }
-    return yaml.dump({"rosbag2_bagfile_information": about}, Dumper=_NoAliases, sort_keys=False)
+    return yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_NoAliases, sort_keys=False)
 
 
 class _NoAliases(yaml.SafeDumper):
-    """A dumper that writes what stands twice twice."""
+    """A dumper without aliases: an object that occurs twice is written out twice."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """Return that nothing is an alias (PyYAML's hook)."""

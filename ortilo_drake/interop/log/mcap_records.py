@@ -30,7 +30,7 @@ class LoggedMessage(NamedTuple):
 
 
 def _whole_records(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, content) of every record that is there to its last byte; DataEnd or the cut ends them."""
+    """Yield (opcode, content) of every complete record, up to DataEnd or to where the file was cut short."""
     with open_file(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise InputError(f"{path}: not an MCAP file")

@@ -23,7 +23,7 @@ from ortilo_drake.scenario import Scenario
 
 
 class LoggedTick(NamedTuple):
-    """One tick of a log: k, the true state (12) if it was known, the messages and those outputs that were."""
+    """One tick of a log: k, the true state (12) if it was known, the messages, and the outputs that were recorded."""
 
     k: int
     state: np.ndarray | None
@@ -43,28 +43,28 @@ def log_file(path: Path) -> Path:
     return files[0]
 
 
-def _about(path: Path) -> dict[str, Any]:
-    """Return what /ortilo/scenario says: format, software, scenario; InputError if it does not say it first."""
+def _description(path: Path) -> dict[str, Any]:
+    """Return the content of /ortilo/scenario: format, software, scenario; InputError if it is not the first message."""
     first = next(read_logged(path, lambda topic: True), None)
     if first is None:
         raise InputError(f"{path}: empty or cut off before its scenario")
     try:
         if (first.topic, first.type_name) != (SCENARIO_TOPIC, STRING_TYPE):
             raise ValueError
-        about = json.loads(from_cdr(STRING_TYPE, first.data).data)
-        found = about["format"]
-        _ = json.loads(about["scenario"]), str(about["software"])
+        description = json.loads(from_cdr(STRING_TYPE, first.data).data)
+        found = description["format"]
+        _ = json.loads(description["scenario"]), str(description["software"])
     except Exception:  # whatever is wrong with a foreign message
         raise InputError(f"{path}: not a log of ortilo-drake: does not begin with {SCENARIO_TOPIC}") from None
     if found not in range(1, FORMAT + 1):
         raise InputError(f"{path}: a log of format {found}, this version reads 1 to {FORMAT}")
-    return about
+    return description
 
 
 def log_scenario(path: Path) -> Scenario:
     """Return the scenario that a log was flown with; InputError if it is no such log."""
     file = log_file(path)
-    return validate(Scenario, json.loads(_about(file)["scenario"]), str(file))
+    return validate(Scenario, json.loads(_description(file)["scenario"]), str(file))
 
 
 def holds_what_was_sent(path: Path) -> bool:
@@ -72,7 +72,7 @@ def holds_what_was_sent(path: Path) -> bool:
 
     When and whether the onboard half took them is then not known.
     """
-    return _about(log_file(path)).get("messages") == SENT
+    return _description(log_file(path)).get("messages") == SENT
 
 
 def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
@@ -84,13 +84,13 @@ def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
             return "goal", np.array([p_W.x, p_W.y])
         if message.type_name == ARRAY_TYPE:
             return message.topic.removeprefix(SIGNAL_PREFIX), np.array(from_cdr(ARRAY_TYPE, message.data).data)
-    except Exception as error:  # the decoders raise whatever happens to them
+    except Exception as error:  # the decoders raise errors of many kinds
         raise InputError(f"{file}: {message.topic}: cannot be decoded: {error}") from None
     raise InputError(f"{file}: {message.topic}: is of type {message.type_name or 'unknown'}")
 
 
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
-    """Yield the ticks of a log in order; of one that a kill cut short, those before the cut.
+    """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
 
     Args:
         path: the log's folder or its MCAP file.
@@ -119,22 +119,22 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
 
 
 def read_messages(path: Path) -> Iterator[tuple[int, Signals, Signals]]:
-    """Yield (k, messages, outputs) of every tick, what the onboard half took and what it made of it; see read_ticks."""
+    """Yield (k, messages, outputs) of every tick: what the onboard half took and what it answered; see read_ticks."""
     for tick in read_ticks(path):
         yield tick.k, tick.messages, tick.outputs
 
 
 def read_log(path: Path) -> xr.Dataset:
-    """Return a log as the Dataset that flight.fly returns of the same flight, but for real_time_factor.
+    """Return a log as the Dataset that flight.fly returns of the same flight, except for real_time_factor.
 
-    Of a log that a kill cut short, the ticks before the cut. Ticks that are not in the log are NaN, and so is the
-    truth in the log of an onboard half, which knows none; whether the flight was lost is then told from what is known.
+    A log that a kill cut short gives the ticks before the cut. Ticks that are not in the log are NaN; so is the truth
+    in the log of an onboard half, which does not know it. A loss is found from the true states that are there.
 
     Raises:
         InputError: as read_ticks; also if there is no tick.
     """
     file = log_file(path)
-    about, scenario = _about(file), log_scenario(file)
+    description, scenario = _description(file), log_scenario(file)
     ticks = list(read_ticks(file, images=False))
     if not ticks:
         raise InputError(f"{file}: cut off before its first tick")
@@ -154,5 +154,5 @@ def read_log(path: Path) -> xr.Dataset:
         lost = type(lost)(k, k * scenario.h, lost.cause)
         logged = logged[: k + 1]
     flight = flight_dataset(scenario, np.arange(len(logged)) * scenario.h, logged, lost)
-    flight.attrs["software"] = about["software"]
+    flight.attrs["software"] = description["software"]
     return flight

@@ -1,8 +1,8 @@
-"""A recorded world, flown again by the onboard half.
+"""Replay: the onboard half flies again on a recorded world.
 
-That needs a log of what the half took, tick by tick: its own, of any flight, or one of a flight in which the world
-waited for it. Of a half that joined in flight the state at its first tick is taken from the log if it came from a
-checkpoint; it is the filter's estimate and covariance alone, unless the filter replays late measurements.
+The log must hold what the half took in each tick. So it is the half's own log of any flight, or the world's log of a
+flight in lockstep. A half that joined a flight from a checkpoint starts from the estimate and covariance in the log.
+A filter that replays late measurements has more state than that; such a log is refused.
 """
 
 from itertools import chain
@@ -19,27 +19,27 @@ from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 
 
-def path_about(t: float, reference: np.ndarray) -> PiecewisePolynomial:
-    """Return the path that is at t [s] where a reference [r, r_dot, r_ddot] (9) says, to the last bit."""
+def path_through(t: float, reference: np.ndarray) -> PiecewisePolynomial:
+    """Return a path that at t [s] has exactly the values of a reference [r, r_dot, r_ddot] (9)."""
     coefficients = np.column_stack((reference[0:3], reference[3:6], reference[6:9] / 2.0))
     return PiecewisePolynomial([np.array([[Polynomial(c)] for c in coefficients])], [t, t + 1.0])
 
 
 def replay_log(log: Path) -> dict[str, Any]:
-    """Drive an onboard half from a log's messages; compare what it makes of them with what the log says.
+    """Drive an onboard half from a log's messages; compare its outputs with those in the log.
 
-    A way to a goal that came in flight was there when its planning had ended, so it is a matter of wall time: from the
-    first goal on, or from the first tick of a half that joined in flight and flew another way than the scenario's, the
-    reference is the log's own. An output that was not recorded is not compared.
+    When the path to a goal was ready depended on wall time. So from the first goal on the reference is taken from the
+    log, and from the first tick on if the half joined a flight on another path than the scenario's. An output that was
+    not recorded is not compared.
 
     Returns:
         ticks, identical (every output of every tick bit for bit), the first tick that differs or None, the largest
         difference of the estimate, in how many ticks the reference was taken from the log, and whether the state at
-        the first was.
+        the first tick was.
 
     Raises:
-        InputError: if the log cannot be read, is empty, or its scenario does not fly; if it is a world's of a flight in
-            real time, or of a half whose state at its first tick is not in it.
+        InputError: if the log cannot be read, is empty, or its scenario does not fly; if it is a world's log of a
+            flight in real time, or the log of a half whose state at its first tick is not in it.
     """
     if holds_what_was_sent(log):
         raise InputError(
@@ -50,7 +50,7 @@ def replay_log(log: Path) -> dict[str, Any]:
     start = next(known, None)
     if start is None:
         raise InputError(f"{log}: cut off before its first tick")
-    # In real time the detector runs beside the half that is logged: its boxes are what came, not the pictures.
+    # In real time the detector runs beside the logged half, which takes its boxes and not the pictures.
     scenario = log_scenario(log)
     beside = scenario.is_rendered and (
         start.k > 0 or any("detections" in tick.messages for tick in chain([start], known))
@@ -61,7 +61,7 @@ def replay_log(log: Path) -> dict[str, Any]:
     for k, messages, recorded in read_messages(log):
         own_way |= "goal" in messages
         if own_way and "reference" in recorded:
-            onboard.fly_path(path_about(onboard.context.get_time(), recorded["reference"]))
+            onboard.fly_path(path_through(onboard.context.get_time(), recorded["reference"]))
             given += 1
         onboard.take(messages)
         outputs = onboard.outputs()
@@ -82,7 +82,7 @@ def replay_log(log: Path) -> dict[str, Any]:
 
 
 def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:
-    """Have a half join a flight at a tick; return whether its state there had to be taken from what is recorded."""
+    """Have a half join a flight at a tick; return whether its state there had to be taken from the log."""
     onboard.resume(start.k, None, np.inf)
     found = onboard.outputs()
     state = [name for name in ("estimate", "covariance") if name in start.outputs]
@@ -99,6 +99,6 @@ def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:
 
 
 def _is_elsewhere(onboard: OnboardHalf, start: LoggedTick) -> bool:
-    """Return whether a reference is recorded that is not on the scenario's path."""
+    """Return whether the recorded reference is off the scenario's path."""
     planned = onboard.outputs()["reference"]
     return not np.array_equal(start.outputs.get("reference", planned), planned)

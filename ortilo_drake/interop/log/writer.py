@@ -77,7 +77,7 @@ class LogWriter:
         except FileExistsError:
             raise InputError(f"{self.path}: exists, a log is never overwritten") from None
         except OSError as error:
-            raise self._cannot(error) from None
+            raise self._not_written(error) from None
         self._writer = Writer(self._file, chunk_size=_ONE_CHUNK, compression=CompressionType.ZSTD)
         try:
             self._writer.start(profile="ros2", library=f"ortilo-drake {__version__}")
@@ -86,7 +86,7 @@ class LogWriter:
             self._writer.flush()
         except OSError as error:
             self._file.close()
-            raise self._cannot(error) from None
+            raise self._not_written(error) from None
         return self
 
     def write_tick(
@@ -120,7 +120,7 @@ class LogWriter:
             try:
                 self._writer.flush()
             except OSError as error:
-                raise self._cannot(error) from None
+                raise self._not_written(error) from None
 
     def _write(self, message: RosMessage, log_time: int) -> None:
         topic, type_name, fields = message
@@ -141,7 +141,7 @@ class LogWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the log, also when the flight went wrong: what was written stays. Of no tick at all nothing does."""
+        """Close the log, also after an error: the ticks written stay; if there are none, the log is removed."""
         if error is not None and self._last < 0:
             self._file.close()
             self.file.unlink()
@@ -158,7 +158,7 @@ class LogWriter:
             write_text(self.path / "metadata.yaml", text)
         except (OSError, InputError) as failure:
             if error is None:
-                raise (failure if isinstance(failure, InputError) else self._cannot(failure)) from None
+                raise (failure if isinstance(failure, InputError) else self._not_written(failure)) from None
 
-    def _cannot(self, error: OSError) -> InputError:
+    def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

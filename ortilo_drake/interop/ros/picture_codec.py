@@ -1,4 +1,4 @@
-"""Pictures as PNG, without loss, and back, from who is not trusted too."""
+"""Pictures to PNG without loss, and back, also from senders that are not trusted."""
 
 import struct
 import zlib
@@ -12,7 +12,7 @@ _KINDS: Final = {3: (8, 2, 0, 0, 0), 4: (8, 6, 0, 0, 0)}  # channels: 8 bits, co
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """Return a picture (height, width, 4), uint8 RGBA, as PNG; of an opaque one, as all rendered are, without alpha.
+    """Return a picture (height, width, 4), uint8 RGBA, as PNG; an opaque one, as all rendered are, without alpha.
 
     OpenCV's own choice of compression (run lengths of each row's differences) takes half the time of deflate's level 1
     and is as small.
@@ -30,7 +30,7 @@ def encode_png(image: np.ndarray) -> bytes:
 
 
 def decode_png(data: bytes) -> np.ndarray:
-    """Return the picture (height, width, 4), uint8 RGBA, that encode_png made a PNG of; ValueError if it is none."""
+    """Return the picture (height, width, 4), uint8 RGBA, of a PNG that encode_png made; ValueError if it is none."""
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint8 or pixels.ndim != 3:
         raise ValueError("not a picture of 8 bits in colour")

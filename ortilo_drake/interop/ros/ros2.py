@@ -1,4 +1,4 @@
-"""A flight to a living ROS 2, the topics and types of a log (interop/ros/ros_messages.py), and goals back from it.
+"""A bridge to a running ROS 2: it publishes a flight as a log holds it (interop/ros/ros_messages.py) and takes goals.
 
 rclpy is imported only when a bridge is opened. ROS speaks to this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE
 says otherwise (SUBNET is ROS's own default).
@@ -25,7 +25,7 @@ from ortilo_drake.scenario import Scenario
 NODE: Final = "ortilo"
 FRAME: Final = "map"
 _DEPTH: Final = 10
-_SPINS: Final = 4  # the newest goal is there after one; the rest are for ROS's own events
+_SPINS: Final = 4  # of the executor at a time: one takes the newest goal, the rest are for ROS's own events
 
 
 @cache
@@ -38,7 +38,7 @@ def message_class(type_name: str) -> Any:
 def fill(message: Any, fields: Fields) -> Any:
     """Write plain nested fields into an rclpy message and return it; what is absent stays as it is.
 
-    The kinds are those of the values that are there: a message in it is filled, an array keeps its element type.
+    The message's own values decide the types: a message within it is filled, an array keeps its element type.
 
     Args:
         message: an rclpy message, or anything with get_fields_and_field_types().
@@ -64,14 +64,14 @@ def _value(message: Any, name: str, value: Any) -> Any:
         kind = message.get_fields_and_field_types()[name]  # sequence<package/Name>
         item = message_class(kind.removeprefix("sequence<").removesuffix(">"))
         return [fill(item(), fields) for fields in value]
-    return type(there)(value)  # ROS takes no numpy number for a whole one
+    return type(there)(value)  # ROS refuses a NumPy number where it wants an integer
 
 
 class Ros2Bridge:
     """A ROS 2 node: `with Ros2Bridge(scenario) as bridge: bridge.send_tick(...)`.
 
-    What is sent once waits for latecomers (transient local); pictures go as sensor data (best effort), the rest
-    reliably. A topic whose type's package is missing is left out, with one line in ROS's log.
+    What is sent once is kept for later subscribers (transient local); pictures go as sensor data (best effort), the
+    rest reliably. A topic whose type's package is missing is left out, with one line in ROS's log.
 
     Args:
         scenario: what is flown.
@@ -107,7 +107,7 @@ class Ros2Bridge:
         return self
 
     def _open_topics(self) -> None:
-        """Offer the topics of every tick before the first, and have compiled what makes their messages."""
+        """Make the publishers of every tick's topics, and have numba compile all that makes their messages."""
         sizes = {"control": N_U, "estimate": N_XBAR, "covariance": N_XBAR**2, "reference": REFERENCE_SIZE}
         outputs = {name: np.zeros(size) for name, size in sizes.items()}
         for topic, type_name, _ in tick_messages(0.0, None, {}, outputs, self._scenario, self._room):
@@ -116,7 +116,7 @@ class Ros2Bridge:
     def send_tick(
         self, t: float, state: np.ndarray | None, messages: dict[str, np.ndarray], outputs: dict[str, np.ndarray]
     ) -> None:
-        """Publish one tick. Arguments as logs.ros_messages.tick_messages."""
+        """Publish one tick. Arguments as ros_messages.tick_messages."""
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
             self._send(message)
 

@@ -38,6 +38,6 @@ def twist_fields(motion: list[float]) -> Fields:
 
 
 def transform_fields(t: float, child: str, motion: list[float]) -> Fields:
-    """Return a geometry_msgs/TransformStamped from map to a child, placed as the motion's first seven say."""
+    """Return a geometry_msgs/TransformStamped from map to a child, whose pose is the motion's first seven."""
     transform = {"translation": vector_fields(motion[0:3]), "rotation": quaternion_fields(motion[3:7])}
     return {"header": header_fields(t, "map"), "child_frame_id": child, "transform": transform}

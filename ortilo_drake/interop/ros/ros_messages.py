@@ -7,7 +7,7 @@ the same ones; what is absent is zero. Frames after REP 103 and 105: map is W (e
     /truth/pose, /truth/odometry        the true state, where it is known
     /estimate/pose, /estimate/odometry  the filter's prediction and its covariance
     /reference/pose, /reference/path    where it should be now; the planned path, once
-    /goal_pose                          a goal from which on the vehicle flies there
+    /goal_pose                          a goal, in the tick in which the vehicle turns to it
     /imu/data, /uwb/anchor_<i>, /camera/image/compressed, /camera/detections   what arrived in this tick
     /tf, /tf_static                     map -> base_link, of the truth where known, else of the estimate; fixed frames
     /ortilo/scenario                    the scenario and the software's version as JSON, once
@@ -108,12 +108,12 @@ def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list
     Args:
         scenario: the scenario.
         room: its room.
-        messages: what the ticks' messages are; SENT to a listener on the bus, who cannot know more.
+        messages: TAKEN or SENT, whatever the ticks' messages are; a listener on the bus knows only what was sent.
 
     Raises:
         InputError: if there is no path.
     """
-    about = {
+    description = {
         "format": FORMAT,
         "software": f"ortilo-drake {__version__}",
         "scenario": scenario.model_dump_json(),
@@ -121,7 +121,7 @@ def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list
     }
     trajectory = plan(scenario.planner, room, scenario.vehicle)
     return [
-        (SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(about)}),
+        (SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(description)}),
         fixed_frames_message(room),
         path_message(trajectory, scenario.servo.yaw),
     ]

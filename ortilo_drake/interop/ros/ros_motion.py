@@ -1,4 +1,4 @@
-"""ROS 2 messages of where the vehicle is, thinks it is and should be."""
+"""ROS 2 messages of true state, estimate, reference, path and goal."""
 
 import numpy as np
 from pydrake.trajectories import Trajectory
@@ -82,6 +82,6 @@ def path_message(trajectory: Trajectory, yaw: float) -> RosMessage:
 
 
 def goal_message(t: float, goal: np.ndarray) -> RosMessage:
-    """Return a goal p_W (2) taken at t [s]; as from a tool for a 2D goal, at z = 0, and here without a heading."""
+    """Return a goal p_W (2) taken at t [s]: without a heading, and at z = 0, as tools for 2D goals send it."""
     motion = [*goal.tolist(), 0.0, 0.0, 0.0, 0.0, 1.0]
     return GOAL_TOPIC, GOAL_TYPE, {"header": header_fields(t, "map"), "pose": pose_fields(motion)}

@@ -65,7 +65,7 @@ def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
 
 
 def range_messages(uwb: np.ndarray, scenario: Scenario) -> list[RosMessage]:
-    """Return one message per anchor whose range is there; ROS has no type of radiation for radio and takes 0."""
+    """Return a message for each anchor whose range arrived; its radiation type is 0, as ROS has none for radio."""
     ranges, there = uwb[PAYLOAD:].reshape(2, -1)
     view = {"field_of_view": 2 * np.pi, "max_range": scenario.uwb.max_distance}
     return [
@@ -79,7 +79,7 @@ def range_messages(uwb: np.ndarray, scenario: Scenario) -> list[RosMessage]:
 
 
 def detections_message(detections: np.ndarray, room: Room) -> RosMessage:
-    """Return the boxes that are there; a pixel's centre has integer coordinates."""
+    """Return the boxes that were detected; a pixel's centre has integer coordinates."""
     header = header_fields(detections[STAMP], "camera_optical")
     rows = detections[PAYLOAD:].reshape(-1, DETECTION_SIZE)
     found = [
@@ -108,7 +108,7 @@ def image_message(stamp: float, image: np.ndarray) -> RosMessage:
 
 
 def image_of(png: np.ndarray) -> np.ndarray:
-    """Return the picture (height, width, 4), RGBA of 8 bits, that image_message made a PNG of."""
+    """Return the picture (height, width, 4), RGBA of 8 bits, of a PNG that image_message made."""
     return decode_png(png.tobytes())
 
 

@@ -45,15 +45,15 @@ def definition(type_name: str) -> str:
 
 
 def _field_maker(node: tuple[Any, Any]) -> tuple[Callable[[Any], Any] | None, Callable[[], Any]]:
-    """Return what makes a field's value of a plain one (None where it is that itself), and what makes its default."""
-    kind, about = node
+    """Return two functions: from a plain value to a field's (None where they are the same), and to its default."""
+    kind, detail = node
     if kind == _BASE:
-        nothing = {"string": "", "bool": False}.get(about[0], 0)
+        nothing = {"string": "", "bool": False}.get(detail[0], 0)
         return None, lambda: nothing
     if kind == _NAME:
-        make = message_maker(about)
+        make = message_maker(detail)
         return make, lambda: make({})
-    (inner_kind, inner), size = about
+    (inner_kind, inner), size = detail
     if inner_kind == _NAME:
         make_item = message_maker(inner)
         return lambda values: [make_item(value) for value in values], list

@@ -134,7 +134,7 @@ def joseph(
     layout: Layout,
     P_next: np.ndarray,
 ) -> None:
-    """Write P_{k+1} = F P F^T + blkdiag(W, 0) + G V2 G^T, exactly symmetric, to P_next. Arguments as transposed_gain."""
+    """Write P_{k+1} = F P F^T + blkdiag(W, 0) + G V2 G^T, symmetric, to P_next. Arguments as transposed_gain."""
     _, states, weights, first, block, _ = layout
     m = rows.shape[0]
     FT = np.empty((15, 15))  # F = Phibar - K H

@@ -6,7 +6,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.signals import ARRIVED, N_U, N_XBAR, REFERENCE_SIZE, STAMP
+from ortilo_drake.model.signals import ARRIVED, N_U, REFERENCE_SIZE, STAMP
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel

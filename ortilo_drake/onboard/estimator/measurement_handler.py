@@ -17,7 +17,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Mult
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
-from ortilo_drake.model.signals import N_XBAR, STAMP
+from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.gate import squared_gate
 
 MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes one, so none would leave no camera

@@ -11,7 +11,7 @@ chapter 4).
 """
 
 import numpy as np
-import scipy  # its parts load when used: scipy.optimize takes longer than a flight is worth waiting for
+import scipy  # not scipy.optimize: that takes a second to import, and loads by itself when it is used
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
+import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
 from ortilo_drake.flight.ensemble import fly_many
 from ortilo_drake.model.typed_yaml import validate

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy  # its parts load when used: scipy.stats takes longer than a flight is worth waiting for
+import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
 from ortilo_drake.flight.efficiency import ratio_of_means
 from ortilo_drake.flight.flight import AXES

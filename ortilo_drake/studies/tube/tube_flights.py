@@ -149,7 +149,7 @@ def judge_point(
         lossy: the scenario that was flown.
         at: the point.
         flights: the flights.
-        nominal: the scenario's nominal.
+        nominal: the scenario's nominal flight.
         others: seeds of the arrivals that the mixture's radius is drawn from, none of them flown.
     """
     tube = predict_tube(lossy, nominal)
@@ -211,7 +211,7 @@ def tube_flights(
 
     Args:
         scenario: the scenario, its losses not counted.
-        nominal: its nominal.
+        nominal: its nominal flight.
         out: folder for the flights.
         points: PAIRS with at_rates, BURSTS with at_burst, or others.
         lossy_at: what a point means.

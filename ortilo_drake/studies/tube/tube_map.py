@@ -138,7 +138,7 @@ def burst_map(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray
 
 
 def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> MarginMap:
-    """Return least margins over the whole path and its guided part for rows of scenarios on the same nominal."""
+    """Return least margins over the whole path and over its guided part; all scenarios have one nominal flight."""
     nominal = nominal_flight(scenario)
     about = corridor(scenario.load_room(), scenario.vehicle, nominal.r)
     n = guided_ticks(nominal)

@@ -8,7 +8,7 @@ from io import BytesIO
 import struct
 
 class lcmt_goal(object):
-    """ A wish of where to fly ("user"), and the answer to it ("onboard"). The asker repeats it until its number is answered. """
+    """ A request to fly somewhere ("user"), and the answer to it ("onboard"). The asker repeats it until its number is answered. """
 
     __slots__ = ["session", "tick", "number", "role", "p_W", "reason", "mac"]
 
@@ -27,7 +27,7 @@ class lcmt_goal(object):
 
         self.number = 0
         """
-        of the wish, chosen at random
+        of the request, chosen at random
         LCM Type: int64_t
         """
 

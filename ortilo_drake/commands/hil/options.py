@@ -1,4 +1,4 @@
-"""Options of `ortilo hil`, and how its commands show a flight and a report."""
+"""Options of `ortilo hil`, and the display of a flight while it lasts."""
 
 import contextlib
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from ortilo_drake.commands.options import finite
-from ortilo_drake.commands.terminal import err, out, progress_bar
+from ortilo_drake.commands.terminal import err, progress_bar
 
 UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
 KeyOption = Annotated[
@@ -25,21 +25,9 @@ SecondsOption = Annotated[
 ]
 
 
-def show_report(lines: dict[str, Any]) -> None:
-    """Print a report, a line for each entry."""
-    for name, value in lines.items():
-        if isinstance(value, dict):
-            value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
-        out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)
-
-
-def _number(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
 @contextlib.contextmanager
 def showing_flight(name: str, ticks: int, lockstep: bool) -> Iterator[dict[str, Any]]:
-    """Show a flight in the terminal, in real time its figures; yields what run_world wants for that."""
+    """Show a flight in the terminal, by a bar in lockstep, else by a panel; yield run_world's arguments for that."""
     from ortilo_drake.hil.real_time.panel import live_panel
 
     if lockstep:

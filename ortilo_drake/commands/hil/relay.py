@@ -4,9 +4,8 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import show_report
 from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 
 

@@ -7,14 +7,13 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import (
+from ortilo_drake.commands.hil.options import (
     InsecureOption,
     KeyOption,
     LockstepOption,
     SecondsOption,
     UrlOption,
     WaitOption,
-    show_report,
     showing_flight,
 )
 from ortilo_drake.commands.options import (
@@ -25,7 +24,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_error, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_error, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 

@@ -1,4 +1,4 @@
-"""The command `ortilo hil check`: both halves on this machine, and what came of it."""
+"""The command `ortilo hil check`: a flight of both halves on this machine, and a report of it."""
 
 import contextlib
 import json
@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import LockstepOption, SecondsOption, WaitOption, show_report, showing_flight
+from ortilo_drake.commands.hil.options import LockstepOption, SecondsOption, WaitOption, showing_flight
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,
@@ -21,7 +21,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
@@ -29,7 +29,7 @@ AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight 
 
 
 def _bus_of_our_own() -> str:
-    """Return the URL of a bus on this machine that no flight is on: two checks at once must not cross."""
+    """Return the URL of a bus on this machine that no flight uses, so that two checks at once do not meet."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("", 0))
         return DEFAULT_URL.replace(":7667", f":{free.getsockname()[1]}")
@@ -37,7 +37,7 @@ def _bus_of_our_own() -> str:
 
 @contextlib.contextmanager
 def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterator[Callable[[], None]]:
-    """Run `ortilo hil onboard` beside this process; yields what raises InputError, in its words, once it has failed."""
+    """Run `ortilo hil onboard` beside this process; yield a check that raises InputError once it has failed."""
     with tempfile.TemporaryDirectory() as folder:
         import yaml
 
@@ -50,19 +50,19 @@ def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterat
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe, text=True) as process:
             assert process.stdin is not None
-            with contextlib.suppress(BrokenPipeError):  # it has ended already, see still_there
+            with contextlib.suppress(BrokenPipeError):  # it has ended already, see check_alive
                 process.stdin.write(f"{key.hex()}\n")
                 process.stdin.close()
 
-            def still_there() -> None:
+            def check_alive() -> None:
                 if process.poll():
                     said = (process.communicate()[1] or "").strip().splitlines() or ["nothing"]
                     raise InputError(f"onboard half: ended with code {process.returncode}, and said: {said[-1]}")
 
             try:
-                yield still_there
+                yield check_alive
                 process.wait(AFTERWARDS)
-                still_there()
+                check_alive()
             except subprocess.TimeoutExpired:
                 raise InputError(f"onboard half: still running {AFTERWARDS:g} s after the flight") from None
             finally:
@@ -96,9 +96,9 @@ def check(
     url, key = url or _bus_of_our_own(), new_key()
     with (
         showing_flight("flying", flight_ticks(chosen), lockstep) as shown,
-        _other_half(chosen, url, key, wait) as still_there,
+        _other_half(chosen, url, key, wait) as check_alive,
     ):
-        flight, report = run_world(chosen, url, key, lockstep, wait, seconds, still_there=still_there, **shown)
+        flight, report = run_world(chosen, url, key, lockstep, wait, seconds, check_alive=check_alive, **shown)
     identical = None
     if lockstep:
         import xarray as xr

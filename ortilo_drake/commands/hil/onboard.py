@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption, WaitOption, show_report
+from ortilo_drake.commands.hil.options import InsecureOption, KeyOption, UrlOption, WaitOption
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     JsonOption,
@@ -16,7 +16,15 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_error, say_written, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    out,
+    progress_bar,
+    say_error,
+    say_written,
+    show_report,
+    write_json,
+)
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.hil_options import InsecureOption, KeyOption, UrlOption
+from ortilo_drake.commands.hil.options import InsecureOption, KeyOption, UrlOption
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.hil.wire.urls import DEFAULT_URL

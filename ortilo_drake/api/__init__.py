@@ -1,0 +1,26 @@
+"""The laboratory in Python: what `import ortilo_drake as od` offers.
+
+    flight = od.fly("imu_uwb_yolo", seed=3, camera="projected", uwb__link__loss=0.3)
+    flight.error, flight.lost, flight.summary(), flight.plot()
+    od.compare("imu_uwb", "imu_uwb_yolo", camera="projected", seeds=range(5))
+
+Settings are those of a scenario file, by keyword: two underscores stand for the dot of `--set uwb.link.loss=0.3`.
+"""
+
+from ortilo_drake.api.flight import Flight, fly
+from ortilo_drake.api.flights import Flights, compare, fly_many
+from ortilo_drake.api.settings import load_scenario
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.scenario import InputError, Scenario
+
+__all__ = [
+    "Flight",
+    "Flights",
+    "InputError",
+    "Scenario",
+    "compare",
+    "fly",
+    "fly_many",
+    "load_scenario",
+    "make_closed_loop",
+]

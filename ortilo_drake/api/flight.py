@@ -1,0 +1,147 @@
+"""One flight: flown, looked at, and written in other people's formats."""
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from pydrake.math import RollPitchYaw
+
+from ortilo_drake.api.settings import load_scenario
+from ortilo_drake.flight import flight, metrics, saved_flight
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.interop.log.writer import LogWriter
+from ortilo_drake.scenario import InputError, Scenario
+from ortilo_drake.views.figures import draw_flight
+
+
+class Flight:
+    """One flight.
+
+    Args:
+        data: its Dataset over ticks, see flight.flight_dataset.
+
+    Attributes:
+        data: that Dataset: truth, estimate, covariance, control, reference, measurement, innovation, arrival, ...
+    """
+
+    def __init__(self, data: xr.Dataset):
+        self.data = data
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what to_netcdf or `ortilo fly --out` wrote; InputError if it is damaged or no flight."""
+        return cls(saved_flight.load_flight(Path(path)))
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario flown, its seed included."""
+        return flight.scenario_of(self.data)
+
+    @property
+    def seed(self) -> int:
+        """The seed of all noise."""
+        return int(self.data.attrs["seed"])
+
+    @property
+    def lost(self) -> dict[str, Any] | None:
+        """Time [s] and cause of the loss, None of a flight that reached its end."""
+        found: dict[str, Any] | None = json.loads(self.data.attrs["lost"])
+        return found
+
+    @property
+    def error(self) -> xr.DataArray:
+        """The estimate of the position less the truth at every tick (tick, axis) [m]."""
+        axes = list(flight.AXES)
+        estimate = self.data["estimate"].sel(xbar=axes).rename(xbar="axis")
+        return (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures that `ortilo fly --json` writes."""
+        return metrics.summary(self.data)
+
+    def plot(self) -> Figure:
+        """Return a figure of the path, the errors in their 3-sigma bands and the arrivals."""
+        return draw_flight(self.data)
+
+    def to_netcdf(self, path: str | Path) -> Path:
+        """Write the flight as netCDF with a digest; return the path."""
+        saved_flight.save_flight(self.data, Path(path))
+        return Path(path)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write a row for each tick: time [s], true state, estimate, control, reference; return the path."""
+        columns = {"time": self.data["time"].values}
+        for name, along in (
+            ("truth", "state"),
+            ("estimate", "xbar"),
+            ("control", "control_name"),
+            ("reference", "axis"),
+        ):
+            columns |= {f"{name}.{part}": self.data[name].sel({along: part}).values for part in self.data[along].values}
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(columns)
+        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        write_text(Path(path), text.getvalue())
+        return Path(path)
+
+    def to_tum(self, path: str | Path, of: str = "estimate") -> Path:
+        """Write a trajectory in the format of TUM's RGB-D benchmark, which evo reads; return the path.
+
+        A line a tick: t x y z qx qy qz qw, p_WB [m] and the attitude R_WB.
+
+        Args:
+            path: the file.
+            of: 'estimate' or 'truth'.
+        """
+        if of not in ("estimate", "truth"):
+            raise InputError(f"of: {of!r}: must be 'estimate' or 'truth'")
+        lines = []
+        for t, x in zip(self.data["time"].values, self.data[of].values, strict=True):
+            q = RollPitchYaw(x[3:6]).ToQuaternion()
+            lines.append(" ".join(f"{value:.9f}" for value in (t, *x[:3], q.x(), q.y(), q.z(), q.w())))
+        write_text(Path(path), "\n".join(lines) + "\n")
+        return Path(path)
+
+    def to_mcap(self, folder: str | Path) -> Path:
+        """Write truth, estimates, control and reference as a log for ROS 2 and Foxglove to a new folder; return it.
+
+        A flight does not keep the sensors' messages: `ortilo fly --log` writes those too.
+        """
+        with LogWriter(Path(folder), self.scenario) as log:
+            for k, row in enumerate(flight.logged_rows(self.data)):
+                log.write_tick(k, row.pop("state"), {}, row)
+        return Path(folder)
+
+    def __repr__(self) -> str:
+        error = float(np.sqrt(np.nanmean(np.sum(self.error.values**2, axis=1))))
+        end = f"lost at {self.lost['time']:.1f} s: {self.lost['cause']}" if self.lost else "reached its end"
+        seconds = float(self.data["time"].values[-1])
+        return f"<Flight {self.scenario.name}, seed {self.seed}: {seconds:.1f} s, {end}, RMS error {error:.3f} m>"
+
+
+def fly(
+    scenario: str | Path | Scenario = "imu_uwb_yolo",
+    *,
+    seed: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    **settings: Any,
+) -> Flight:
+    """Fly a scenario once.
+
+    Args:
+        scenario: as load_scenario.
+        seed: as load_scenario.
+        progress: called with the number of ticks flown.
+        settings: as load_scenario.
+
+    Raises:
+        InputError: if the scenario is wrong or cannot be flown.
+    """
+    return Flight(flight.fly(load_scenario(scenario, seed=seed, **settings), progress))

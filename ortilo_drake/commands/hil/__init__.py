@@ -1,0 +1,1 @@
+"""The commands `ortilo hil`, one module each."""

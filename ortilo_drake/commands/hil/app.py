@@ -1,0 +1,16 @@
+"""The commands `ortilo hil`: the two halves as processes, a relay between them, and listeners."""
+
+import typer
+
+from ortilo_drake.commands.hil.bridge import bridge
+from ortilo_drake.commands.hil.check import check
+from ortilo_drake.commands.hil.goal import goal
+from ortilo_drake.commands.hil.key import key
+from ortilo_drake.commands.hil.onboard import onboard
+from ortilo_drake.commands.hil.relay import relay
+from ortilo_drake.commands.hil.world import world
+
+hil_app = typer.Typer(no_args_is_help=True, help="Hardware in the loop: the two halves in two processes, over LCM.")
+for command in (world, onboard, check, relay, bridge, key):
+    hil_app.command()(command)
+hil_app.command(context_settings={"ignore_unknown_options": True})(goal)  # -2 is a number, no option
