@@ -9,10 +9,9 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, Multiplexer
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
-from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, N_Y, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.onboard.servo.lq_servo import LqServo_
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
@@ -65,21 +64,22 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
         xhat_{k+1} = Phi xhat + Gamma (u - u_hover) + K Delta (y - C xhat)
         i_{k+1}    = i + r - E y;  'hold': i where E = 0;  'estimate': i + r - p_hat
 
-    Ports: input [y (9); u (4); reference (9)], output [xhat; i] (15).
+    Ports: input [y (p); u (4); reference (9)], output [xhat; i] (15).
     """
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    Delta, E = arrival_matrix(delta), selection_matrix(delta)
+    measurement = scenario.measurement
+    Delta, E, p = measurement.arrival_matrix(delta), measurement.selection_matrix(delta), measurement.sizes["y"]
     integrator = scenario.servo.integrator
-    F, G = np.eye(N_XBAR), np.zeros((N_XBAR, N_Y + N_U + REFERENCE_SIZE))
-    F[:N_X, :N_X] = Phi - K @ Delta @ output_C()
-    G[:N_X, :N_Y], G[:N_X, N_Y : N_Y + N_U] = K @ Delta, Gamma
+    F, G = np.eye(N_XBAR), np.zeros((N_XBAR, p + N_U + REFERENCE_SIZE))
+    F[:N_X, :N_X] = Phi - K @ Delta @ measurement.layout.C
+    G[:N_X, :p], G[:N_X, p : p + N_U] = K @ Delta, Gamma
     if integrator == "estimate":
         F[N_X:, :N_I] = -np.eye(N_I)
     else:
-        G[N_X:, :N_Y] = -E
+        G[N_X:, :p] = -E
     if integrator != "hold" or E.any():
-        G[N_X:, N_Y + N_U :] = np.eye(N_I, REFERENCE_SIZE)
-    f_0 = -G[:, N_Y] * scenario.vehicle.hover_thrust
+        G[N_X:, p + N_U :] = np.eye(N_I, REFERENCE_SIZE)
+    f_0 = -G[:, p] * scenario.vehicle.hover_thrust
     identity, no_feedthrough = np.eye(N_XBAR), np.zeros((N_XBAR, G.shape[1]))
     return AffineSystem(F, G, f_0, identity, no_feedthrough, np.zeros(N_XBAR), scenario.h)
 
@@ -93,15 +93,16 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
 
     Args:
         scenario: the scenario, of which rotors, links and noise are left out.
-        K: predictor gain (12 x 9) at full size; columns of sensors that did not arrive are ignored.
-        delta: arrivals of uwb, camera, imu (3).
+        K: predictor gain (12 x p) at full size; columns of sensors that did not arrive are ignored.
+        delta: arrivals (s).
     """
+    measurement = scenario.measurement
     builder = DiagramBuilder()
     plant = builder.AddSystem(QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h))
     kalman = builder.AddNamedSystem("kalman_filter", make_frozen_filter(scenario, K, delta))
     servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, scenario.h))
-    sensors = builder.AddNamedSystem("sensors", MatrixGain(arrival_matrix(delta) @ output_C()))
-    inputs = builder.AddSystem(Multiplexer([N_Y, N_U, REFERENCE_SIZE]))
+    sensors = builder.AddNamedSystem("sensors", MatrixGain(measurement.arrival_matrix(delta) @ measurement.layout.C))
+    inputs = builder.AddSystem(Multiplexer([measurement.sizes["y"], N_U, REFERENCE_SIZE]))
     state = plant.GetOutputPort("state")
     builder.Connect(state, sensors.get_input_port())
     builder.Connect(sensors.get_output_port(), inputs.get_input_port(0))

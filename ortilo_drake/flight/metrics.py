@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from ortilo_drake.flight.efficiency import efficiency, floor_at_ticks, mean_floor, tick_efficiency
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.lost import contacts
+from ortilo_drake.model.signals import N_X
 
 
 def estimation_mse(flight: xr.Dataset) -> dict[str, float]:
@@ -57,20 +58,25 @@ def position_nees(flight: xr.Dataset) -> np.ndarray:
 
 
 def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:
-    """Return the normalised innovations squared of one sensor, where it arrived; chi-square with 3 degrees."""
-    s = list(flight["sensor"].values).index(sensor)
-    there = flight["arrival"].values[:, s]
-    first_state = 3 if sensor == "imu" else 0
-    e = flight["innovation"].values[there, 3 * s : 3 * s + 3]
-    states = slice(first_state, first_state + 3)
-    S = flight["covariance"].values[there, states, states] + flight["measurement_covariance"].values[there, s]
+    """Return the normalised innovations squared of one sensor, where it arrived; chi-square with its m degrees."""
+    there = flight["arrival"].sel(sensor=sensor).values
+    e, S = (part[there] for part in innovations(flight, sensor))
     return np.einsum("ki,ki->k", e, np.linalg.solve(S, e[:, :, np.newaxis])[:, :, 0])
 
 
+def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sensor's innovations (n, m), NaN where it did not arrive, and their S = C P C^T + V (n, m, m)."""
+    measurement = scenario_of(flight).measurement
+    C, m = measurement.C_of(sensor), len(measurement.C_of(sensor))
+    V = flight["measurement_covariance"].sel(sensor=sensor).values[:, :m, :m]
+    S = C @ flight["covariance"].values[:, :N_X, :N_X] @ C.T + V
+    return flight["innovation"].values[:, measurement.rows_of(sensor)], S
+
+
 def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
-    """Return fixes used over ticks due, for uwb and camera; None for a sensor that is never due."""
+    """Return values used over ticks due, of all sensors but the imu; None for a sensor that is never due."""
     rates: dict[str, float | None] = {}
-    for sensor in ("uwb", "camera"):
+    for sensor in (s for s in scenario_of(flight).measurement.sensors if s != "imu"):
         due = int(flight["due"].sel(sensor=sensor).sum())
         rates[sensor] = int(flight["arrival"].sel(sensor=sensor).sum()) / due if due else None
     return rates
@@ -82,10 +88,12 @@ def fix_errors(flight: xr.Dataset) -> dict[str, dict[str, float]]:
     A sensor without a fix is left out. The way flown since a late fix was measured is part of its error.
     """
     errors = {}
-    for k, sensor in enumerate(("uwb", "camera")):
+    measurement = scenario_of(flight).measurement
+    for sensor, is_position in zip(measurement.sensors, measurement.layout.is_position, strict=True):
         there = flight["arrival"].sel(sensor=sensor).values
-        if there.any():
-            fix, truth = flight["measurement"].values[there, 3 * k : 3 * k + 3], flight["truth"].values[there, :3]
+        if is_position and there.any():
+            fix = flight["measurement"].values[there, measurement.rows_of(sensor)]
+            truth = flight["truth"].values[there, :3]
             error = np.linalg.norm(fix - truth, axis=1)
             errors[sensor] = {"median": float(np.median(error)), "p95": float(np.quantile(error, 0.95))}
     return errors

@@ -34,10 +34,12 @@ from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.floor.information_camera import camera_rows, camera_tables
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import ROW_SIZE, angle_rows, by_tick
+from ortilo_drake.floor.information_rows import ROW_SIZE, angle_rows, by_tick, rows_of
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
-from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X, SENSORS
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import described
 
 
 def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
@@ -53,6 +55,14 @@ def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     return None if bounds is None else np.maximum(np.diagonal(bounds, axis1=1, axis2=2)[:, :3], 0.0)
 
 
+def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np.ndarray:
+    """Return the rows of a registered sensor, from its noise at the true states (n, 12) and its rows of C."""
+    ticks = np.flatnonzero(arrived(scenario, name, truth))
+    sd = described(name).sd(scenario, room, truth[ticks])
+    i, j = np.nonzero(np.isfinite(sd))
+    return rows_of(ticks[i], scenario.measurement.C_of(name)[j], sd[i, j] ** 2)
+
+
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
     room, camera, spacing = scenario.load_room(), np.empty((0, ROW_SIZE)), 1
@@ -66,6 +76,7 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
         range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth)),
         camera,
         angle_rows(arrived(scenario, "imu", truth), scenario.imu.angle_sd),
+        *(own_rows(name, scenario, room, truth) for name in scenario.sensors if name not in SENSORS),
     )
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     disturbance = scenario.world.disturbance

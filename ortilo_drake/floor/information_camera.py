@@ -87,7 +87,7 @@ def box_rows(
     tables: Tables,
     errors: CenterErrors,
 ) -> np.ndarray:
-    """Return the rows of the landmarks' box centres in those ticks (m, 10).
+    """Return the rows of the landmarks' box centres in those ticks (m, 16).
 
     The slow error of landmark i is number 2 i in u and 2 i + 1 in v.
 
@@ -118,11 +118,11 @@ def box_rows(
             for axis in range(2):
                 size = growth * look_up(tables.errors, 1, views[k, 4 + axis] - views[k, 2 + axis])
                 sd, extra, w = size / errors.gain[axis], errors.extra[axis], errors.share
-                rows[m, 0], rows[m, 1:7], rows[m, 7] = tick, J[axis], (1.0 - w) * sd**2 / rate
-                rows[m, 8], rows[m, 9] = (2 * i + axis if w > 0.0 else -1), np.sqrt(w) * sd
+                rows[m, 0], rows[m, 1:7], rows[m, 13] = tick, J[axis], (1.0 - w) * sd**2 / rate
+                rows[m, 14], rows[m, 15] = (2 * i + axis if w > 0.0 else -1), np.sqrt(w) * sd
                 m += 1
                 if extra > 0.0:
-                    rows[m, 0], rows[m, 1:7], rows[m, 7], rows[m, 8] = tick, J[axis], size**2 / (extra * rate), -1.0
+                    rows[m, 0], rows[m, 1:7], rows[m, 13], rows[m, 14] = tick, J[axis], size**2 / (extra * rate), -1.0
                     m += 1
     return rows[:m].copy()
 

@@ -21,7 +21,7 @@ from numba.extending import register_jitable
 def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: float, k: np.ndarray) -> None:
     """Update the leading n x n of P by a row, whose slow error is a n_j + b n_{j+1}, nodes at before and before + 1."""
     k[:n] = 0.0
-    for j in range(6):
+    for j in range(12):
         g = row[1 + j]
         if g != 0.0:
             for i in range(n):
@@ -29,8 +29,8 @@ def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: fl
     if before >= 0:
         for i in range(n):
             k[i] += a * P[before, i] + b * P[before + 1, i]
-    s = row[7]
-    for j in range(6):
+    s = row[13]
+    for j in range(12):
         s += row[1 + j] * k[j]
     if before >= 0:
         s += a * k[before] + b * k[before + 1]
@@ -99,7 +99,7 @@ def predicted_bound(
     """Return P_k of each tick, the bound on the error covariance of x_{k|k-1} (ticks, m, m).
 
     Args:
-        rows: the measurements (l, 10), in the order of ticks, see information_rows.py.
+        rows: the measurements (l, 16), in the order of ticks, see information_rows.py.
         ticks: number of ticks.
         Phi: dynamics (m, m), position and angles the first six states.
         W: covariance of the process noise of a tick (m, m).
@@ -108,7 +108,7 @@ def predicted_bound(
     """
     m, most = Phi.shape[0], 0
     for row in rows:
-        most = max(most, int(row[8]) + 1)
+        most = max(most, int(row[14]) + 1)
     size = m + 2 * most
     P, work, k = np.zeros((size, size)), np.empty((m, size)), np.empty(size)
     P[:m, :m] = P_0
@@ -126,7 +126,7 @@ def predicted_bound(
         after = (tick % spacing) / spacing
         scale = 1.0 / np.sqrt((1.0 - after) ** 2 + after**2)
         while at < rows.shape[0] and rows[at, 0] <= tick:
-            slow, before = int(rows[at, 8]), -1
+            slow, before = int(rows[at, 14]), -1
             if slow >= 0:
                 c = place[slow]
                 if c < 0:
@@ -136,7 +136,7 @@ def predicted_bound(
                     count += 1
                 used[c] = True
                 before = m + 2 * c
-            amplitude = rows[at, 9] * scale
+            amplitude = rows[at, 15] * scale
             _update(P, m + 2 * count, rows[at], before, amplitude * (1.0 - after), amplitude * after, k)
             at += 1
         _predict(P, m + 2 * count, Phi, W, work)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ortilo_drake.floor.information_rows import rows_of
 from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Uwb
 from ortilo_drake.world.sensors.line_of_sight import walls_crossed
 from ortilo_drake.world.sensors.uwb import ranging_settings
@@ -36,6 +37,6 @@ def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -
             p_WB = np.ascontiguousarray(truth[ticks[k], :3])
             there[k, i] = walls_crossed(p_WB, room.anchor_positions[i], room.wall_boxes) <= most_walls
     k, i = np.nonzero(there)
-    gradients = np.zeros((len(k), 6))
+    gradients = np.zeros((len(k), N_X))
     gradients[:, :3] = p_AB[k, i] / d[k, i, np.newaxis]
     return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2))

@@ -1,8 +1,8 @@
-"""Fisher information as rows; a row is one scalar measurement of the pose.
+"""Fisher information as rows; a row is one scalar measurement of the state.
 
-A row stands for the measurement g^T (p_WB, rpy) + a s + v in one tick, where v is noise of variance r and s is a slowly
+A row stands for the measurement g^T x + a s + v in one tick, where v is noise of variance r and s is a slowly
 changing error (or none). Its information g g^T / r may be unbounded (r = 0), because it is never formed. The rows of a
-flight are one array (m, 10).
+flight are one array (m, 16).
 """
 
 import numpy as np
@@ -10,19 +10,19 @@ import numpy as np
 from ortilo_drake.model.signals import N_X
 
 TICK = 0
-GRADIENT = slice(1, 7)  # g [1/m, 1/rad of the measurement's unit]
-VARIANCE = 7  # r
-SLOW = 8  # number of the slowly changing error that is in it, -1 for none
-AMPLITUDE = 9  # a, that error's standard deviation in the measurement's unit
-ROW_SIZE = 10
+GRADIENT = slice(1, 13)  # g [1/m, 1/rad of the measurement's unit]
+VARIANCE = 13  # r
+SLOW = 14  # number of the slowly changing error that is in it, -1 for none
+AMPLITUDE = 15  # a, that error's standard deviation in the measurement's unit
+ROW_SIZE = 16
 
 
 def rows_of(ticks: np.ndarray, gradients: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return rows without a slow error (m, 10).
+    """Return rows without a slow error (m, 16).
 
     Args:
         ticks: the tick of each (m).
-        gradients: g (m, 6).
+        gradients: g over the states (m, 12).
         variances: r (m).
     """
     rows = np.zeros((len(ticks), ROW_SIZE))
@@ -33,7 +33,7 @@ def rows_of(ticks: np.ndarray, gradients: np.ndarray, variances: np.ndarray) -> 
 def angle_rows(seen: np.ndarray, sd: float) -> np.ndarray:
     """Return the rows of an IMU's three angles, of that sd [rad], in the ticks where it is seen (n)."""
     ticks = np.repeat(np.flatnonzero(seen), 3)
-    gradients = np.tile(np.eye(6)[3:], (len(ticks) // 3, 1))
+    gradients = np.tile(np.eye(N_X)[3:6], (len(ticks) // 3, 1))
     return rows_of(ticks, gradients, np.full(len(ticks), sd**2))
 
 
@@ -47,5 +47,4 @@ def information(rows: np.ndarray) -> np.ndarray:
     """Return J = sum g g^T / r (12 x 12) of rows without a slow error."""
     J = np.zeros((N_X, N_X))
     g = rows[:, GRADIENT]
-    J[:6, :6] = g.T @ (g / rows[:, VARIANCE, np.newaxis])
-    return J
+    return J + g.T @ (g / rows[:, VARIANCE, np.newaxis])

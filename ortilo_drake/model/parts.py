@@ -8,7 +8,7 @@ loaded. A scenario file by itself never runs code.
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.measurement import Row
+from ortilo_drake.model.measurement import PAPER, Measurement, Row, make_measurement
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -165,6 +165,12 @@ def find_part(role: str, kind: str) -> Part | None:
     if (role, kind) not in _PARTS:
         _load_installed()
     return _PARTS.get((role, kind))
+
+
+def measurement_of(sensors: Iterable[str]) -> Measurement:
+    """Return the measurement of the paper's three sensors and of the registered ones among those named."""
+    own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
+    return make_measurement((*PAPER, *((name, sensor.rows) for name, sensor in own if sensor is not None)))
 
 
 def known_sensors() -> tuple[str, ...]:

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ortilo_drake.model.measurement import PAPER, Measurement, make_measurement
-from ortilo_drake.model.parts import find_sensor
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.parts import find_sensor, measurement_of
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
@@ -115,8 +115,7 @@ class Scenario(Frozen):
     @property
     def measurement(self) -> Measurement:
         """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly."""
-        own = [(name, find_sensor(name)) for name in self.sensors if name not in SENSORS]
-        return make_measurement((*PAPER, *((name, sensor.rows) for name, sensor in own if sensor is not None)))
+        return measurement_of(self.sensors)
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:

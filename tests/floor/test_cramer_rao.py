@@ -40,9 +40,9 @@ COMPARED = [0, 1, 8, 15, 27]  # ticks
 
 def random_rows(rng: np.random.Generator, ticks: int, count: int, slow: int = 0) -> np.ndarray:
     """Return rows at random ticks, some with one of that many slow errors in them."""
-    rows = rows_of(rng.integers(0, ticks, count), rng.normal(size=(count, 6)), rng.uniform(1e-4, 1e-2, count))
-    rows[:, 8] = rng.integers(-1, slow, count) if slow else -1.0
-    rows[:, 9] = np.where(rows[:, 8] >= 0, rng.uniform(0.01, 0.1, count), 0.0)
+    rows = rows_of(rng.integers(0, ticks, count), np.pad(rng.normal(size=(count, 6)), ((0, 0), (0, 6))), rng.uniform(1e-4, 1e-2, count))
+    rows[:, SLOW] = rng.integers(-1, slow, count) if slow else -1.0
+    rows[:, AMPLITUDE] = np.where(rows[:, SLOW] >= 0, rng.uniform(0.01, 0.1, count), 0.0)
     return by_tick(rows)
 
 
@@ -88,7 +88,7 @@ def test_the_recursion_equals_dense_algebra_over_the_whole_trajectory(slow: int,
 def test_with_everything_always_on_it_is_the_steady_kalman_predictor() -> None:
     C, V = np.eye(6, 12), np.diag([1e-2] * 3 + [1e-4] * 3)
     ticks = 3000
-    rows = rows_of(np.repeat(np.arange(ticks), 6), np.tile(np.eye(6), (ticks, 1)), np.tile(np.diag(V), ticks))
+    rows = rows_of(np.repeat(np.arange(ticks), 6), np.tile(np.eye(6, 12), (ticks, 1)), np.tile(np.diag(V), ticks))
     found = predicted_bound(rows, ticks, PHI, W, NOTHING, 1)[-1]
     np.testing.assert_allclose(found, solve_discrete_are(PHI.T, C.T, W, V), rtol=1e-6, atol=1e-12)
 
@@ -102,9 +102,9 @@ def test_without_measurements_only_the_disturbance_adds_up() -> None:
 
 def test_a_measurement_without_noise_is_the_limit_of_small_noise() -> None:
     rows = random_rows(np.random.default_rng(1), 40, 30)
-    rows[:, 7] = 0.0
+    rows[:, VARIANCE] = 0.0
     exact = predicted_bound(rows, 40, PHI, W, NOTHING, 1)
-    rows[:, 7] = 1e-16
+    rows[:, VARIANCE] = 1e-16
     np.testing.assert_allclose(exact, predicted_bound(rows, 40, PHI, W, NOTHING, 1), atol=1e-10)
     assert np.all(np.diagonal(exact, axis1=1, axis2=2) >= -1e-12)
 
@@ -268,7 +268,7 @@ def test_box_gradients_agree_with_differences_of_projections() -> None:
     truth = np.repeat(flown_along(rng, 2), 4, axis=0)
     truth[:, 0] = rng.uniform(0.0, 15.0, 8)
     rows = rows_seen(load_scenario("imu_uwb_yolo", ("camera=projected",)), truth)
-    rows = rows[rows[:, 8] >= 0]  # these are numbered
+    rows = rows[rows[:, SLOW] >= 0]  # these are numbered
     assert len(rows) > 20
     for row in rows:
         i, axis = divmod(int(row[8]), 2)
@@ -286,7 +286,7 @@ def test_a_box_of_given_noise_tells_by_its_edges_variance_and_its_rate() -> None
     sure = rows_seen(parametric(edge_sd=1.3, miss_base=0.0, miss_per_metre=0.0), truth)
     rare = rows_seen(parametric(edge_sd=1.3, miss_base=0.75, miss_per_metre=0.0), truth)
     assert len(sure) > 4
-    assert np.all(sure[:, 8] == -1.0)
+    assert np.all(sure[:, SLOW] == -1.0)
     J = [sum(np.outer(r[GRADIENT], r[GRADIENT]) / r[7] for r in rows) for rows in (sure, rare)]
     edges = sum(np.outer(r[GRADIENT], r[GRADIENT]) for r in sure) / (1.3**2 / 2.0)
     np.testing.assert_allclose(J[0], edges, rtol=1e-5, atol=1e-5 * np.abs(edges).max())

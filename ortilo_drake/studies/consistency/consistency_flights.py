@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flight import AXES, scenario_of
-from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.flight.metrics import innovations
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.theory.consistency.consistency import normalized_square, time_average
@@ -71,14 +72,6 @@ def nees_series(error: np.ndarray, P: np.ndarray) -> dict[str, np.ndarray]:
     return series | {"state": normalized_square(error, P)}
 
 
-def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sensor's innovations (n, 3), NaN where it did not arrive, and their S = H P H^T + V (n, 3, 3)."""
-    s, first = SENSORS.index(sensor), 3 if sensor == "imu" else 0
-    rows = slice(first, first + 3)
-    S = flight["covariance"].values[:, rows, rows] + flight["measurement_covariance"].values[:, s]
-    return flight["innovation"].values[:, 3 * s : 3 * s + 3], S
-
-
 def check_same_scenario(flights: Sequence[xr.Dataset], names: Sequence[str] | None = None) -> Scenario:
     """Return the scenario that all flights share, their seeds aside.
 
@@ -132,10 +125,10 @@ def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
         "nis": {},
         "whiteness": {},
     }
-    for sensor in SENSORS:
+    for sensor in scenario.measurement.sensors:
         found = [innovations(flight, sensor) for flight in whole]
         if not any(np.isfinite(e).any() for e, _ in found):
             continue
-        report["nis"][sensor] = over_regions([normalized_square(e, S) for e, S in found], 3)
+        report["nis"][sensor] = over_regions([normalized_square(e, S) for e, S in found], found[0][0].shape[1])
         report["whiteness"][sensor] = whiteness_report([normalized_innovations(e, S) for e, S in found], LAGS)
     return report

@@ -9,17 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import svdvals
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
-from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.linearization.observability import rows_of
 from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
-# Units in which the Gramians are given: 1 m, 0.1 rad, 1 m/s, 0.1 rad/s; 1 N, 0.1 N m; outputs 1 m, 0.1 rad.
+# Units in which the Gramians are given: 1 m, 0.1 rad, 1 m/s, 0.1 rad/s; 1 N, 0.1 N m; an output is in those of what it sees.
 STATE_UNITS = np.repeat([1.0, 0.1, 1.0, 0.1], 3)
 CONTROL_UNITS = np.array([1.0, 0.1, 0.1, 0.1])
-OUTPUT_UNITS = np.repeat([1.0, 1.0, 0.1], 3)
 
 
 class Gramian(NamedTuple):
@@ -61,7 +60,8 @@ def observability_gramian(scenario: Scenario, sensors: tuple[str, ...], horizon:
         horizon: [s], at least a tick.
     """
     Phi, _, ticks = _in_units(scenario, horizon)
-    C = (output_C() * STATE_UNITS / OUTPUT_UNITS[:, None])[np.repeat([s in sensors for s in SENSORS], 3)]
+    C = rows_of(sensors) * STATE_UNITS
+    C /= np.abs(C).sum(axis=1, keepdims=True)
     return _summary(Phi, C, ticks, tick_scaling(scenario.h) / STATE_UNITS)
 
 

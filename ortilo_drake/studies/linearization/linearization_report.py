@@ -52,7 +52,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     Args:
         scenario: the scenario.
         horizon: of the Gramians [s].
-        V: covariance of the measurements (9 x 9) for the filter's gain, such as fix_noise gives;
+        V: covariance of the measurements (p x p) for the filter's gain, such as fix_noise gives;
             see frozen_gain.
 
     Raises:

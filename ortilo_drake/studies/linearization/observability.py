@@ -7,8 +7,9 @@ here all eigenvalues are 1.
 
 import numpy as np
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
-from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.parts import measurement_of
+from ortilo_drake.model.signals import N_X, STATE_NAMES
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
 from ortilo_drake.theory.modes.modes import STATE_SHARE, check_detectable
@@ -16,8 +17,9 @@ from ortilo_drake.theory.modes.staircase import rescale, tick_scaling, unobserva
 
 
 def rows_of(sensors: tuple[str, ...]) -> np.ndarray:
-    """Return the rows of C (3 k x 12) of the sensors named."""
-    return output_C()[np.repeat([s in sensors for s in SENSORS], 3)]
+    """Return the rows of C (m x 12) of the sensors named, in the order of the measurement."""
+    measurement = measurement_of(sensors)
+    return measurement.layout.C[measurement.by_row(np.isin(measurement.sensors, sensors))]
 
 
 def check_sensors(scenario: Scenario) -> None:

@@ -7,11 +7,13 @@ Rotors. A rotor's lag is (commanded - speed) / tau, with one tau for speeding up
 
 import numpy as np
 from pydrake.trajectories import Trajectory
+from scipy.linalg import block_diag
 
-from ortilo_drake.model.signals import N_U, N_X, N_Y
+from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import described
 from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, hover_loop, steady_predictor
 
@@ -63,22 +65,39 @@ def with_one_lag(vehicle: Vehicle, lag: str) -> Vehicle:
     return vehicle.model_copy(update={"rotor_time_constant": (tau, tau)})
 
 
+def believed_V(scenario: Scenario) -> np.ndarray:
+    """Return the covariance of the measurements (p x p) as the scenario gives it.
+
+    Where it comes with each fix: PRINTED_V of uwb and camera, of other sensors that of their noise in the middle of the
+    room.
+    """
+    room, blocks = scenario.load_room(), []
+    middle = np.zeros((1, N_X))
+    middle[0, :3] = (np.array(room.interior.min) + np.array(room.interior.max)) / 2.0
+    for name in scenario.measurement.sensors:
+        sensor = described(name)
+        V = sensor.V(scenario)
+        if V is None and name in PRINTED_V:
+            V = np.diag(PRINTED_V[name])
+        blocks.append(np.diag(sensor.sd(scenario, room, middle)[0] ** 2) if V is None else V)
+    return block_diag(*blocks)
+
+
 def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (12 x 9) of the steady predictor with every sensor of the scenario in every tick, and delta (3).
+    """Return K (12 x p) of the steady predictor with every sensor of the scenario in every tick, and delta (s).
 
     Args:
         scenario: the scenario.
-        V: covariance of the measurements (9 x 9); by default the scenario's, or PRINTED_V where it comes with each fix.
+        V: covariance of the measurements (p x p); by default what the scenario believes, see believed_V.
 
     Raises:
         InputError: naming the modes that the sensors do not see.
     """
     check_sensors(scenario)
-    loop, delta, believed = hover_loop(scenario), arrivals_of(scenario.sensors), scenario.filter.V
-    if V is None:
-        V = np.diag([*(believed.uwb or PRINTED_V["uwb"]), *(believed.camera or PRINTED_V["camera"]), *believed.imu])
-    rows = np.repeat(delta, 3) > 0.0
-    K = np.zeros((N_X, N_Y))
+    loop, delta = hover_loop(scenario), arrivals_of(scenario.sensors, scenario.measurement)
+    V = believed_V(scenario) if V is None else V
+    rows = scenario.measurement.by_row(delta) > 0.0
+    K = np.zeros((N_X, len(rows)))
     K[:, rows], _ = steady_predictor(loop.Phi, loop.C[rows], loop.W, V[np.ix_(rows, rows)])
     return K, delta
 

@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
-from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, SENSORS
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.parts import measurement_of
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.kalman_filter import process_noise
-from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
@@ -28,13 +29,14 @@ class HoverLoop(NamedTuple):
     Attributes:
         Phi: x_{k+1} = Phi x_k + Gamma u_k + w_k (12 x 12).
         Gamma: (12 x 4).
-        C: y = C x + v, rows uwb, camera, imu (9 x 12).
+        C: y = C x + v (p x 12).
         W: covariance of w as the filter believes it (12 x 12), of rank 6 where it follows from the disturbance.
         L: servo gain, u = -L [xhat; i], or as loop_gain has it (4 x 15).
         h: tick [s].
         integrator: 'literal', 'hold' or 'estimate'.
         true_states: numbers of the states that the servo gets from the truth in place of the estimate; VELOCITIES in
             the paper's scenarios.
+        measurement: the sensors and their rows of C.
     """
 
     Phi: np.ndarray
@@ -45,6 +47,7 @@ class HoverLoop(NamedTuple):
     h: float
     integrator: str
     true_states: tuple[int, ...]
+    measurement: Measurement
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:
@@ -53,15 +56,18 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
     L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
-    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.servo.integrator, true_states)
+    measurement = scenario.measurement
+    integrator = scenario.servo.integrator
+    return HoverLoop(Phi, Gamma, measurement.layout.C, W, L, scenario.h, integrator, true_states, measurement)
 
 
-def arrivals_of(sensors: tuple[str, ...]) -> np.ndarray:
-    """Return delta (3), 1 for each of uwb, camera and imu that is named."""
-    unknown = set(sensors) - set(SENSORS)
+def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None) -> np.ndarray:
+    """Return delta (s), 1 for each sensor of a measurement that is named; by default of that of the sensors named."""
+    measurement = measurement or measurement_of(sensors)
+    unknown = set(sensors) - set(measurement.sensors)
     if unknown:
-        raise InputError(f"sensors: {', '.join(sorted(unknown))}: must be among {', '.join(SENSORS)}")
-    return np.array([float(s in sensors) for s in SENSORS])
+        raise InputError(f"sensors: {', '.join(sorted(unknown))}: must be among {', '.join(measurement.sensors)}")
+    return np.array([float(s in sensors) for s in measurement.sensors])
 
 
 def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,11 +107,11 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
 
     Args:
         loop: the matrices at hover.
-        K: predictor gain (12 x 9) at full size; columns of sensors that did not arrive are ignored.
-        delta: arrivals of uwb, camera, imu (3).
+        K: predictor gain (12 x p) at full size; columns of sensors that did not arrive are ignored.
+        delta: arrivals (s).
     """
     Phi, Gamma, L = loop.Phi, loop.Gamma, loop_gain(loop)
-    KDC, EC = K @ arrival_matrix(delta) @ loop.C, selection_matrix(delta) @ loop.C
+    KDC, EC = K @ loop.measurement.arrival_matrix(delta) @ loop.C, loop.measurement.selection_matrix(delta) @ loop.C
     p, none, eye = np.eye(N_I, N_X), np.zeros((N_I, N_X)), np.eye(N_I)
     no_x, no_i = np.zeros((N_X, N_X)), np.zeros((N_X, N_I))
     if len(loop.true_states) == N_X:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_sylvester
 
-from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_Y, STATE_NAMES
+from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows
 from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, open_loop
@@ -78,15 +78,15 @@ def input_loop(
 
     Args:
         hover: the scenario's matrices; its own true_states are not used.
-        V: covariance of all nine measurements (9 x 9).
-        sensors: which of uwb, camera and imu arrive.
+        V: covariance of all measurements (p x p).
+        sensors: which sensors arrive.
         true_states: numbers of the states that the servo has from the truth; VELOCITIES for the paper's scenarios,
             all twelve for full state feedback, whose integral then follows the true position.
     """
     hover = hover._replace(true_states=true_states)
-    delta = arrivals_of(sensors)
-    rows, V = arrived_rows(sensors, V)
-    K = np.zeros((N_X, N_Y))
+    delta = arrivals_of(sensors, hover.measurement)
+    rows, V = arrived_rows(sensors, V, hover.measurement)
+    K = np.zeros((N_X, len(hover.C)))
     K[:, rows], unseen = steady_gain(hover.Phi, hover.C[rows], hover.W, V)
     lost = tuple(name for name in unseen if STATE_NAMES.index(name) not in true_states)
     whole = open_loop(hover, K, delta)
@@ -94,7 +94,7 @@ def input_loop(
     keep = [k for k, name in enumerate(names) if name not in lost]
     if len(true_states) == N_X:  # the servo then uses nothing of the filter
         keep = [*range(N_X), *range(2 * N_X, N_LOOP)]
-    elif hover.integrator != "estimate" and not delta[:2].any():  # no fix: the integral holds still
+    elif hover.integrator != "estimate" and not (delta * hover.measurement.layout.is_position).any():  # no fix: the integral holds still
         keep = [k for k in keep if k < 2 * N_X]
     kept = OpenLoop(whole.A[np.ix_(keep, keep)], whole.B[keep], whole.C[:, keep])
     return InputLoop(kept, lost, tuple(names[k] for k in keep))

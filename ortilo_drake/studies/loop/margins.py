@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.model.signals import CONTROL_NAMES, N_X, SENSORS
+from ortilo_drake.model.signals import CONTROL_NAMES, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, hover_loop
@@ -60,12 +60,14 @@ def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
 
 def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
     """Return the loops of a scenario: nominal, each sensor lost, all position sensors lost, and with true states."""
-    present = tuple(s for s in SENSORS if s in sensors)
+    known = hover.measurement.sensors
+    present = tuple(s for s in known if s in sensors)
     if not present:
-        raise InputError(f"sensors: none: margins need at least one of {', '.join(SENSORS)}")
+        raise InputError(f"sensors: none: margins need at least one of {', '.join(known)}")
     losses = {"nominal": present} | {f"without {lost}": tuple(s for s in present if s != lost) for lost in present}
-    if {"uwb", "camera"} <= set(present):
-        losses["without uwb and camera"] = tuple(s for s in present if s == "imu")
+    fixes = [s for s, it_is in zip(known, hover.measurement.layout.is_position, strict=True) if it_is and s in present]
+    if len(fixes) > 1:
+        losses[f"without {' and '.join(fixes)}"] = tuple(s for s in present if s not in fixes)
     loops = {name: input_loop(hover, V, left) for name, left in losses.items() if left}
     loops["true velocities"] = input_loop(hover, V, present, VELOCITIES)
     loops["full state"] = input_loop(hover, V, present, tuple(range(N_X)))
@@ -77,7 +79,7 @@ def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
 
     Args:
         scenario: its sensors are the nominal ones.
-        V: covariance of all nine measurements (9 x 9), positive definite.
+        V: covariance of all measurements (p x p), positive definite.
 
     Returns:
         'nominal', 'without uwb', ..., 'true velocities' (the paper's: velocities and rates from the truth) and

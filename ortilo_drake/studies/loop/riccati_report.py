@@ -30,13 +30,13 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
 
     Args:
         scenario: the scenario.
-        sensors: of uwb, camera and imu, those whose measurement arrives in every tick.
-        V: covariance of all nine measurements (9 x 9), positive definite.
+        sensors: those whose measurement arrives in every tick.
+        V: covariance of all measurements (p x p), positive definite.
 
     Raises:
         InputError: as arrived_rows.
     """
-    rows, V = arrived_rows(sensors, V)
+    rows, V = arrived_rows(sensors, V, scenario.measurement)
     loop = hover_loop(scenario)
     return loop.Phi.T, loop.C[rows].T, loop.W, V
 
@@ -90,7 +90,7 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
 
     Args:
         scenario: the scenario; the subsets are of its sensors.
-        V: covariance of all nine measurements (9 x 9), positive definite.
+        V: covariance of all measurements (p x p), positive definite.
 
     Returns:
         'servo': solver -> figures. 'filter': 'uwb+camera+imu' and so on -> the same, or {'error': the modes that no
