@@ -16,7 +16,17 @@ from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.floor.information_camera import camera_rows, camera_tables, center_errors
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import GRADIENT, ROW_SIZE, angle_rows, by_tick, information, rows_of
+from ortilo_drake.floor.information_rows import (
+    AMPLITUDE,
+    GRADIENT,
+    ROW_SIZE,
+    SLOW,
+    VARIANCE,
+    angle_rows,
+    by_tick,
+    information,
+    rows_of,
+)
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import M100
@@ -40,7 +50,11 @@ COMPARED = [0, 1, 8, 15, 27]  # ticks
 
 def random_rows(rng: np.random.Generator, ticks: int, count: int, slow: int = 0) -> np.ndarray:
     """Return rows at random ticks, some with one of that many slow errors in them."""
-    rows = rows_of(rng.integers(0, ticks, count), np.pad(rng.normal(size=(count, 6)), ((0, 0), (0, 6))), rng.uniform(1e-4, 1e-2, count))
+    rows = rows_of(
+        rng.integers(0, ticks, count),
+        np.pad(rng.normal(size=(count, 6)), ((0, 0), (0, 6))),
+        rng.uniform(1e-4, 1e-2, count),
+    )
     rows[:, SLOW] = rng.integers(-1, slow, count) if slow else -1.0
     rows[:, AMPLITUDE] = np.where(rows[:, SLOW] >= 0, rng.uniform(0.01, 0.1, count), 0.0)
     return by_tick(rows)

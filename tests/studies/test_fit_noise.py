@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, filter_step
@@ -43,7 +44,7 @@ def simulate(rng: np.random.Generator, ticks: int, camera: bool = False, doublet
         x = PHI @ x + GAMMA @ u[k] + root @ rng.normal(size=12)
         x[2] -= 0.5 * TRUE.h**2 * lift_lost
         x[8] -= TRUE.h * lift_lost
-    return Record(y, delta, V2, u, np.zeros(12), P_0)
+    return Record(y, delta, V2, u, np.zeros(12), P_0, make_measurement().layout)
 
 
 @pytest.mark.parametrize("counted", [("uwb", "camera", "imu"), ("uwb", "imu")])

@@ -94,7 +94,9 @@ def input_loop(
     keep = [k for k, name in enumerate(names) if name not in lost]
     if len(true_states) == N_X:  # the servo then uses nothing of the filter
         keep = [*range(N_X), *range(2 * N_X, N_LOOP)]
-    elif hover.integrator != "estimate" and not (delta * hover.measurement.layout.is_position).any():  # no fix: the integral holds still
+    elif (
+        hover.integrator != "estimate" and not (delta * hover.measurement.layout.is_position).any()
+    ):  # no fix: the integral holds still
         keep = [k for k in keep if k < 2 * N_X]
     kept = OpenLoop(whole.A[np.ix_(keep, keep)], whole.B[keep], whole.C[:, keep])
     return InputLoop(kept, lost, tuple(names[k] for k in keep))

@@ -32,7 +32,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
-from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tuning.noise_likelihood import Record, log_likelihood, refilter
@@ -138,7 +137,9 @@ def fit_noise(
     counts = [near_hover(refilter(record, flying, Phi, Gamma)[0], settle) for record in records]
     ticks, settled = sum(map(np.sum, counts)), sum(max(len(c) - settle, 0) for c in counts)
     arrived = [
-        s for i, s in enumerate(SENSORS) if any(r.delta[c, i].any() for r, c in zip(records, counts, strict=True))
+        s
+        for i, s in enumerate(scenario.measurement.sensors)
+        if any(r.delta[c, i].any() for r, c in zip(records, counts, strict=True))
     ]
     if not arrived:
         raise InputError(

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
+from ortilo_drake.model.measurement import Layout
 from ortilo_drake.theory.arrivals.expected_riccati_kernel import forward_in_place
 
 
@@ -29,12 +29,13 @@ class Record(NamedTuple):
     """The inputs of the filter in one flight.
 
     Attributes:
-        y: measurements, 0 where nothing arrived (n, 9).
-        delta: arrivals of uwb, camera and imu, 0 or 1 (n, 3).
-        V2: the covariances that came with them (n, 3, 3, 3).
+        y: measurements, 0 where nothing arrived (n, p).
+        delta: arrivals, 0 or 1 (n, s).
+        V2: the covariances that came with them, each in the corner of an M x M block (n, s, M, M).
         u: control less hover (n, 4).
         xhat_0: first prediction (12).
         P_0: its covariance (12, 12).
+        layout: of the measurement.
     """
 
     y: np.ndarray
@@ -43,6 +44,7 @@ class Record(NamedTuple):
     u: np.ndarray
     xhat_0: np.ndarray
     P_0: np.ndarray
+    layout: Layout
 
 
 class NoiseModel(NamedTuple):
@@ -50,9 +52,9 @@ class NoiseModel(NamedTuple):
 
     Attributes:
         W: process noise (12, 12).
-        V: constant covariances of the three sensors (3, 3, 3), where scale is 0.
-        scale: the record's covariances are taken times this (3); 0 takes V in their place.
-        counted: 1 for each sensor that log L counts, else 0 (3).
+        V: constant covariances of the sensors (s, M, M), where scale is 0.
+        scale: the record's covariances are taken times this (s); 0 takes V in their place.
+        counted: 1 for each sensor that log L counts, else 0 (s).
     """
 
     W: np.ndarray
@@ -72,6 +74,7 @@ def predictor_step(
     Phi: np.ndarray,
     Gamma: np.ndarray,
     noise: NoiseModel,
+    layout: Layout,
     work: np.ndarray,
 ) -> float:
     """Take xhat_{k|k-1} and P_k in place to the next tick; return this tick's share of log L.
@@ -82,39 +85,44 @@ def predictor_step(
     Args:
         x: prediction (12).
         P: its covariance (12, 12), symmetric.
-        y: measurements (9).
-        delta: arrivals (3).
-        V2: covariances that came with them (3, 3, 3).
+        y: measurements (p).
+        delta: arrivals (s).
+        V2: covariances that came with them (s, M, M).
         u: control less hover (4).
         Phi: dynamics (12, 12).
         Gamma: input (12, 4).
         noise: W, V and scale.
-        work: room to compute in (31, 13).
+        layout: of the measurement.
+        work: room to compute in, of work_room.
     """
     # U and z = L^-1 e side by side: one forward substitution serves both
-    U, S, FP, x_new = work[0:9], work[9:18], work[18:30], work[30, :12]
-    m, n_counted, total = 0, 0, 0.0
-    used, n_used = np.empty(3, dtype=np.int64), 0
-    for turn in range(6):  # counted rows come first: their pivots are then their own density
-        s = turn % 3
-        if delta[s] == 0.0 or (noise.counted[s] == 0.0) != (turn >= 3):
+    p, sensors = y.size, delta.size
+    states, weights, first = layout.states, layout.weights, layout.first
+    U, S, FP, x_new = work[:p], work[p : 2 * p], work[2 * p : 2 * p + 12], work[2 * p + 12, :12]
+    rows, m, n_counted, total = np.empty(p, dtype=np.int64), 0, 0, 0.0
+    for turn in range(2 * sensors):  # counted rows come first: their pivots are then their own density
+        s = turn % sensors
+        if delta[s] == 0.0 or (noise.counted[s] == 0.0) != (turn >= sensors):
             continue
-        for i in range(3):
-            row = STATE_OF_ROW[3 * s + i]
-            U[m + i, 12] = y[3 * s + i] - x[row]
-            for j in range(12):
-                U[m + i, j] = P[row, j]
-            for a in range(n_used):
-                for j in range(3):
-                    S[m + i, 3 * a + j] = P[row, STATE_OF_ROW[3 * used[a] + j]]
-            for j in range(3):
+        for i in range(first[s + 1] - first[s]):
+            row = first[s] + i
+            U[m, :13] = 0.0
+            U[m, 12] = y[row]
+            for w in range(states.shape[1]):
+                state, c = states[row, w], weights[row, w]
+                U[m, 12] -= c * x[state]
+                for j in range(12):
+                    U[m, j] += c * P[state, j]
+            rows[m] = row
+            for a in range(m + 1):
+                S[m, a] = 0.0
+                for w in range(states.shape[1]):
+                    S[m, a] += weights[rows[a], w] * U[m, states[rows[a], w]]
+            for j in range(i + 1):
                 V = noise.scale[s] * V2[s, i, j] if noise.scale[s] > 0.0 else noise.V[s, i, j]
-                S[m + i, m + j] = P[row, STATE_OF_ROW[3 * s + j]] + V
-        used[n_used] = s
-        n_used += 1
-        m += 3
-        if turn < 3:
-            n_counted += 3
+                S[m, m - i + j] += V
+            m += 1
+            n_counted += turn < sensors
     forward_in_place(S, U, m)  # NaN if S is not positive definite: then so is log L
     for i in range(m):
         z = U[i, 12]
@@ -153,6 +161,12 @@ def predictor_step(
     return total
 
 
+@register_jitable
+def work_room(p: int) -> np.ndarray:
+    """Return room for predictor_step to compute in, of p rows of y."""
+    return np.zeros((2 * p + 13, max(13, p)))
+
+
 @njit(cache=True)
 def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray, counts: np.ndarray) -> float:
     """Return log L of one record; NaN if a covariance is not positive definite.
@@ -164,9 +178,11 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
         Gamma: discrete control input (12, 4).
         counts: which ticks count (n); the others are only filtered.
     """
-    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), np.zeros((31, 13)), 0.0
+    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), work_room(record.y.shape[1]), 0.0
     for k in range(record.y.shape[0]):
-        share = predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
+        share = predictor_step(
+            x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, record.layout, work
+        )
         if counts[k]:
             total += share
     return total
@@ -179,11 +195,13 @@ def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarr
     Arguments as in log_likelihood.
     """
     n = record.y.shape[0]
-    x, P, work = record.xhat_0.copy(), record.P_0.copy(), np.zeros((31, 13))
+    x, P, work = record.xhat_0.copy(), record.P_0.copy(), work_room(record.y.shape[1])
     estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))
     for k in range(n):
         estimates[k], covariances[k] = x, P
-        predictor_step(x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, work)
+        predictor_step(
+            x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, record.layout, work
+        )
     return estimates, covariances
 
 

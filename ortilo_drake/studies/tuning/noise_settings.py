@@ -17,6 +17,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.onboard.estimator.kalman_filter import process_noise
 from ortilo_drake.scenario import DiagonalW, Scenario
+from ortilo_drake.sensors.described import described
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
 _SCALED_BY = {"uwb": "multilateration.noise", "camera": "landmark_fix.center_sd"}
@@ -37,7 +38,7 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     if "camera" in scenario.sensors and V.camera is None:
         found["landmark_fix.center_sd"] = scenario.landmark_fix.center_sd
     for sensor in scenario.sensors:
-        triple = getattr(V, sensor)
+        triple = getattr(V, sensor, None)
         if triple is not None:
             found |= {f"filter.V.{sensor}.{i}": value for i, value in enumerate(triple)}
     return {name: value for name, value in found.items() if value > 0.0}
@@ -62,21 +63,23 @@ def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
     return validate(Scenario, data, scenario.name)
 
 
-def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...] = SENSORS) -> NoiseModel:
+def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...] | None = None) -> NoiseModel:
     """Return W and V of a scenario's filter for a record that another one flew.
 
     Args:
         scenario: the scenario; its sensors and the sources of its V are those of the recorded one.
         recorded: the scenario of the record.
-        counted: the sensors that the likelihood counts.
+        counted: the sensors that the likelihood counts; by default all.
     """
-    numbers, before, V = noise_numbers(scenario), noise_numbers(recorded), scenario.filter.V
+    numbers, before = noise_numbers(scenario), noise_numbers(recorded)
     W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
-    model = NoiseModel(W, np.zeros((3, 3, 3)), np.zeros(3), np.array([float(s in counted) for s in SENSORS]))
-    for s, sensor in enumerate(SENSORS):
-        triple = getattr(V, sensor)
-        if triple is not None:
-            model.V[s] = np.diag(triple)
+    sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)
+    counts = np.array([float(counted is None or s in counted) for s in sensors])
+    model = NoiseModel(W, np.zeros((len(sensors), max(sizes), max(sizes))), np.zeros(len(sensors)), counts)
+    for s, sensor in enumerate(sensors):
+        constant = described(sensor).V(scenario)
+        if constant is not None:
+            model.V[s, : sizes[s], : sizes[s]] = constant
             continue
         scaled = next((name for name in numbers if sensor_of(name) == sensor), None)
         model.scale[s] = 1.0 if scaled is None else (numbers[scaled] / before[scaled]) ** 2

@@ -13,9 +13,8 @@ from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import estimation_mse, position_nees
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
-from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.intermittent_filter import STATE_OF_ROW
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.studies.consistency.consistency_flights import START, check_same_scenario, finite_part, region_masks
 from ortilo_drake.studies.tuning.fit_noise import LIFT_LOST, NoiseFit, fit_noise
@@ -73,6 +72,7 @@ def record_of(flight: xr.Dataset, scenario: Scenario) -> Record:
         np.ascontiguousarray(u),
         flight["estimate"].values[0, :N_X].copy(),
         flight["covariance"].values[0, :N_X, :N_X].copy(),
+        scenario.measurement.layout,
     )
 
 
@@ -101,8 +101,8 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
     """
     noise = noise_model(scenario, recorded)
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    nees: list[np.ndarray] = []
-    nis: dict[str, list[np.ndarray]] = {sensor: [] for sensor in SENSORS}
+    measurement, nees = scenario.measurement, list[np.ndarray]()
+    nis: dict[str, list[np.ndarray]] = {sensor: [] for sensor in measurement.sensors}
     squares, masks = [], [region_masks(flight) for flight in flights]
     for flight in flights:
         record = record_of(flight, scenario)
@@ -111,14 +111,14 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
         nees.append(normalized_square(error[:, :3], P[:, :3, :3]))
         squares.append(np.mean(error[:, :3] ** 2, axis=0))
         V2 = used_covariance(record.V2, noise)
-        for s, sensor in enumerate(SENSORS):
-            rows = STATE_OF_ROW[3 * s : 3 * s + 3]
-            e = flight["measurement"].values[:, 3 * s : 3 * s + 3] - xhat[:, rows]
-            nis[sensor].append(normalized_square(e, P[:, rows[0] : rows[0] + 3, rows[0] : rows[0] + 3] + V2[:, s]))
+        for s, sensor in enumerate(measurement.sensors):
+            C = measurement.C_of(sensor)
+            e = flight["measurement"].values[:, measurement.rows_of(sensor)] - xhat @ C.T
+            nis[sensor].append(normalized_square(e, C @ P @ C.T + V2[:, s, : len(C), : len(C)]))
     everywhere = [mask["all"] for mask in masks]
     return {
         "nees": {region: time_average(nees, [m[region] for m in masks], 3) for region in masks[0]},
-        "nis": {sensor: time_average(values, everywhere, 3) for sensor, values in nis.items()},
+        "nis": {s: time_average(values, everywhere, len(measurement.C_of(s))) for s, values in nis.items()},
         "mse": np.mean(squares, axis=0).tolist(),
     }
 
