@@ -34,7 +34,7 @@ def finite(value: float | None) -> float | None:
 
 
 class Camera(StrEnum):
-    """How the camera is simulated."""
+    """Kinds of simulated camera."""
 
     rendered = "rendered"
     projected = "projected"

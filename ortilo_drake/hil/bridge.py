@@ -187,7 +187,7 @@ def run_bridge(
             for _, packet in inbox.poll(_POLL_MS):
                 if packet.name == "goal":
                     answers.append(packet.value)
-                    continue  # a user sent it, perhaps this bridge
+                    continue  # no sign of life: this bridge may have sent it
                 if packet.name != "hello":
                     ticks.put(packet)
                 elif packet.value.role == "world":

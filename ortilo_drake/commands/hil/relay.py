@@ -15,7 +15,7 @@ def relay(
     ] = "{}",
     to_onboard: Annotated[str | None, typer.Option(help="Faults on the way to the onboard half, if others.")] = None,
     to_world: Annotated[str | None, typer.Option(help="Faults on the way to the world, if others.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all chances.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
     url_world: Annotated[str, typer.Option(help="The world's bus.")] = DEFAULT_URL,
     url_onboard: Annotated[str, typer.Option(help="The onboard half's bus.")] = ONBOARD_URL,
     seconds: Annotated[

@@ -1,4 +1,4 @@
-r"""LCM's datagrams over UDP multicast (LCM's lcm_udpm.c), packed, and unpacked from whoever sends to the port.
+r"""LCM's datagrams over UDP multicast (LCM's lcm_udpm.c), packed, and unpacked from any sender.
 
 A short message is one datagram, a longer one is cut into fragments (all numbers big-endian):
 
