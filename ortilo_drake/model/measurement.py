@@ -27,7 +27,7 @@ class Row(NamedTuple):
 
 
 def row(name: str, **sees: float) -> Row:
-    """Return a row of y by the states that it sees, as in row("z_alt", z=1.0).
+    """Name a row of y and the states that it sees, as in ``row("z_alt", z=1.0)``.
 
     Raises:
         ValueError: if a state is none of STATE_NAMES, or none is seen.

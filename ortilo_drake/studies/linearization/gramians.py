@@ -16,7 +16,7 @@ from ortilo_drake.studies.linearization.observability import rows_of
 from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
-# Units in which the Gramians are given: 1 m, 0.1 rad, 1 m/s, 0.1 rad/s; 1 N, 0.1 N m; an output is in those of what it sees.
+# Units in which the Gramians are given: 1 m, 0.1 rad, 1 m/s, 0.1 rad/s; 1 N, 0.1 N m; outputs as what they see.
 STATE_UNITS = np.repeat([1.0, 0.1, 1.0, 0.1], 3)
 CONTROL_UNITS = np.array([1.0, 0.1, 0.1, 0.1])
 

@@ -67,14 +67,11 @@ class NoiseModel(NamedTuple):
 def predictor_step(
     x: np.ndarray,
     P: np.ndarray,
-    y: np.ndarray,
-    delta: np.ndarray,
-    V2: np.ndarray,
-    u: np.ndarray,
+    record: Record,
+    k: int,
     Phi: np.ndarray,
     Gamma: np.ndarray,
     noise: NoiseModel,
-    layout: Layout,
     work: np.ndarray,
 ) -> float:
     """Take xhat_{k|k-1} and P_k in place to the next tick; return this tick's share of log L.
@@ -85,19 +82,17 @@ def predictor_step(
     Args:
         x: prediction (12).
         P: its covariance (12, 12), symmetric.
-        y: measurements (p).
-        delta: arrivals (s).
-        V2: covariances that came with them (s, M, M).
-        u: control less hover (4).
+        record: what the filter was given.
+        k: tick.
         Phi: dynamics (12, 12).
         Gamma: input (12, 4).
         noise: W, V and scale.
-        layout: of the measurement.
         work: room to compute in, of work_room.
     """
     # U and z = L^-1 e side by side: one forward substitution serves both
+    y, delta, V2, u = record.y[k], record.delta[k], record.V2[k], record.u[k]
+    states, weights, first = record.layout.states, record.layout.weights, record.layout.first
     p, sensors = y.size, delta.size
-    states, weights, first = layout.states, layout.weights, layout.first
     U, S, FP, x_new = work[:p], work[p : 2 * p], work[2 * p : 2 * p + 12], work[2 * p + 12, :12]
     rows, m, n_counted, total = np.empty(p, dtype=np.int64), 0, 0, 0.0
     for turn in range(2 * sensors):  # counted rows come first: their pivots are then their own density
@@ -141,20 +136,20 @@ def predictor_step(
         x_new[i] = 0.0
         for j in range(12):
             FP[i, j] = 0.0
-        for k in range(12):
-            if Phi[i, k] != 0.0:
-                x_new[i] += Phi[i, k] * x[k]
+        for l in range(12):  # noqa: E741 - i, j, l are indices
+            if Phi[i, l] != 0.0:
+                x_new[i] += Phi[i, l] * x[l]
                 for j in range(12):
-                    FP[i, j] += Phi[i, k] * P[k, j]
-        for k in range(4):
-            x_new[i] += Gamma[i, k] * u[k]
+                    FP[i, j] += Phi[i, l] * P[l, j]
+        for l in range(4):  # noqa: E741
+            x_new[i] += Gamma[i, l] * u[l]
     x[:] = x_new
     P[:] = noise.W
     for j in range(12):
-        for k in range(12):
-            if Phi[j, k] != 0.0:
+        for l in range(12):  # noqa: E741
+            if Phi[j, l] != 0.0:
                 for i in range(j + 1):
-                    P[i, j] += FP[i, k] * Phi[j, k]
+                    P[i, j] += FP[i, l] * Phi[j, l]
     for i in range(12):
         for j in range(i):
             P[i, j] = P[j, i]
@@ -180,9 +175,7 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
     """
     x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), work_room(record.y.shape[1]), 0.0
     for k in range(record.y.shape[0]):
-        share = predictor_step(
-            x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, record.layout, work
-        )
+        share = predictor_step(x, P, record, k, Phi, Gamma, noise, work)
         if counts[k]:
             total += share
     return total
@@ -199,13 +192,11 @@ def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarr
     estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))
     for k in range(n):
         estimates[k], covariances[k] = x, P
-        predictor_step(
-            x, P, record.y[k], record.delta[k], record.V2[k], record.u[k], Phi, Gamma, noise, record.layout, work
-        )
+        predictor_step(x, P, record, k, Phi, Gamma, noise, work)
     return estimates, covariances
 
 
 def used_covariance(V2: np.ndarray, noise: NoiseModel) -> np.ndarray:
-    """Return the covariances (n, 3, 3, 3) that a filter with this V uses in place of the recorded ones (n, 3, 3, 3)."""
+    """Return the covariances (n, s, M, M) that a filter with this V uses in place of the recorded ones (n, s, M, M)."""
     from_record = noise.scale[:, np.newaxis, np.newaxis]
     return np.where(from_record > 0.0, from_record * V2, noise.V)
