@@ -11,28 +11,50 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ortilo_drake.api import (
+        FixSolver,
         Flight,
         Flights,
+        Frozen,
         InputError,
+        Room,
         Scenario,
+        Sensor,
+        SensorSettings,
+        StateSensor,
         compare,
         fly,
         fly_many,
         load_scenario,
         make_closed_loop,
+        register_estimator,
+        register_planner,
+        register_sensor,
+        register_servo,
+        row,
     )
 
 __version__ = "0.1.0"
 __all__ = [
+    "FixSolver",
     "Flight",
     "Flights",
+    "Frozen",
     "InputError",
+    "Room",
     "Scenario",
+    "Sensor",
+    "SensorSettings",
+    "StateSensor",
     "compare",
     "fly",
     "fly_many",
     "load_scenario",
     "make_closed_loop",
+    "register_estimator",
+    "register_planner",
+    "register_sensor",
+    "register_servo",
+    "row",
 ]
 
 

@@ -9,18 +9,37 @@ Settings are those of a scenario file, by keyword: two underscores stand for the
 
 from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
+from ortilo_drake.api.parts import register_estimator, register_planner, register_servo
 from ortilo_drake.api.settings import load_scenario
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.model.measurement import row
+from ortilo_drake.model.parts import Sensor, register_sensor
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.onboard.fix_solver import FixSolver
 from ortilo_drake.scenario import InputError, Scenario
+from ortilo_drake.scenario.own_parts import SensorSettings
+from ortilo_drake.world.sensors.state_sensor import StateSensor
 
 __all__ = [
+    "FixSolver",
     "Flight",
     "Flights",
+    "Frozen",
     "InputError",
+    "Room",
     "Scenario",
+    "Sensor",
+    "SensorSettings",
+    "StateSensor",
     "compare",
     "fly",
     "fly_many",
     "load_scenario",
     "make_closed_loop",
+    "register_estimator",
+    "register_planner",
+    "register_sensor",
+    "register_servo",
+    "row",
 ]

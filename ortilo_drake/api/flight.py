@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,8 +11,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from pydrake.math import RollPitchYaw
+from pydrake.systems.framework import System
+from pydrake.trajectories import Trajectory
 
 from ortilo_drake.api.settings import load_scenario
+from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight import flight, metrics, saved_flight
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.interop.log.writer import LogWriter
@@ -131,17 +134,26 @@ def fly(
     *,
     seed: int | None = None,
     progress: Callable[[int], None] | None = None,
+    estimator: Callable[[Scenario, np.ndarray], System] | Mapping[str, Any] | None = None,
+    servo: Callable[[Scenario], System] | Mapping[str, Any] | None = None,
+    planner: Callable[[Scenario], Trajectory] | Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Flight:
-    """Fly a scenario once.
+    """Fly a scenario once, with parts of one's own where they are given.
 
     Args:
         scenario: as load_scenario.
         seed: as load_scenario.
         progress: called with the number of ticks flown.
+        estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py; or its settings.
+        servo: makes the servo; or its settings.
+        planner: makes the path; or its settings.
         settings: as load_scenario.
 
     Raises:
         InputError: if the scenario is wrong or cannot be flown.
     """
-    return Flight(flight.fly(load_scenario(scenario, seed=seed, **settings), progress))
+    parts: dict[str, Any] = {"estimator": estimator, "servo": servo, "planner": planner}
+    settings |= {role: part for role, part in parts.items() if part is not None and not callable(part)}
+    chosen = Parts(**{role: part if callable(part) else None for role, part in parts.items()})
+    return Flight(flight.fly(load_scenario(scenario, seed=seed, **settings), progress, parts=chosen))

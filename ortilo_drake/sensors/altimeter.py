@@ -55,7 +55,7 @@ def make_world(scenario: Scenario, room: Room) -> StateSensor:
     """Return the sensor in the world; payload [r]."""
     settings, floor = scenario.settings_of("altimeter"), room.interior.min[2]
 
-    def measure(x: np.ndarray, v: np.ndarray) -> list[float] | None:
+    def measure(x: np.ndarray, v: np.ndarray, t: float) -> list[float] | None:
         r = float(slant_range(x, floor))
         measured = r + float(noise_sd(settings, np.array(r))) * v[0] if r <= settings.max_range else 0.0
         return [measured] if 0.0 < r <= settings.max_range and measured > 0.0 else None

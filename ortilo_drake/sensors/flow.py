@@ -68,7 +68,7 @@ def make_world(scenario: Scenario, room: Room) -> StateSensor:
     """Return the sensor in the world; payload [flow_x, flow_y, w_x, w_y, quality]."""
     settings, floor = scenario.settings_of("flow"), room.interior.min[2]
 
-    def measure(x: np.ndarray, v: np.ndarray) -> list[float] | None:
+    def measure(x: np.ndarray, v: np.ndarray, t: float) -> list[float] | None:
         d = float(slant_range(x, floor))
         quality = float(quality_at(settings, np.array(d)))
         if not settings.near <= d < np.inf or quality < WORST:

@@ -10,7 +10,7 @@ from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP
 from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.seeded_system import SeededSystem
 
-Measure = Callable[[np.ndarray, np.ndarray], np.ndarray | list[float] | None]
+Measure = Callable[[np.ndarray, np.ndarray, float], np.ndarray | list[float] | None]
 
 
 class StateSensor(SeededSystem):
@@ -24,7 +24,7 @@ class StateSensor(SeededSystem):
         name: the sensor's; its noise stream has that name too.
         payload: n.
         noises: how many standard normal numbers a message takes.
-        measure: (true x (12), standard normal numbers) -> payload (n), or None where the sensor gives nothing.
+        measure: (true x (12), standard normal numbers, t_k [s]) -> payload (n), or None where the sensor gives nothing.
         seed: seed of all noise.
         h: tick [s].
     """
@@ -40,7 +40,7 @@ class StateSensor(SeededSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         time = context.get_time()
         v = normals(self.seed_in(context), self._stream, tick_of(time, self._h), self._noises)
-        payload = self._measure(self._state.Eval(context), v)
+        payload = self._measure(self._state.Eval(context), v, time)
         message = np.zeros(output.size())
         if payload is not None:
             message[ARRIVED], message[STAMP], message[PAYLOAD:] = 1.0, time, payload

@@ -1,0 +1,37 @@
+"""Parts of one's own, registered so that scenarios may name them."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.framework import System
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.model.parts import Part, register_part
+from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.scenario import Scenario
+
+
+def register_estimator(
+    kind: str, settings: type[Frozen], make: Callable[[Scenario, np.ndarray], System]
+) -> None:
+    """Let scenarios name an estimator: `estimator: {kind: mine, ...}`.
+
+    Args:
+        kind: its name there.
+        settings: its group of a scenario, a frozen model with the field `kind: Literal[...]`.
+        make: (scenario, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
+
+    Raises:
+        InputError: if the settings have no kind.
+    """
+    register_part("estimator", Part(kind, settings, make))
+
+
+def register_servo(kind: str, settings: type[Frozen], make: Callable[[Scenario], System]) -> None:
+    """Let scenarios name a servo: `servo: {kind: mine, ...}`; arguments and errors as register_estimator."""
+    register_part("servo", Part(kind, settings, make))
+
+
+def register_planner(kind: str, settings: type[Frozen], make: Callable[[Scenario], Trajectory]) -> None:
+    """Let scenarios name a planner: `planner: {kind: mine, ...}`; it returns a Trajectory p_WB(t) (3 rows) [m]."""
+    register_part("planner", Part(kind, settings, make))
