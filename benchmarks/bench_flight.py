@@ -29,12 +29,14 @@ from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, filter_step
-from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, FilterModel
 from ortilo_drake.scenario import load_scenario, with_seed
 
 H = 1.0 / 30.0
+MEASUREMENT = make_measurement()
 DELTA = np.array([1.0, 0.0, 1.0])  # uwb and imu there, the camera not
 
 
@@ -49,10 +51,11 @@ def numba_step() -> object:
     Phi, Gamma = discretize(hover_A(), hover_B(M100), H)
     W = disturbance_W(M100, H, 0.27, 0.005)
     V2 = np.array([np.eye(3) * v for v in (0.01, 0.02, 1e-4)])
-    measurement = np.concatenate((np.zeros(9), DELTA, V2.ravel()))
-    xhat, P = np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()
+    measured = np.zeros(9), DELTA, V2.ravel()
+    belief = np.concatenate((np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()))
     u, r = np.zeros(4), np.zeros(3)
-    return lambda: filter_step(xhat, P, measurement, u, r, Phi, Gamma, W, INTEGRATOR_HOLD)
+    model = FilterModel(Phi, Gamma, W, INTEGRATOR_HOLD)
+    return lambda: filter_step(belief, *measured, u, r, model, MEASUREMENT.layout)
 
 
 def numpy_step() -> object:
@@ -63,9 +66,9 @@ def numpy_step() -> object:
     x, P, y, u, r = np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3), np.zeros(9), np.zeros(4), np.zeros(3)
 
     def step() -> tuple[np.ndarray, np.ndarray]:
-        E = selection_matrix(DELTA)
+        E = MEASUREMENT.selection_matrix(DELTA)
         Phibar = np.block([[Phi, np.zeros((12, 3))], [-E @ C, np.eye(3)]])
-        HC = np.hstack([arrival_matrix(DELTA) @ C, np.zeros((9, 3))])
+        HC = np.hstack([MEASUREMENT.arrival_matrix(DELTA) @ C, np.zeros((9, 3))])
         EV12 = np.vstack([np.zeros((12, 9)), -E @ V2])
         K = np.linalg.solve((HC @ P @ HC.T + V2).T, (Phibar @ P @ HC.T + EV12).T).T
         F, G = Phibar - K @ HC, K + np.vstack([np.zeros((12, 9)), E])
@@ -83,7 +86,7 @@ def filterpy_step() -> object:
     """Return a call of filterpy's predict and update, 15 states, 9 rows, no cross-covariance."""
     kf = FilterpyFilter(dim_x=15, dim_z=9)
     kf.F[:12, :12] = discretize(hover_A(), hover_B(M100), H)[0]
-    kf.H = np.hstack([arrival_matrix(DELTA) @ output_C(), np.zeros((9, 3))])
+    kf.H = np.hstack([MEASUREMENT.arrival_matrix(DELTA) @ output_C(), np.zeros((9, 3))])
     kf.Q[:12, :12] = disturbance_W(M100, H, 0.27, 0.005)
     kf.R = np.diag(np.repeat([0.01, 0.02, 1e-4], 3))
     z = np.zeros(9)

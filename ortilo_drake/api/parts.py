@@ -11,9 +11,7 @@ from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.scenario import Scenario
 
 
-def register_estimator(
-    kind: str, settings: type[Frozen], make: Callable[[Scenario, np.ndarray], System]
-) -> None:
+def register_estimator(kind: str, settings: type[Frozen], make: Callable[[Scenario, np.ndarray], System]) -> None:
     """Let scenarios name an estimator: `estimator: {kind: mine, ...}`.
 
     Args:

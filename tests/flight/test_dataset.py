@@ -10,10 +10,9 @@ from scipy.linalg import expm
 
 from ortilo_drake.flight.flight import flight_dataset, fly, logged_rows, scenario_of
 from ortilo_drake.flight.saved_flight import load_flight, save_flight
-from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, filter_step
-from ortilo_drake.onboard.estimator.kalman_filter import process_noise
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.kalman_filter import filter_model
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -114,23 +113,16 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
 def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[str, ...]) -> None:
     scenario, flight = flown_here(name, *settings)
     h, vehicle, servo = scenario.h, scenario.vehicle, scenario.servo
-    Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
     L = servo_gain(vehicle, servo.weights, h)
-    W = process_noise(scenario.filter, vehicle, h)
+    model, layout = filter_model(scenario.filter, vehicle, servo.integrator, h), scenario.measurement.layout
     hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
     xhat, P, u = (flight[name].values for name in ("estimate", "covariance", "control"))
     r = np.hstack([flight[f"reference{d}"].values for d in ("", "_velocity", "_acceleration")])
-    measured = np.hstack(
-        [
-            np.nan_to_num(flight["measurement"].values),
-            flight["arrival"].values.astype(float),
-            flight["measurement_covariance"].values.reshape(-1, 27),
-        ]
-    )
+    y, delta = np.nan_to_num(flight["measurement"].values), flight["arrival"].values.astype(float)
+    V2 = flight["measurement_covariance"].values
     for k in range(flight.sizes["tick"] - 1):
-        after = filter_step(
-            xhat[k], P[k].ravel(), measured[k], u[k] - hover, r[k], Phi, Gamma, W, INTEGRATORS[servo.integrator]
-        )
+        belief = np.concatenate([xhat[k], P[k].ravel()])
+        after = filter_step(belief, y[k], delta[k], V2[k].ravel(), u[k] - hover, r[k], model, layout)
         np.testing.assert_array_equal(after[:15], xhat[k + 1])
         np.testing.assert_array_equal(after[15:].reshape(15, 15), P[k + 1])
     for k in range(flight.sizes["tick"]):

@@ -10,7 +10,8 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, filter_step
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel
 from ortilo_drake.scenario import CommandLink, GilbertElliottLoss, NoLoss, Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_chain, loss_of, loss_parameters
 from ortilo_drake.studies.command_link import command_report as module
@@ -200,16 +201,14 @@ def test_the_periodic_filter_is_the_one_that_flies() -> None:
     loop, deltas = hover_loop(SCENARIO), schedule(SCENARIO)
     np.testing.assert_array_equal(deltas, [[1, 0, 1], [0, 0, 1], [0, 0, 1]])
     _, Ps = periodic_predictor(loop.Phi, loop.C, loop.W, V, deltas)
-    xhat, P = np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()
+    belief = np.concatenate([np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()])
+    model = FilterModel(loop.Phi, loop.Gamma, loop.W, INTEGRATOR_ESTIMATE)
     V2 = np.concatenate([V[j : j + 3, j : j + 3].ravel() for j in (0, 3, 6)])
     flown = []
     for k in range(3003):
-        flown.append(P.reshape(15, 15)[:12, :12])
-        measurement = np.concatenate([np.zeros(9), deltas[k % 3], V2])
-        out = filter_step(
-            xhat, P, measurement, np.zeros(4), np.zeros(3), loop.Phi, loop.Gamma, loop.W, INTEGRATOR_ESTIMATE
-        )
-        P = out[15:]
+        flown.append(belief[15:].reshape(15, 15)[:12, :12])
+        given = np.zeros(9), deltas[k % 3], V2, np.zeros(4), np.zeros(3)
+        belief = filter_step(belief, *given, model, loop.measurement.layout)
     for k in range(3):
         np.testing.assert_allclose(Ps[k], flown[3000 + k], rtol=1e-8, atol=1e-14)
 

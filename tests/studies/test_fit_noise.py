@@ -8,7 +8,8 @@ from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, filter_step
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tuning import fit_noise as module
 from ortilo_drake.studies.tuning.fit_noise import fit_noise, near_hover
@@ -96,8 +97,9 @@ def test_it_is_the_flying_filter() -> None:
     for k in range(300):
         np.testing.assert_allclose(xhat[k], x[:12], atol=1e-11)
         np.testing.assert_allclose(P[k], Pbar[:12, :12], atol=1e-12)
-        given = np.concatenate([record.y[k], record.delta[k], record.V2[k].ravel()])
-        out = filter_step(x, Pbar.ravel(), given, record.u[k], np.zeros(9), PHI, GAMMA, noise.W, INTEGRATOR_ESTIMATE)
+        given = record.y[k], record.delta[k], record.V2[k].ravel(), record.u[k], np.zeros(9)
+        model = FilterModel(PHI, GAMMA, noise.W, INTEGRATOR_ESTIMATE)
+        out = filter_step(np.concatenate([x, Pbar.ravel()]), *given, model, record.layout)
         x, Pbar = out[:15], out[15:].reshape(15, 15)
 
 
