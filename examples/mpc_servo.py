@@ -2,8 +2,8 @@
 
     python examples/mpc_servo.py
 
-A servo is any System with inputs `estimate` (15) and `reference` (9) and an output `control` (4). This one minimises the
-LQ servo's own cost over a second ahead, under limits of thrust and torque that the LQ servo does not know.
+A servo is any System with inputs `estimate` (15) and `reference` (9) and an output `control` (4). This one minimises
+a cost like the LQ servo's over 20 ticks ahead, under limits of thrust and torque that the LQ servo does not know.
 """
 
 import numpy as np
