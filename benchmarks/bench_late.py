@@ -95,7 +95,7 @@ def in_virtual_time(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
         way = "both ways" if to_world.loss else "sensors only"
         jobs, flown = [], {mode: [dict[str, Any]()] * seeds for mode in MODES}
         for seed, mode in itertools.product(range(seeds), MODES):
-            settings = ("camera=projected", f"control_rate={rate}", f"filter.delay={mode}")
+            settings = ("camera.kind=projected", f"control_rate={rate}", f"filter.delay={mode}")
             scenario = load_scenario(name, settings).model_dump_json()
             file = out / f"{name}_{rate}_{way.replace(' ', '_')}" / f"{mode}_{seed}.json"
             jobs.append((scenario, BAD.model_dump_json(), to_world.model_dump_json(), seed, str(file)))
@@ -117,13 +117,13 @@ def simulated(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
         ("imu_uwb", 30, BOTH_WAYS_AT_30_HZ),
     ]
     for name, rate, links in cases:
-        scenario = load_scenario(name, ("camera=projected", f"control_rate={rate}"))
+        scenario = load_scenario(name, ("camera.kind=projected", f"control_rate={rate}"))
         yield late_flights(scenario, range(seeds), out, links, os.cpu_count() or 1)
 
 
 def in_real_time(seeds: int, out: Path, name: str, rate: float, seconds: float | None, one_way: bool) -> dict[str, Any]:
     """Return the report of flights in processes, three at a time."""
-    words = (name, "--set", "camera=projected", "--set", f"control_rate={rate:g}")
+    words = (name, "--set", "camera.kind=projected", "--set", f"control_rate={rate:g}")
     for seed in range(seeds):
         end = () if seconds is None else ("--seconds", str(seconds))
         fly_modes(words, seed, end, out, PORT, "--to-onboard" if one_way else "--faults")

@@ -65,10 +65,10 @@ def add_camera(
         about = add_past_estimate(builder, kalman, "camera", DETECTIONS_SIZE, scenario)
         readers.append(about.GetInputPort("message"))
     if scenario.is_rendered and detects:
-        camera = room.camera.scaled_to(scenario.rendered_camera.width)
+        camera = room.camera.scaled_to(scenario.camera.width)
         size = camera.width, camera.height
         detect = load_detector(scenario.detector, room, size)
-        detector = builder.AddSystem(Detector(detect, size, scenario.rendered_camera.latency, scenario.h))
+        detector = builder.AddSystem(Detector(detect, size, scenario.camera.latency, scenario.h))
         builder.ExportInput(detector.GetInputPort("image"), "image")
         builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
         for reader in readers:

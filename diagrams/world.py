@@ -111,13 +111,13 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
         ranging = builder.AddSystem(UwbRanging(scenario.uwb, room, seed, h))
         add_link("uwb", ranging, uwb_size(len(room.anchors)), "uwb")
     if scenario.is_rendered:
-        rendered = builder.AddSystem(make_rendered_camera(room, scenario.rendered_camera.width))
+        rendered = builder.AddSystem(make_rendered_camera(room, scenario.camera.width))
         builder.Connect(state, rendered.GetInputPort("state"))
         shutter = add_link("camera", builder.AddSystem(Shutter()), SHUTTER_SIZE, "shutter")
         image = rendered.GetOutputPort("color_image")
-        link = scenario.camera_link
+        link = scenario.camera.link
         if link.delay or link.random_delay:
-            camera = room.camera.scaled_to(scenario.rendered_camera.width)
+            camera = room.camera.scaled_to(scenario.camera.width)
             check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)
             kept = builder.AddSystem(ImageDelay(link.every, link.delay + link.random_delay, h))
             builder.Connect(image, kept.GetInputPort("color_image"))
@@ -127,8 +127,8 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
         for name in ("depth_image", "label_image"):
             builder.ExportOutput(rendered.GetOutputPort(name), name)
     elif "camera" in scenario.sensors:
-        camera = builder.AddSystem(ProjectedCamera(scenario.projected_camera, room, seed, h))
-        add_link("camera", camera, DETECTIONS_SIZE, "detections", scenario.projected_camera.latency)
+        camera = builder.AddSystem(ProjectedCamera(scenario.camera, room, seed, h))
+        add_link("camera", camera, DETECTIONS_SIZE, "detections", scenario.camera.latency)
     if "imu" in scenario.sensors:
         imu = builder.AddSystem(Imu(scenario.imu, scenario.vehicle.mass, seed, h))
         builder.Connect(actuator.get_output_port(), imu.GetInputPort("control"))

@@ -15,7 +15,7 @@ from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.scenario import load_scenario, scenario_names
 from ortilo_drake.studies.tube.tube import predict_tube
 
-PROJECTED = "camera=projected"
+PROJECTED = "camera.kind=projected"
 SHORT = ("--set", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}")
 VARIANTS = (
     ("filter.delay=replay", "uwb.link.delay=2"),

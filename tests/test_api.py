@@ -148,7 +148,7 @@ def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
 
 
 def test_a_comparison_has_medians_of_the_same_seeds() -> None:
-    found = od.compare("imu_uwb", "imu_uwb_yolo", seeds=range(3), camera="projected", **HOVER)
+    found = od.compare("imu_uwb", "imu_uwb_yolo", seeds=range(3), camera__kind="projected", **HOVER)
     assert list(found.index) == ["imu_uwb", "imu_uwb_yolo"]
     each = [od.fly("imu_uwb", seed=seed, **HOVER).summary()["mse"]["x"] for seed in range(3)]
     assert found.loc["imu_uwb", "mse x"] == np.median(each)

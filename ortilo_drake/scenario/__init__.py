@@ -37,12 +37,11 @@ from ortilo_drake.scenario.onboard import (
 from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 from ortilo_drake.scenario.sensors import (
+    Camera,
     ConstantNoise,
     Imu,
-    ProjectedCamera,
     ProportionalNoise,
     RangeNoise,
-    RenderedCamera,
     Uwb,
     WallEffect,
     WallsBias,
@@ -55,6 +54,7 @@ __all__ = [
     "SCENARIO_FOLDER",
     "BernoulliLoss",
     "Blackout",
+    "Camera",
     "CommandLink",
     "ConstantNoise",
     "Detector",
@@ -80,10 +80,8 @@ __all__ = [
     "Noise",
     "Planner",
     "PositionBlackout",
-    "ProjectedCamera",
     "ProportionalNoise",
     "RangeNoise",
-    "RenderedCamera",
     "Scenario",
     "ServoWeights",
     "TimeBlackout",

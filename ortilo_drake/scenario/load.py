@@ -44,10 +44,12 @@ def _set_field(data: dict[str, Any], setting: str) -> None:
             raise InputError(f"--set {shown}: '{parent}' is not a group of settings")
         data = child
     value = parse_yaml(text, f"--set {shown}")
-    if last == "kind" and data.get("kind") != value:
+    if last == "kind" and data.get("kind") != value and parents != [_ONE_MODEL]:
         data.clear()  # another kind has other settings
     data[last] = value
 
+
+_ONE_MODEL = "camera"  # has the same settings in both kinds: another kind keeps them
 
 # Settings that name files, and what stands there for none.
 _FILES = {
@@ -56,7 +58,7 @@ _FILES = {
     ("detector", "cfg"): None,
     ("detector", "weights"): None,
     ("detector", "names"): None,
-    ("projected_camera", "errors", "file"): "rendered",
+    ("camera", "errors", "file"): "rendered",
 }
 
 
@@ -92,7 +94,8 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)
-        if isinstance(under, dict) and isinstance(value, dict) and value.get("kind") in (None, under.get("kind")):
+        both = isinstance(under, dict) and isinstance(value, dict)
+        if both and (key == _ONE_MODEL or value.get("kind") in (None, under.get("kind"))):
             value = _merged(under, value)
         merged[key] = value
     return merged
@@ -158,10 +161,10 @@ def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
     if files:
         files = {key: absolute(path) for key, path in files.items()}
         changes["detector"] = scenario.detector.model_copy(update=files)
-    errors = scenario.projected_camera.errors
+    errors = scenario.camera.errors
     if errors.kind == "measured" and errors.file != "rendered":
         errors = errors.model_copy(update={"file": absolute(errors.file)})
-        changes["projected_camera"] = scenario.projected_camera.model_copy(update={"errors": errors})
+        changes["camera"] = scenario.camera.model_copy(update={"errors": errors})
     return scenario.model_copy(update=changes) if changes else scenario
 
 

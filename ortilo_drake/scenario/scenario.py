@@ -20,7 +20,7 @@ from ortilo_drake.scenario.onboard import (
     Multilateration,
 )
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
-from ortilo_drake.scenario.sensors import Imu, ProjectedCamera, RenderedCamera, Uwb
+from ortilo_drake.scenario.sensors import Camera, Imu, Uwb
 from ortilo_drake.scenario.world import World
 
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -47,9 +47,6 @@ class Scenario(Frozen):
         settle: time flown after the path's end [s].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
         sensors: which of uwb, camera and imu fly; the others never arrive.
-        camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
-            boxes that a detector would have found from what was measured of it, eighty times as fast.
-        camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
         command_link: delivery of the control packets; perfect by default.
         failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
     """
@@ -64,11 +61,8 @@ class Scenario(Frozen):
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
     imu: Imu = Imu()
     uwb: Uwb = Uwb()
-    camera: Literal["projected", "rendered"] = "projected"
-    camera_link: Link = Link(every=3)
+    camera: Camera = Camera()
     command_link: CommandLink = CommandLink()
-    projected_camera: ProjectedCamera = ProjectedCamera()
-    rendered_camera: RenderedCamera = RenderedCamera()
     detector: Detector = Detector()
     multilateration: Multilateration = Multilateration()
     landmark_fix: LandmarkFix = LandmarkFix()
@@ -86,16 +80,16 @@ class Scenario(Frozen):
     @property
     def is_rendered(self) -> bool:
         """Whether there is a camera and it renders."""
-        return self.camera == "rendered" and "camera" in self.sensors
+        return self.camera.kind == "rendered" and "camera" in self.sensors
 
     @property
     def image_width(self) -> int:
         """Width of the image that the camera's boxes are in [px]."""
-        return (self.rendered_camera if self.camera == "rendered" else self.projected_camera).width
+        return self.camera.width
 
     def link_of(self, sensor: str) -> Link:
         """Return the link of 'uwb', 'camera' or 'imu'."""
-        return {"uwb": self.uwb.link, "camera": self.camera_link, "imu": self.imu.link}[sensor]
+        return {"uwb": self.uwb.link, "camera": self.camera.link, "imu": self.imu.link}[sensor]
 
     @model_validator(mode="after")
     def _sensors_differ(self) -> "Scenario":

@@ -1,8 +1,8 @@
-"""The sensors: IMU, UWB and the two cameras."""
+"""Settings of the sensors: IMU, UWB and camera."""
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.link import Link, Probability
@@ -101,27 +101,30 @@ class ParametricErrors(Frozen):
 CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
 
 
-class ProjectedCamera(Frozen):
-    """A landmark camera that returns boxes without rendering an image.
+class Camera(Frozen):
+    """The landmark camera: pictures or boxes, and their link.
 
     Attributes:
-        width: image width [px]; the room's camera is scaled to it.
-        errors: which landmarks are missed, how boxes err, and false boxes.
-        latency: from seeing to boxes [ticks], as the rendered camera's detector takes.
+        kind: 'rendered' draws pictures for a detector to look at; 'projected' draws the boxes that a detector would
+            have found, by what was measured of it, eighty times as fast.
+        width: image width [px], the room's camera is scaled to it; 16 to 8192, or 64 to 2048 where it is rendered.
+        latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
+            third of a tick of 1/30 s).
+        errors: which landmarks are missed, how boxes err, and false boxes; flown where the camera is projected, and
+            what the theory goes by.
+        link: rate and delivery of the pictures or boxes.
     """
 
+    kind: Literal["projected", "rendered"] = "projected"
     width: Annotated[int, Field(ge=16, le=8192)] = 320
-    errors: CameraErrors = MeasuredErrors()
     latency: Annotated[int, Field(ge=0, le=1000)] = 1
+    errors: CameraErrors = MeasuredErrors()
+    link: Link = Link(every=3)
 
-
-class RenderedCamera(Frozen):
-    """A camera whose pictures Drake renders and a detector looks at.
-
-    Attributes:
-        width: image width [px]; the room's camera is scaled to it.
-        latency: from picture to boxes [ticks]; measured, the detector needs about a third of a tick of 1/30 s.
-    """
-
-    width: Annotated[int, Field(ge=64, le=2048)] = 320
-    latency: Annotated[int, Field(ge=1, le=1000)] = 1
+    @model_validator(mode="after")
+    def _can_be_rendered(self) -> "Camera":
+        if self.kind == "rendered" and not 64 <= self.width <= 2048:
+            raise ValueError(f".width: {self.width}: must be 64 to 2048 where the camera is rendered")
+        if self.kind == "rendered" and self.latency < 1:
+            raise ValueError(f".latency: {self.latency}: must be at least 1 tick where the camera is rendered")
+        return self

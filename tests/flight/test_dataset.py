@@ -19,7 +19,7 @@ from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario, load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"  # into the first blackout, x >= 1.5
-PROJECTED = "camera=projected"  # as fast as the rest
+PROJECTED = "camera.kind=projected"  # as fast as the rest
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"
 SEEN = [0, 1, 2, 0, 1, 2, 3, 4, 5]  # the state behind each row of y
 

@@ -22,8 +22,8 @@ from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
-LATE = ("camera_link.delay=2", "camera_link.random_delay=1", "imu.link.delay=3")
-SETTINGS = ("camera=projected", "servo.velocities=truth", *LATE)
+LATE = ("camera.link.delay=2", "camera.link.random_delay=1", "imu.link.delay=3")
+SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)
 SCENARIO = load_scenario("imu_uwb_yolo", SETTINGS)
 FLIGHT = flight_of(SCENARIO, 7, FLIGHT_KEY)
 TICK = 300
@@ -110,7 +110,7 @@ def test_the_limits_are_what_they_say() -> None:
 )
 def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     """The whole flight, but for rendered pictures, through the bytes."""
-    scenario = load_scenario(name, ("camera=projected",))
+    scenario = load_scenario(name, ("camera.kind=projected",))
     check_packets(scenario)
 
 

@@ -13,7 +13,7 @@ from ortilo_drake.hil.relay.virtual_time import fly_in_virtual_time, summary_in_
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 
-SHORT = ("camera=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
+SHORT = ("camera.kind=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
 BAD = Faults(loss=0.2, delay=0.04, spread=0.02, duplicate=0.1)
 
 
@@ -60,7 +60,7 @@ def test_what_comes_twice_is_taken_once() -> None:
 
 def test_pictures_are_refused() -> None:
     with pytest.raises(InputError, match="camera"):
-        fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera=rendered",)))
+        fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera.kind=rendered",)))
 
 
 def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> None:

@@ -239,7 +239,7 @@ def calibration_file(folder: Path, **changes: Any) -> str:
     calibration = yaml.safe_load(CALIBRATION.read_text(encoding="utf-8"))
     path = folder / "calibration.yaml"
     path.write_text(yaml.safe_dump(calibration | changes), encoding="utf-8")
-    return f"projected_camera.errors.file={path}"
+    return f"camera.errors.file={path}"
 
 
 def refusals(refused: Any, *settings: str) -> str:
@@ -251,8 +251,8 @@ def refusals(refused: Any, *settings: str) -> str:
 
 
 def test_a_calibration_that_is_missing_or_wrong(refused: Any, tmp_path: Path) -> None:
-    projected = "camera=projected"
-    line = refusals(refused, projected, f"projected_camera.errors.file={tmp_path}/none.yaml")
+    projected = "camera.kind=projected"
+    line = refusals(refused, projected, f"camera.errors.file={tmp_path}/none.yaml")
     assert "none.yaml: no such camera calibration" in line
     assert "slow_erors" in refusals(refused, projected, calibration_file(tmp_path, slow_erors={}))
     wrong = {"share": 1.5, "period": 1.0}
@@ -262,7 +262,7 @@ def test_a_calibration_that_is_missing_or_wrong(refused: Any, tmp_path: Path) ->
 def test_a_picture_of_no_height_names_the_camera_that_takes_it(refused: Any, tmp_path: Path) -> None:
     room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
     setting = room_file(tmp_path, camera=room["camera"] | {"height": 1})
-    assert "projected_camera.width: 640" in refusals(refused, "camera=projected", "projected_camera.width=640", setting)
+    assert "camera.width: 640" in refusals(refused, "camera.kind=projected", "camera.width=640", setting)
 
 
 @pytest.mark.egl
@@ -272,7 +272,7 @@ def test_a_class_that_the_detector_does_not_know(refused: Any, tmp_path: Path) -
     landmarks = [room["landmarks"][0] | {"label": "unicorn"}, *room["landmarks"][1:]]
     setting = room_file(tmp_path, landmark_size=sizes, landmarks=landmarks)
     assert "'unicorn'" in refusals(refused, setting)
-    assert run("scenario", "check", "imu_uwb_yolo", "--set", setting, "--set", "camera=projected") == 0
+    assert run("scenario", "check", "imu_uwb_yolo", "--set", setting, "--set", "camera.kind=projected") == 0
 
 
 @pytest.mark.egl
@@ -280,7 +280,7 @@ def test_a_class_that_the_detector_does_not_know(refused: Any, tmp_path: Path) -
     ("settings", "named"),
     [
         (("detector.cfg=none.cfg", "detector.weights=none.weights"), "none.cfg: cannot be read"),
-        (("rendered_camera.width=2048", "camera_link.delay=1000"), "camera_link.delay: 1000"),
+        (("camera.width=2048", "camera.link.delay=1000"), "camera.link.delay: 1000"),
     ],
 )
 def test_pictures_that_nothing_can_look_at_or_hold(refused: Any, settings: tuple[str, ...], named: str) -> None:
@@ -307,13 +307,13 @@ def test_without_a_renderer(refused: Any, monkeypatch: pytest.MonkeyPatch) -> No
     ],
 )
 def test_a_flight_that_is_too_long(refused: Any, settings: tuple[str, ...], named: list[str]) -> None:
-    line = refusals(refused, "camera=projected", *settings)
+    line = refusals(refused, "camera.kind=projected", *settings)
     assert [word for word in named if word not in line] == [], line
 
 
 def test_a_room_of_a_kilometre(refused: Any, tmp_path: Path) -> None:
     large = room_file(tmp_path, interior={"min": [-500.0, -500.0, 0.0], "max": [500.0, 500.0, 3.0]})
-    line = refusals(refused, "camera=projected", large, "planner={kind: gcs, goal: [1, 0]}")
+    line = refusals(refused, "camera.kind=projected", large, "planner={kind: gcs, goal: [1, 0]}")
     assert "interior: 1000 m x 1000 m" in line
     assert "10000 m^2" in line
     assert run("scenario", "check", "imu_uwb", "--set", large, "--set", HOVER) == 0
@@ -326,7 +326,7 @@ def test_pictures_without_pixels_or_with_too_many(
 ) -> None:
     room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
     changed = room_file(tmp_path, camera=room["camera"] | {"width": width, "height": height})
-    line = refusals(refused, f"camera={camera}", changed)
+    line = refusals(refused, f"camera.kind={camera}", changed)
     assert f"{width} x {height} px" in line
 
 
@@ -339,7 +339,7 @@ def test_pictures_without_pixels_or_with_too_many(
     ],
 )
 def test_a_room_that_holds_too_much(refused: Any, tmp_path: Path, changes: dict[str, Any], named: list[str]) -> None:
-    line = refusals(refused, "camera=projected", room_file(tmp_path, **changes))
+    line = refusals(refused, "camera.kind=projected", room_file(tmp_path, **changes))
     assert [word for word in named if word not in line] == [], line
 
 

@@ -15,7 +15,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
-PROJECTED = "camera=projected"  # as fast as the rest; rendered flights have tests of their own
+PROJECTED = "camera.kind=projected"  # as fast as the rest; rendered flights have tests of their own
 SCENARIOS = ["imu_uwb_yolo", "bursty_link", "rotors"]
 
 

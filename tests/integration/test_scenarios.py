@@ -45,7 +45,7 @@ def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: st
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_ready_made_scenario_has_a_path_and_flies(name: str) -> None:
     assert 5 * 30 < flight_ticks(load_scenario(name)) < 120 * 30
-    found = summary(fly(load_scenario(name, (SHORT, "camera=projected"))))
+    found = summary(fly(load_scenario(name, (SHORT, "camera.kind=projected"))))
     assert found["lost"] is None
     assert all(math.isfinite(value) for value in found["mse"].values())
 
@@ -104,7 +104,7 @@ def test_the_papers_world_is_the_one_that_theory_fixes(name: str) -> None:
     assert blackouts == [("position", "x", 1.5, 5.5), ("position", "x", 12.9, 14.0), ("position", "x", 16.9, 18.8)]
     assert 30.0 / scenario.imu.link.every == 30.0
     assert scenario.imu.angle_sd == 0.01
-    assert 30.0 / scenario.camera_link.every == 10.0
+    assert 30.0 / scenario.camera.link.every == 10.0
     assert isinstance(planner, GcsPlanner)
     assert (planner.start, planner.goal) == ((0.0, 0.0), (21.0, -3.2))
     assert (planner.height, planner.speed) == (1.5, 0.35)
@@ -131,10 +131,10 @@ def test_the_tuned_preset_takes_w_from_the_disturbance_and_estimates_velocities(
 
 
 def test_with_and_without_the_camera_only_the_sensors_differ() -> None:
-    assert differences(load_scenario("imu_uwb"), load_scenario("imu_uwb_yolo")) == {"name", "sensors", "camera"}
+    assert differences(load_scenario("imu_uwb"), load_scenario("imu_uwb_yolo")) == {"name", "sensors", "camera.kind"}
     found = differences(load_scenario("paper_imu_uwb"), load_scenario("paper_imu_uwb_yolo"))
     # How boxes would become fixes is settled only where the camera flies.
-    assert {name for name in found if not name.startswith("landmark_fix.")} == {"name", "sensors", "camera"}
+    assert {name for name in found if not name.startswith("landmark_fix.")} == {"name", "sensors", "camera.kind"}
 
 
 @pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
@@ -193,10 +193,10 @@ def test_files_laid_over_a_ready_made_scenario_are_meant_from_the_working_folder
         "imu_uwb_yolo",
         (
             "planner={kind: waypoints, file: way.txt}",
-            "projected_camera.errors.file=mine.yaml",
+            "camera.errors.file=mine.yaml",
             "detector={cfg: a.cfg, weights: b.weights}",
         ),
     )
     assert scenario.planner.points == ((0.0, 0.0, 1.5), (1.0, 0.0, 1.5))
-    assert scenario.projected_camera.errors.file == str(tmp_path / "mine.yaml")
+    assert scenario.camera.errors.file == str(tmp_path / "mine.yaml")
     assert (scenario.detector.cfg, scenario.detector.weights) == (str(tmp_path / "a.cfg"), str(tmp_path / "b.weights"))

@@ -145,7 +145,7 @@ def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
 def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_path: Path) -> None:
     planner = "planner={kind: hover, duration: 9.0}"
     rendered = load_scenario("imu_uwb_yolo", (planner,))
-    world = WorldHalf(load_scenario("imu_uwb_yolo", (planner, "camera=projected")))
+    world = WorldHalf(load_scenario("imu_uwb_yolo", (planner, "camera.kind=projected")))
     onboard = OnboardHalf(rendered, detects=False)
     with LogWriter(tmp_path / "log", rendered) as writer:
         fixes = 0.0
@@ -165,7 +165,7 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
     ("name", "settings"),
     [
         ("imu_uwb", ()),
-        ("imu_uwb_yolo", ("camera=projected", "filter.delay=replay")),
+        ("imu_uwb_yolo", ("camera.kind=projected", "filter.delay=replay")),
         pytest.param("imu_uwb_yolo", (), marks=pytest.mark.egl),
     ],
 )

@@ -247,8 +247,8 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     """Everything two ticks late, nothing noisy: fixes and estimate are exact if all was put into its own tick."""
     calm = (
         *SHORT, "world={kinematics: linear, disturbance: {force_sd: 0, torque_sd: 0}}", "uwb.noise.fraction=0",
-        "imu.angle_sd=0", "uwb.link.delay=2", "imu.link.delay=2", "camera=projected", "camera_link.delay=1",
-        "projected_camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
+        "imu.angle_sd=0", "uwb.link.delay=2", "imu.link.delay=2", "camera.kind=projected", "camera.link.delay=1",
+        "camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
     )  # fmt: skip
     worst = {}
     for mode in ("ignore", "replay"):

@@ -23,7 +23,7 @@ SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "u
 
 
 def test_links_are_late_and_the_rest_stays() -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera=projected",))
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
     late = late_scenario(scenario, LateLinks(0.3, 2, 4, 0.1, 3), "replay")
     for sensor in ("uwb", "camera", "imu"):
         link, before = late.link_of(sensor), scenario.link_of(sensor)

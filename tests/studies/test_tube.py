@@ -180,7 +180,7 @@ def test_course_is_due_late_and_blacked_out() -> None:
     scenario = load_scenario(
         "imu_uwb_yolo",
         (
-            "camera=projected",
+            "camera.kind=projected",
             "settle=0.0",
             "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [1.0, 0.6, 1.5]]}",
             "uwb.link.blackouts=[{kind: position, axis: x, start: 0.4, end: 0.6}]",

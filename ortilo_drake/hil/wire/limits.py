@@ -124,7 +124,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     measurement[MEASUREMENT_DELTA] = 1.0
     measurement[MEASUREMENT_V2] = (LOOSE * size) ** 2
     path = np.concatenate((speed * np.ones(3), force * np.ones(3)))
-    latency = scenario.projected_camera.latency
+    latency = scenario.camera.latency
     nothing = np.empty(0)
     return {
         "imu": _message(-inertial, inertial, oldest("imu")),

@@ -57,7 +57,7 @@ SETTLED = 300  # ticks after which the attitude's covariance no longer changes
 @lru_cache(maxsize=16)
 def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
     """Return the camera and the rates at which it finds landmarks."""
-    room, errors = scenario.load_room(), scenario.projected_camera.errors
+    room, errors = scenario.load_room(), scenario.camera.errors
     camera = room.camera.scaled_to(scenario.image_width).constants
     if isinstance(errors, ParametricErrors):
         return camera, parametric_tables(errors, room.classes, camera.image)

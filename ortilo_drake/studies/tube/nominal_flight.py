@@ -40,12 +40,8 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
     """Return how many ticks late a sensor's messages are; InputError if that is random."""
     link = scenario.link_of(sensor)
     if link.random_delay and sensor in scenario.sensors:
-        name = "camera_link" if sensor == "camera" else f"{sensor}.link"
-        raise InputError(f"{name}.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
-    latency = 0
-    if sensor == "camera":
-        latency = (scenario.rendered_camera if scenario.is_rendered else scenario.projected_camera).latency
-    return link.delay + latency
+        raise InputError(f"{sensor}.link.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
+    return link.delay + (scenario.camera.latency if sensor == "camera" else 0)
 
 
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

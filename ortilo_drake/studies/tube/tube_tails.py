@@ -58,12 +58,13 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
 
 def without_losses(scenario: Scenario) -> Scenario:
     """Return the scenario with links that lose nothing at random."""
-    uwb, imu = (
-        sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})
-        for sensor in (scenario.uwb, scenario.imu)
+    sensors = {"uwb": scenario.uwb, "camera": scenario.camera, "imu": scenario.imu}
+    return scenario.model_copy(
+        update={
+            name: sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})
+            for name, sensor in sensors.items()
+        }
     )
-    camera_link = scenario.camera_link.model_copy(update={"loss": NoLoss()})
-    return scenario.model_copy(update={"uwb": uwb, "imu": imu, "camera_link": camera_link})
 
 
 def mixture(scenario: Scenario, nominal: NominalFlight, seeds: Iterable[int]) -> Mixture:
