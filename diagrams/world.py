@@ -118,8 +118,8 @@ def make_world(scenario: Scenario, command_period: float | None = None) -> Diagr
         link = scenario.camera.link
         if link.delay or link.random_delay:
             camera = room.camera.scaled_to(scenario.camera.width)
-            check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)
-            kept = builder.AddSystem(ImageDelay(link.every, link.delay + link.random_delay, h))
+            check_kept(scenario.every("camera"), link.delay + link.random_delay, camera.width, camera.height)
+            kept = builder.AddSystem(ImageDelay(scenario.every("camera"), link.delay + link.random_delay, h))
             builder.Connect(image, kept.GetInputPort("color_image"))
             builder.Connect(shutter, kept.GetInputPort("shutter"))
             image = kept.get_output_port()

@@ -121,7 +121,7 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
     estimate = signal["estimate"]
     predicted = estimate[:, [0, 1, 2, 0, 1, 2, 3, 4, 5]]
     ticks = np.arange(n)
-    due = np.array([[k % scenario.link_of(s).every == 0 and s in scenario.sensors for s in SENSORS] for k in ticks])
+    due = np.array([[k % scenario.every(s) == 0 and s in scenario.sensors for s in SENSORS] for k in ticks])
     reference = signal["reference"].reshape(n, 3, 3)
     return xr.Dataset(
         {

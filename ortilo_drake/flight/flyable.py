@@ -49,7 +49,7 @@ def check_flyable(scenario: Scenario) -> int:
         raise InputError(f"camera.{error}") from None
     if scenario.is_rendered:
         link = scenario.camera.link
-        check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)
+        check_kept(scenario.every("camera"), link.delay + link.random_delay, camera.width, camera.height)
         check_egl()
         load_detector(scenario.detector, room, (camera.width, camera.height))
     elif scenario.camera.errors.kind == "measured":

@@ -46,7 +46,7 @@ def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
     return np.asarray(
         messages_sent(
             np.ascontiguousarray(truth),
-            link.every,
+            scenario.every(sensor),
             loss_parameters(link.loss),
             blackout_rows(link, scenario.h),
             (link.delay, link.random_delay),

@@ -68,18 +68,22 @@ class Link(Frozen):
     """How one sensor's messages reach the vehicle.
 
     Attributes:
-        every: send on every n-th tick; at 30 ticks a second, 3 is 10 Hz.
+        rate: messages a second [Hz]; must divide the scenario's control_rate. null sends on every tick.
         loss: what is lost at random; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].
         random_delay: largest additional delay [ticks], drawn uniformly for each message.
     """
 
-    every: Annotated[int, Field(gt=0, le=1_000_000)] = 1
+    rate: Annotated[float, Field(ge=1e-3)] | None = None
     loss: Loss = NoLoss()
     blackouts: Annotated[tuple[Blackout, ...], Field(max_length=1000)] = ()
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
+
+    def every(self, h: float) -> int:
+        """Return how many ticks of h [s] lie from one message to the next."""
+        return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
 
     @model_validator(mode="after")
     def _blackouts_have_a_length(self) -> "Link":

@@ -1,5 +1,6 @@
 """The scenario: everything that decides a flight, and nothing else."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -90,6 +91,24 @@ class Scenario(Frozen):
     def link_of(self, sensor: str) -> Link:
         """Return the link of 'uwb', 'camera' or 'imu'."""
         return {"uwb": self.uwb.link, "camera": self.camera.link, "imu": self.imu.link}[sensor]
+
+    def every(self, sensor: str) -> int:
+        """Return how many ticks lie from one message of a sensor to the next."""
+        return self.link_of(sensor).every(self.h)
+
+    @model_validator(mode="after")
+    def _rates_divide_control_rate(self) -> "Scenario":
+        for sensor in self.sensors:
+            rate, most = self.link_of(sensor).rate, self.control_rate
+            ticks = 1.0 if rate is None else most / rate
+            if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:
+                continue
+            wrong = f"{sensor}.link.rate: {rate}: must divide control_rate, {most:g} Hz"
+            if ticks < 1.0:
+                raise ValueError(f"{wrong}, or be null: a sensor faster than the tick is not flown yet")
+            below, above = most / math.ceil(ticks), most / math.floor(ticks)
+            raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
+        return self
 
     @model_validator(mode="after")
     def _sensors_differ(self) -> "Scenario":

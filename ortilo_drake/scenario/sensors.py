@@ -60,7 +60,7 @@ class Uwb(Frozen):
     noise: RangeNoise = ProportionalNoise()
     walls: WallEffect = WallsIgnored()
     max_distance: Positive = 100.0
-    link: Link = Link(every=3)
+    link: Link = Link(rate=10.0)
 
 
 class MeasuredErrors(Frozen):
@@ -119,7 +119,7 @@ class Camera(Frozen):
     width: Annotated[int, Field(ge=16, le=8192)] = 320
     latency: Annotated[int, Field(ge=0, le=1000)] = 1
     errors: CameraErrors = MeasuredErrors()
-    link: Link = Link(every=3)
+    link: Link = Link(rate=10.0)
 
     @model_validator(mode="after")
     def _can_be_rendered(self) -> "Camera":

@@ -24,7 +24,7 @@ KEEPING = {
     "imu_uwb_yolo": (),
     "bursty_link": (),
     "rotors": (f"command_link={{{BURSTS}, delay: 2, when_lost: hold}}",),
-    "imu_uwb": (f"uwb.link={{every: 1, delay: 1, random_delay: 2, {BURSTS}}}", "filter.delay=replay"),
+    "imu_uwb": (f"uwb.link={{rate: null, delay: 1, random_delay: 2, {BURSTS}}}", "filter.delay=replay"),
 }
 
 
@@ -41,7 +41,7 @@ def test_flights_of_one_simulator_are_those_of_a_diagram_each_in_any_order(name:
 @pytest.mark.long
 @pytest.mark.egl
 def test_rendered_flights_too_with_pictures_that_come_late() -> None:
-    settings = ("camera.link={every: 3, delay: 1, random_delay: 2}", "planner.duration=0.8")
+    settings = ("camera.link={rate: 10.0, delay: 1, random_delay: 2}", "planner.duration=0.8")
     scenario = load_scenario("imu_uwb_yolo", (*HOVER, *settings))
     assert scenario.is_rendered
     simulator = FlightSimulator(scenario)

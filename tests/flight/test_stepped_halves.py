@@ -11,7 +11,7 @@ from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario, load_scenario
 
 LATE = (
-    "camera.link={every: 3, delay: 1, random_delay: 2, loss: {kind: bernoulli, probability: 0.2}}",
+    "camera.link={rate: 10.0, delay: 1, random_delay: 2, loss: {kind: bernoulli, probability: 0.2}}",
     "command_link={delay: 1, loss: {kind: bernoulli, probability: 0.1}}",
 )
 

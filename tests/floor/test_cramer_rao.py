@@ -386,9 +386,9 @@ def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
     settings = (
         "camera.kind=projected",
         "imu.angle_sd=0.02",
-        "uwb.link.every=4",
-        "camera.link.every=7",
-        "imu.link.every=2",
+        "uwb.link.rate=7.5",
+        f"camera.link.rate={30 / 7}",
+        "imu.link.rate=15.0",
     )
     scenario, truth, n = load_scenario("imu_uwb_yolo", settings), flown_along(np.random.default_rng(0), 60), 60
     seen = {name: arrived(scenario, name, truth) for name in ("uwb", "camera", "imu")}

@@ -71,7 +71,7 @@ def room_file(folder: Path, **changes: Any) -> str:
         ("seed=9223372036854775808", ["seed", "9223372036854775808"]),
         ("control_rate=0", ["control_rate", "5"]),
         ("planner={kind: hover, duration: 5.0e-324}", ["planner.duration", "5e-324", "0.001"]),
-        ("uwb.link.every=0", ["uwb.link.every", "0"]),
+        ("uwb.link.rate=0", ["uwb.link.rate", "0"]),
         ("uwb.link.loss={kind: bernoulli, probability: 1.1}", ["probability", "1.1"]),
         ("uwb.link.blackouts=[{kind: time, start: 3, end: 2}]", ["uwb.link", "3.0", "2.0"]),
         ("uwb.link.delay=1000000000", ["uwb.link.delay", "1000000000"]),
@@ -303,7 +303,7 @@ def test_without_a_renderer(refused: Any, monkeypatch: pytest.MonkeyPatch) -> No
         (("planner={kind: gcs, goal: [1, 0], speed: 1.0e-6}",), ["planner", "36000 s"]),
         (("planner={kind: gcs, goal: [1, 0], speed: 1.0e-12}",), ["planner", "36000 s"]),
         (("planner={kind: gcs, goal: [1, 0], acceleration: 1.0e-12}",), ["planner", "36000 s"]),
-        (("uwb.link.every=1000000000000",), ["uwb.link.every", "1000000"]),
+        (("uwb.link.rate=1.0e-12",), ["uwb.link.rate", "0.001"]),
     ],
 )
 def test_a_flight_that_is_too_long(refused: Any, settings: tuple[str, ...], named: list[str]) -> None:

@@ -11,7 +11,7 @@ from ortilo_drake.scenario import load_scenario
 
 START, END = 5.0, 7.0
 SETTINGS = (
-    "uwb.link={every: 1, blackouts: [{kind: time, start: 5, end: 7}]}",  # 30 Hz otherwise
+    "uwb.link={rate: null, blackouts: [{kind: time, start: 5, end: 7}]}",  # 30 Hz otherwise
     "planner={kind: waypoints, points: [[5.0, 1.8, 1.5], [9.0, 1.8, 1.5]], speed: 0.35}",
 )
 

@@ -83,7 +83,7 @@ def test_the_same_bits_on_one_worker_and_on_two(bare: str, tmp_path: Path) -> No
 @pytest.mark.egl
 @pytest.mark.parametrize(
     ("link", "delays"),
-    [("{every: 3}", {0}), ("{every: 3, delay: 2}", {2}), ("{every: 3, random_delay: 4}", set(range(5)))],
+    [("{rate: 10.0}", {0}), ("{rate: 10.0, delay: 2}", {2}), ("{rate: 10.0, random_delay: 4}", set(range(5)))],
 )
 def test_pictures_come_with_their_stamps_and_boxes_a_latency_later(bare: str, link: str, delays: set[int]) -> None:
     scenario = scenario_of(bare, f"camera.link={link}", "camera.latency=2", "planner.duration=1.5")
@@ -116,7 +116,7 @@ def test_pictures_come_with_their_stamps_and_boxes_a_latency_later(bare: str, li
 
 @pytest.mark.egl
 def test_a_flight_with_late_pictures_flies_to_its_end(bare: str) -> None:
-    flight = fly(scenario_of(bare, "camera.link={every: 3, delay: 1, random_delay: 2}"))
+    flight = fly(scenario_of(bare, "camera.link={rate: 10.0, delay: 1, random_delay: 2}"))
     assert flight.sizes["tick"] == 25
     assert np.isfinite(flight["truth"].values).all()
 

@@ -41,7 +41,7 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
     ):
         scenario = load_scenario(name)
         assert set(scenario.sensors) == sensors
-        assert scenario.uwb.link == Link(every=3, blackouts=blackouts)
+        assert scenario.uwb.link == Link(rate=10.0, blackouts=blackouts)
         assert scenario.h == 1 / 30
         assert scenario.uwb.noise.kind == "proportional"
         assert scenario.uwb.noise.fraction == 0.0075
@@ -62,7 +62,7 @@ def test_settings_are_laid_over_the_file() -> None:
         "imu_uwb", ("uwb.noise.fraction=0.02", "planner={kind: hover, point: [1.0, 2.0, 1.0]}", "sensors=[imu]"), seed=9
     )
     assert scenario.uwb.noise.fraction == 0.02
-    assert scenario.uwb.link.every == 3  # what the setting did not name stays
+    assert scenario.uwb.link.rate == 10.0  # what the setting did not name stays
     assert scenario.planner == HoverPlanner(kind="hover", point=(1.0, 2.0, 1.0))
     assert scenario.sensors == ("imu",)
     assert scenario.seed == 9
@@ -86,7 +86,10 @@ def test_settings_are_laid_over_the_file() -> None:
         ("seed=1.5", ["seed", "1.5", "integer"]),
         ("control_rate=0", ["control_rate", "0"]),
         ("world.kinematics=flat", ["world.kinematics", "'flat'", "'linear'"]),
-        ("uwb.link.every=0", ["uwb.link.every", "0", "greater than 0"]),
+        ("uwb.link.rate=0", ["uwb.link.rate", "0", "greater than or equal to 0.001"]),
+        ("uwb.link.rate=9", ["uwb.link.rate: 9.0", "control_rate, 30 Hz", "7.5 and 10"]),
+        ("imu.link.rate=60", ["imu.link.rate: 60.0", "control_rate, 30 Hz", "faster than the tick"]),
+        ("control_rate=25", ["uwb.link.rate: 10.0", "control_rate, 25 Hz", "8.33333333333 and 12.5"]),
         ("uwb.link.blackouts=[{kind: time, start: 5, end: 4}]", ["uwb.link", "start 5.0", "below end 4.0"]),
         ("uwb.link.blackouts=[{start: 5, end: 6}]", ["uwb.link.blackouts.0", "needs a 'kind'"]),
         ("planner={kind: waypoints}", ["planner", "none given"]),
@@ -96,7 +99,7 @@ def test_settings_are_laid_over_the_file() -> None:
         ("=3", ["must read key.key=value"]),
         ("seed.deep=1", ["'seed' is not a group"]),
         ("uwb=[1", ["not valid YAML"]),
-        ("uwb={link: {every: 1, every: 2}}", ["'every' stands twice"]),
+        ("uwb={link: {rate: 1, rate: 2}}", ["'rate' stands twice"]),
         ("room=/nowhere/room.yaml", ["/nowhere/room.yaml", "no such room file"]),
     ],
 )

@@ -28,7 +28,7 @@ def test_links_are_late_and_the_rest_stays() -> None:
     for sensor in ("uwb", "camera", "imu"):
         link, before = late.link_of(sensor), scenario.link_of(sensor)
         assert (link.loss.probability, link.delay, link.random_delay) == (0.3, 2, 4)
-        assert (link.every, link.blackouts) == (before.every, before.blackouts)
+        assert (link.rate, link.blackouts) == (before.rate, before.blackouts)
     assert (late.command_link.loss.probability, late.command_link.delay) == (0.1, 3)
     assert late.filter.delay == "replay"
     with pytest.raises(InputError, match="delay"):

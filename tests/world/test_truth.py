@@ -18,7 +18,7 @@ from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.truth import set_anchors, set_camera, set_landmarks, set_vehicle
 
-LIGHT = ("sensors=[uwb, imu, camera]", "camera.kind=projected", "uwb.link={every: 1}", "camera.link={every: 1}")
+LIGHT = ("sensors=[uwb, imu, camera]", "camera.kind=projected", "uwb.link={rate: null}", "camera.link={rate: null}")
 HEAVY = Vehicle(mass=3.1, inertia=(0.2, 0.18, 0.3), arm_length=0.2, rotor_lift=2.1e-5, rotor_time_constant=(0.02, 0.03))
 
 

@@ -80,7 +80,7 @@ def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the IMU alone, after settling."""
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
-    every = scenario.imu.link.every
+    every = scenario.every("imu")
     xhat, P = np.zeros(N_XBAR), initial_covariance(scenario.filter).ravel()
     measurement = np.zeros(MEASUREMENT_SIZE)
     measurement[MEASUREMENT_V2] = np.concatenate([np.eye(3).ravel()] * 2 + [np.diag(scenario.filter.V.imu).ravel()])

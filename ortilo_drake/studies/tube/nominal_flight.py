@@ -92,7 +92,9 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
         noise = None
         for s, sensor, link in flying:
             arrival = k + delays[sensor]
-            if k % link.every or arrival >= n or _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
+            if k % link.every(scenario.h) or arrival >= n:
+                continue
+            if _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
                 continue
             if sensor == "imu":
                 V[arrival, s], there[arrival, s] = V_imu, True

@@ -109,7 +109,7 @@ def calibrate(
     if not seeds:
         raise InputError("seeds: none given")
     scenario = load_scenario(SCENARIO, GIVEN_ERRORS)
-    room, every, width = scenario.load_room(), scenario.camera.link.every, scenario.camera.width
+    room, every, width = scenario.load_room(), scenario.every("camera"), scenario.camera.width
     camera = room.camera.scaled_to(width)
     size = camera.width, camera.height
     detect = load_detector(detector, room, size)

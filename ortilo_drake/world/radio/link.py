@@ -121,7 +121,7 @@ class SensorLink(SeededSystem):
     def __init__(self, sensor: str, size: int, settings: Link, seed: int, h: float):
         super().__init__(seed)
         self.set_name(f"{sensor}_link")
-        self._every, self._delays = settings.every, (settings.delay, settings.random_delay)
+        self._every, self._delays = settings.every(h), (settings.delay, settings.random_delay)
         self._loss, self._blackouts = loss_parameters(settings.loss), blackout_rows(settings, h)
         self._by_position = bool(np.any(self._blackouts[:, 0] != _TIME))
         self._nowhere = np.zeros(N_X)
