@@ -56,7 +56,7 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
         if done.exists():
             continue
         world_bus, onboard_bus = (f"udpm://239.255.76.67:{port + 2 * i + side}?ttl=0" for side in (0, 1))
-        words = (*flown, "--seed", str(seed), "--set", f"filter.delay={mode}")
+        words = (*flown, "--seed", str(seed), "--set", f"estimator.delay={mode}")
         buses = ("--url-world", world_bus, "--url-onboard", onboard_bus)
         others.append(start("relay", way, FAULTS, "--seed", str(seed + 1), *buses))
         others.append(start("onboard", *words, "--url", onboard_bus))
@@ -95,7 +95,7 @@ def in_virtual_time(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
         way = "both ways" if to_world.loss else "sensors only"
         jobs, flown = [], {mode: [dict[str, Any]()] * seeds for mode in MODES}
         for seed, mode in itertools.product(range(seeds), MODES):
-            settings = ("camera.kind=projected", f"control_rate={rate}", f"filter.delay={mode}")
+            settings = ("camera.kind=projected", f"control_rate={rate}", f"estimator.delay={mode}")
             scenario = load_scenario(name, settings).model_dump_json()
             file = out / f"{name}_{rate}_{way.replace(' ', '_')}" / f"{mode}_{seed}.json"
             jobs.append((scenario, BAD.model_dump_json(), to_world.model_dump_json(), seed, str(file)))

@@ -69,7 +69,7 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
     """
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     Delta, E = arrival_matrix(delta), selection_matrix(delta)
-    integrator = scenario.servo.integrator
+    integrator = scenario.estimator.integrator
     F, G = np.eye(N_XBAR), np.zeros((N_XBAR, N_Y + N_U + REFERENCE_SIZE))
     F[:N_X, :N_X] = Phi - K @ Delta @ output_C()
     G[:N_X, :N_Y], G[:N_X, N_Y : N_Y + N_U] = K @ Delta, Gamma

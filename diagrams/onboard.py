@@ -35,7 +35,7 @@ def add_past_estimate(
     builder: DiagramBuilder, kalman: LeafSystem, sensor: str, size: int, scenario: Scenario
 ) -> PastEstimate:
     """Add what looks a sensor's late messages (of that size) up in the filter's history; its message is left open."""
-    ticks = history_ticks(scenario.filter.horizon, scenario.h)
+    ticks = history_ticks(scenario.estimator.horizon, scenario.h)
     past = builder.AddSystem(PastEstimate(sensor, size, ticks, scenario.h))
     builder.Connect(kalman.GetOutputPort("estimate"), past.GetInputPort("present_estimate"))
     builder.Connect(kalman.GetOutputPort("covariance"), past.GetInputPort("present_covariance"))
@@ -48,7 +48,7 @@ def add_uwb(builder: DiagramBuilder, kalman: LeafSystem, room: Room, scenario: S
     multilateration = builder.AddSystem(Multilateration(scenario.multilateration, room.anchor_positions))
     message = multilateration.GetInputPort("uwb")
     uwb, about = builder.ExportInput(message, "uwb"), kalman
-    if scenario.filter.delay == "replay":
+    if scenario.estimator.delay == "replay":
         about = add_past_estimate(builder, kalman, "uwb", message.size(), scenario)
         builder.ConnectInput(uwb, about.GetInputPort("message"))
     builder.Connect(about.GetOutputPort("estimate"), multilateration.GetInputPort("estimate"))
@@ -61,7 +61,7 @@ def add_camera(
     """Add what turns detections, or pictures where it detects, into fixes; as add_uwb."""
     fix, about = builder.AddSystem(LandmarkFix(scenario.landmark_fix, room, scenario.image_width)), kalman
     readers = [fix.GetInputPort("detections")]
-    if scenario.filter.delay == "replay":
+    if scenario.estimator.delay == "replay":
         about = add_past_estimate(builder, kalman, "camera", DETECTIONS_SIZE, scenario)
         readers.append(about.GetInputPort("message"))
     if scenario.is_rendered and detects:
@@ -109,11 +109,13 @@ def make_onboard(scenario: Scenario, trajectory: Trajectory | None = None, detec
 
     builder = DiagramBuilder()
     planner = builder.AddSystem(make_planner(trajectory))
-    delay = scenario.filter.delay
-    handler = builder.AddSystem(MeasurementHandler(scenario.handler, scenario.filter.V, h, scenario.sensors, delay))
+    delay = scenario.estimator.delay
+    handler = builder.AddSystem(
+        MeasurementHandler(scenario.estimator.gates, scenario.estimator.V, h, scenario.sensors, delay)
+    )
     xbar_0 = initial_estimate(scenario, r_0)
     Filter = ReplayKalmanFilter if delay == "replay" else KalmanFilter
-    kalman = builder.AddSystem(Filter(scenario.filter, scenario.vehicle, scenario.servo.integrator, xbar_0, h))
+    kalman = builder.AddSystem(Filter(scenario.estimator, scenario.vehicle, scenario.estimator.integrator, xbar_0, h))
     servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, h))
     estimate, covariance = kalman.GetOutputPort("estimate"), kalman.GetOutputPort("covariance")
 

@@ -45,8 +45,8 @@ def test_keywords_are_the_settings_of_the_command_line() -> None:
     assert od.load_scenario(load_scenario("imu_uwb"), seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
         "imu_uwb", WORDS, 3
     )
-    numbers = {"filter__W__force_sd": np.float64(0.2)}
-    assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("filter.W.force_sd=0.2",))
+    numbers = {"estimator__W__force_sd": np.float64(0.2)}
+    assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("estimator.W.force_sd=0.2",))
 
 
 def test_a_number_is_independent_loss_and_nought_none() -> None:

@@ -94,9 +94,9 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)
-        both = isinstance(under, dict) and isinstance(value, dict)
-        if both and (key == _ONE_MODEL or value.get("kind") in (None, under.get("kind"))):
-            value = _merged(under, value)
+        if isinstance(under, dict) and isinstance(value, dict):
+            same = key == _ONE_MODEL or value.get("kind") in (None, under.get("kind"))
+            value = _merged(under, value) if same else value
         merged[key] = value
     return merged
 

@@ -2,13 +2,23 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[Positive, Positive, Positive]
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
+Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
+
+
+def _as_pairs(gates: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    """Return a mapping as sorted pairs, by which a frozen model has a hash."""
+    return tuple(sorted(gates.items()))
+
+
+# A mapping in a file, kept as pairs (sensor, probability): dict(gates) is the mapping again.
+Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), PlainSerializer(dict, return_type=dict[str, float])]
 
 
 class Multilateration(Frozen):
@@ -90,17 +100,6 @@ class Noise(Frozen):
     imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
 
 
-class MeasurementHandler(Frozen):
-    """What of the arrived fixes the filter gets.
-
-    A fix is ignored if its squared Mahalanobis distance from the filter's prediction exceeds the chi-square
-    quantile of the sensor's gate; null switches the gate off.
-    """
-
-    uwb_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    camera_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-
-
 class DisturbanceW(Frozen):
     """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick."""
 
@@ -119,25 +118,34 @@ class DiagonalW(Frozen):
     rate: NonNegativeFloat
 
 
-class KalmanFilter(Frozen):
-    """The intermittent Kalman filter.
+class IntermittentFilter(Frozen):
+    """The paper's estimator: fixes, their gates, and the intermittent Kalman filter.
 
     Attributes:
+        kind: 'intermittent'.
         W: process noise covariance.
         V: measurement noise.
-        initial_sd: what the filter believes of its initial error in position [m], angles, velocity, Euler rates;
-            flights start without one, so NEES starts at 0.
+        initial_sd: what the filter believes of its initial error in position [m], angles [rad], velocity [m/s] and
+            Euler rates [rad/s]; flights start without one, so NEES starts at 0.
         delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
             uses none older than one tick, which a detector itself takes, and lets the others enter as current;
             'replay' puts it into the tick of its stamp and runs the filter again from there.
         horizon: how far back 'replay' goes [s]; what is older is not used.
+        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
+            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
+            integrates r - xhat, as in the authors' code.
+        gates: probability by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance from the
+            filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
     """
 
+    kind: Literal["intermittent"] = "intermittent"
     W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
     V: Noise = Noise()
     initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
     delay: Literal["ignore", "drop", "replay"] = "ignore"
     horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
+    integrator: Literal["literal", "hold", "estimate"] = "hold"
+    gates: Gates = Field(default={}, validate_default=True)
 
 
 class ServoWeights(Frozen):
@@ -155,18 +163,16 @@ class LqServo(Frozen):
     """The LQ servo.
 
     Attributes:
+        kind: 'lq'.
         form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
             forward, as in the authors' code.
-        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
-            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
-            integrates r - xhat, as in the authors' code.
         velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
         yaw: psi_r [rad], small: the hover model of filter and servo is that of yaw 0. Only in the error form.
         weights: Q and R.
     """
 
+    kind: Literal["lq"] = "lq"
     form: Literal["paper", "error"] = "error"
-    integrator: Literal["literal", "hold", "estimate"] = "hold"
     velocities: Literal["estimate", "truth"] = "estimate"
     yaw: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
     weights: ServoWeights = ServoWeights()

@@ -14,10 +14,9 @@ from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import CommandLink, Link
 from ortilo_drake.scenario.onboard import (
     Detector,
-    KalmanFilter,
+    IntermittentFilter,
     LandmarkFix,
     LqServo,
-    MeasurementHandler,
     Multilateration,
 )
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
@@ -67,8 +66,7 @@ class Scenario(Frozen):
     detector: Detector = Detector()
     multilateration: Multilateration = Multilateration()
     landmark_fix: LandmarkFix = LandmarkFix()
-    handler: MeasurementHandler = MeasurementHandler()
-    filter: KalmanFilter = KalmanFilter()
+    estimator: IntermittentFilter = IntermittentFilter()
     servo: LqServo = LqServo()
     planner: Planner = GcsPlanner()
     failsafe: Failsafe = Failsafe()
@@ -108,6 +106,17 @@ class Scenario(Frozen):
                 raise ValueError(f"{wrong}, or be null: a sensor faster than the tick is not flown yet")
             below, above = most / math.ceil(ticks), most / math.floor(ticks)
             raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
+        return self
+
+    @model_validator(mode="after")
+    def _gates_are_of_fixes(self) -> "Scenario":
+        fixes = [sensor for sensor in self.sensors if sensor != "imu"]  # which gives angles, not a position
+        for sensor in dict(self.estimator.gates):
+            if sensor not in fixes:
+                known = " or ".join(fixes) or "none here"
+                raise ValueError(
+                    f"estimator.gates.{sensor}: must be of a sensor that flies and gives a position: {known}"
+                )
         return self
 
     @model_validator(mode="after")

@@ -104,11 +104,11 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
     ("name", "settings"),
     [
         ("imu_uwb_yolo", (SHORT, PROJECTED)),
-        ("imu_uwb_yolo", (SHORT, PROJECTED, "servo.integrator=literal")),
-        ("imu_uwb", (SHORT, "servo.integrator=hold", "servo.form=paper")),
+        ("imu_uwb_yolo", (SHORT, PROJECTED, "estimator.integrator=literal")),
+        ("imu_uwb", (SHORT, "estimator.integrator=hold", "servo.form=paper")),
         ("paper_imu_uwb", (HOVER,)),
         ("bursty_link", (HOVER,)),
-        ("rotors", (HOVER, "servo.yaw=0.1", "handler.uwb_gate=0.9")),
+        ("rotors", (HOVER, "servo.yaw=0.1", "estimator.gates.uwb=0.9")),
     ],
 )
 def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[str, ...]) -> None:
@@ -116,7 +116,8 @@ def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[st
     h, vehicle, servo = scenario.h, scenario.vehicle, scenario.servo
     Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
     L = servo_gain(vehicle, servo.weights, h)
-    W = process_noise(scenario.filter, vehicle, h)
+    W = process_noise(scenario.estimator, vehicle, h)
+    integrator = INTEGRATORS[scenario.estimator.integrator]
     hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
     xhat, P, u = (flight[name].values for name in ("estimate", "covariance", "control"))
     r = np.hstack([flight[f"reference{d}"].values for d in ("", "_velocity", "_acceleration")])
@@ -128,9 +129,7 @@ def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[st
         ]
     )
     for k in range(flight.sizes["tick"] - 1):
-        after = filter_step(
-            xhat[k], P[k].ravel(), measured[k], u[k] - hover, r[k], Phi, Gamma, W, INTEGRATORS[servo.integrator]
-        )
+        after = filter_step(xhat[k], P[k].ravel(), measured[k], u[k] - hover, r[k], Phi, Gamma, W, integrator)
         np.testing.assert_array_equal(after[:15], xhat[k + 1])
         np.testing.assert_array_equal(after[15:].reshape(15, 15), P[k + 1])
     for k in range(flight.sizes["tick"]):

@@ -143,7 +143,7 @@ def test_what_a_killed_run_left_half_written_is_removed(tmp_path: Path, flown: l
 
 
 @pytest.mark.parametrize(
-    "setting", ["settle=0.1", "filter.V.imu=[0.0002, 0.0001, 0.0001]", "name=other", "world.kinematics=rigid_body"]
+    "setting", ["settle=0.1", "estimator.V.imu=[0.0002, 0.0001, 0.0001]", "name=other", "world.kinematics=rigid_body"]
 )
 def test_other_settings_get_a_folder_of_their_own(setting: str) -> None:
     other = load_scenario(

@@ -24,7 +24,7 @@ KEEPING = {
     "imu_uwb_yolo": (),
     "bursty_link": (),
     "rotors": (f"command_link={{{BURSTS}, delay: 2, when_lost: hold}}",),
-    "imu_uwb": (f"uwb.link={{rate: null, delay: 1, random_delay: 2, {BURSTS}}}", "filter.delay=replay"),
+    "imu_uwb": (f"uwb.link={{rate: null, delay: 1, random_delay: 2, {BURSTS}}}", "estimator.delay=replay"),
 }
 
 

@@ -117,7 +117,7 @@ def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        ("filter.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_sd=9"),
+        ("estimator.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_sd=9"),
         ("uwb.link.blackouts=[{kind: time, start: 3, end: 1000}]", "sensors=[uwb]"),
     ],
 )

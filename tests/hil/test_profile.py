@@ -16,7 +16,7 @@ from ortilo_drake.hil.real_time.profile import (
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
-LATE = ("camera.kind=projected", "filter.delay=replay", "camera.link.delay=2")
+LATE = ("camera.kind=projected", "estimator.delay=replay", "camera.link.delay=2")
 
 
 def scenario_of(*settings: str) -> Scenario:

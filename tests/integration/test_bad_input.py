@@ -51,7 +51,7 @@ def room_file(folder: Path, **changes: Any) -> str:
     [
         # unknown
         ("frobs=1", ["frobs", "unknown"]),
-        ("filter.v.imu=[1, 1, 1]", ["filter.v", "unknown"]),
+        ("estimator.v.imu=[1, 1, 1]", ["estimator.v", "unknown"]),
         ("uwb.noise={kind: pink}", ["uwb.noise.kind", "'pink'", "proportional", "constant"]),
         ("world.kinematics=quaternion", ["world.kinematics", "quaternion", "rigid_body"]),
         ("sensors=[gps]", ["sensors", "'gps'", "uwb"]),
@@ -63,7 +63,7 @@ def room_file(folder: Path, **changes: Any) -> str:
         ("control_rate=fast", ["control_rate", "'fast'", "number"]),
         ("sensors=imu", ["sensors", "'imu'"]),
         ("planner=null", ["planner", "None"]),
-        ("filter.V.imu=[1, 1]", ["filter.V.imu"]),
+        ("estimator.V.imu=[1, 1]", ["estimator.V.imu"]),
         ("seed.deep=1", ["seed"]),
         ("seed=2020-01-01", ["seed", "2020-01-01", "integer"]),
         # out of range
@@ -82,13 +82,13 @@ def room_file(folder: Path, **changes: Any) -> str:
         ("name=''", ["name"]),
         # variances that are negative, and V not positive definite
         ("world.disturbance.force_sd=-0.1", ["world.disturbance.force_sd", "-0.1"]),
-        ("filter.V.imu=[-0.01, 0.01, 0.01]", ["filter.V.imu", "-0.01"]),
-        ("filter.V.imu=[0.01, 0.0, 0.01]", ["filter.V.imu", "0.0"]),
-        ("filter.V.uwb=[0.01, 0.01, 0.0]", ["filter.V.uwb", "0.0"]),
+        ("estimator.V.imu=[-0.01, 0.01, 0.01]", ["estimator.V.imu", "-0.01"]),
+        ("estimator.V.imu=[0.01, 0.0, 0.01]", ["estimator.V.imu", "0.0"]),
+        ("estimator.V.uwb=[0.01, 0.01, 0.0]", ["estimator.V.uwb", "0.0"]),
         ("multilateration.noise={kind: proportional, fraction: 0.0}", ["multilateration.noise", "0.0"]),
         ("multilateration.noise={kind: constant, sd: 0.0}", ["multilateration.noise", "0.0"]),
         ("landmark_fix.center_sd=0.0", ["landmark_fix.center_sd", "0.0"]),
-        ("filter.W={kind: diagonal, position: -1, angle: 1, velocity: 1, rate: 1}", ["position", "-1"]),
+        ("estimator.W={kind: diagonal, position: -1, angle: 1, velocity: 1, rate: 1}", ["position", "-1"]),
         ("servo.weights.integral=[0, 1, 1]", ["servo.weights.integral", "0"]),
         ("servo.weights.control=[0, 1, 1, 1]", ["servo.weights.control", "0"]),
         # not numbers
@@ -396,15 +396,15 @@ def test_a_wrong_option(refused: Any, words: list[str], named: list[str]) -> Non
 @pytest.mark.parametrize(
     "setting",
     [
-        "filter.initial_sd=[1.0e+200, 1, 1, 1]",
-        "filter.initial_sd=[1.0e-200, 1.0e-200, 1.0e-200, 1.0e-200]",
-        "filter.W={kind: diagonal, position: 1.0e+300, angle: 1, velocity: 1, rate: 1}",
+        "estimator.initial_sd=[1.0e+200, 1, 1, 1]",
+        "estimator.initial_sd=[1.0e-200, 1.0e-200, 1.0e-200, 1.0e-200]",
+        "estimator.W={kind: diagonal, position: 1.0e+300, angle: 1, velocity: 1, rate: 1}",
         "servo.weights.position=[1.0e+300, 1, 1]",
         "uwb.noise={kind: constant, sd: 1.0e+200}",
         "world.disturbance.force_sd=1.0e+200",
-        "filter.initial_sd=[1.0e+6, 1.0e+6, 1.0e+6, 1.0e+6]",
-        "filter.initial_sd=[1.0e-9, 1.0e-9, 1.0e-9, 1.0e-9]",
-        "filter.V.imu=[1.0e-12, 1.0e-12, 1.0e-12]",
+        "estimator.initial_sd=[1.0e+6, 1.0e+6, 1.0e+6, 1.0e+6]",
+        "estimator.initial_sd=[1.0e-9, 1.0e-9, 1.0e-9, 1.0e-9]",
+        "estimator.V.imu=[1.0e-12, 1.0e-12, 1.0e-12]",
         "servo.weights.position=[1.0e+9, 1, 1]",
         "servo.weights.control=[1.0e-9, 1, 1, 1]",
         "servo.weights.integral=[1.0e-9, 1.0e-9, 1.0e-9]",

@@ -115,7 +115,7 @@ def test_the_papers_preset_has_the_printed_covariances_and_true_velocities() -> 
     for name in ("paper_imu_uwb", "paper_imu_uwb_yolo"):
         scenario = load_scenario(name)
         assert scenario.servo.velocities == "truth"
-        W, V = scenario.filter.W, scenario.filter.V
+        W, V = scenario.estimator.W, scenario.estimator.V
         assert (W.kind, W.position, W.angle, W.velocity, W.rate) == ("diagonal", 1.0, 1.0, 1.0, 1.0)
         assert (V.uwb, V.camera, V.imu) == ((0.05,) * 3, (0.08,) * 3, (0.01,) * 3)
 
@@ -123,11 +123,11 @@ def test_the_papers_preset_has_the_printed_covariances_and_true_velocities() -> 
 def test_the_tuned_preset_takes_w_from_the_disturbance_and_estimates_velocities() -> None:
     for name in ("imu_uwb", "imu_uwb_yolo"):
         scenario = load_scenario(name)
-        W, disturbance = scenario.filter.W, scenario.world.disturbance
+        W, disturbance = scenario.estimator.W, scenario.world.disturbance
         assert scenario.servo.velocities == "estimate"
         assert (W.kind, W.force_sd, W.torque_sd) == ("disturbance", disturbance.force_sd, disturbance.torque_sd)
-        assert (scenario.filter.V.uwb, scenario.filter.V.camera) == (None, None)  # from each fix
-        assert scenario.filter.V.imu == pytest.approx((scenario.imu.angle_sd**2,) * 3)
+        assert (scenario.estimator.V.uwb, scenario.estimator.V.camera) == (None, None)  # from each fix
+        assert scenario.estimator.V.imu == pytest.approx((scenario.imu.angle_sd**2,) * 3)
 
 
 def test_with_and_without_the_camera_only_the_sensors_differ() -> None:
@@ -140,7 +140,7 @@ def test_with_and_without_the_camera_only_the_sensors_differ() -> None:
 @pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
 def test_the_presets_fly_in_the_same_world(name: str) -> None:
     found = differences(load_scenario(name), load_scenario(f"paper_{name}"))
-    allowed = ("filter", "servo", "multilateration", "landmark_fix")
+    allowed = ("estimator", "servo", "multilateration", "landmark_fix")
     assert {setting for setting in found if setting.split(".")[0] not in allowed} == {"name"}
 
 

@@ -37,7 +37,7 @@ FLIGHTS = (
     ("uwb_walls", "planner={kind: hover, point: [8, 1, 1.5], duration: 0.5}"),
     ("bursty_link", "planner={kind: waypoints, points: [[0, 0, 1.5], [0.4, 0.2, 1.5]]}"),
     ("paper_imu_uwb_yolo", "planner={kind: gcs, goal: [0.5, 0.1]}"),
-    ("outage", "filter.delay=replay"),
+    ("outage", "estimator.delay=replay"),
 )
 
 

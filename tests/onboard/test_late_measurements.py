@@ -236,7 +236,7 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
 
 def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
     flights = [
-        fly(load_scenario("imu_uwb", (*SHORT, f"filter.delay={mode}"), 3)) for mode in ("ignore", "replay", "drop")
+        fly(load_scenario("imu_uwb", (*SHORT, f"estimator.delay={mode}"), 3)) for mode in ("ignore", "replay", "drop")
     ]
     for name in ("truth", "estimate", "covariance", "control"):
         for other in flights[1:]:
@@ -252,7 +252,7 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     )  # fmt: skip
     worst = {}
     for mode in ("ignore", "replay"):
-        flight = fly(load_scenario("imu_uwb_yolo", (*calm, f"filter.delay={mode}"), 0))
+        flight = fly(load_scenario("imu_uwb_yolo", (*calm, f"estimator.delay={mode}"), 0))
         assert flight["arrival"].values.any(axis=0).all()
         worst[mode] = np.abs(flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]).max()
     assert worst["replay"] < 1e-12
@@ -282,9 +282,9 @@ def test_past_estimate_finds_the_tick_of_the_stamp() -> None:
 @pytest.mark.parametrize(
     ("setting", "named"),
     [
-        ("filter.horizon=0", "filter.horizon"),
-        ("filter.horizon=3", "filter.horizon"),
-        ("filter.delay=later", "filter.delay"),
+        ("estimator.horizon=0", "estimator.horizon"),
+        ("estimator.horizon=3", "estimator.horizon"),
+        ("estimator.delay=later", "estimator.delay"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(setting: str, named: str) -> None:

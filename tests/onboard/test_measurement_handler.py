@@ -17,8 +17,8 @@ from ortilo_drake.onboard.estimator.measurement_handler import (
     selection_matrix,
     squared_distance,
 )
-from ortilo_drake.scenario import MeasurementHandler as Settings
 from ortilo_drake.scenario import Noise
+from ortilo_drake.scenario.onboard import Gates
 
 H = 1.0 / 30.0
 
@@ -36,14 +36,14 @@ def fix(arrived: float, p: np.ndarray, V: np.ndarray) -> np.ndarray:
 
 def handle(
     delta: np.ndarray,
-    settings: Settings,
+    gates: Gates,
     noise: Noise,
     xhat: np.ndarray | None = None,
     P: np.ndarray | None = None,
     sensors: tuple[str, ...] = SENSORS,
 ) -> np.ndarray:
     """What the handler makes of the fixes above, each there or not."""
-    handler = MeasurementHandler(settings, noise, TICK, sensors)
+    handler = MeasurementHandler(gates, noise, TICK, sensors)
     context = handler.CreateDefaultContext()
     imu = np.concatenate([[delta[2], 0.0], RPY, np.zeros(3), [0.0, 0.0, 9.81]])
     inputs = {
@@ -61,7 +61,7 @@ def handle(
 
 @pytest.mark.parametrize("delta", PATTERNS, ids=str)
 def test_what_arrived_is_stacked_and_the_rest_is_zero(delta: np.ndarray) -> None:
-    measurement = handle(delta, Settings(), FIXED)
+    measurement = handle(delta, {}, FIXED)
     everything = np.concatenate([P_UWB, P_CAMERA, RPY])
     np.testing.assert_array_equal(measurement[MEASUREMENT_DELTA], delta)
     np.testing.assert_array_equal(measurement[MEASUREMENT_Y], arrival_matrix(delta) @ everything)
@@ -89,7 +89,7 @@ def test_H_and_E_are_the_papers(delta: np.ndarray) -> None:
 
 
 def test_nothing_arrived_leaves_a_finite_message_of_zeros() -> None:
-    measurement = handle(np.zeros(3), Settings(uwb_gate=0.99, camera_gate=0.99), Noise())
+    measurement = handle(np.zeros(3), {"camera": 0.99, "uwb": 0.99}, Noise())
     assert not np.any(measurement[MEASUREMENT_Y])
     assert not np.any(measurement[MEASUREMENT_DELTA])
     V2 = measurement[MEASUREMENT_V2].reshape(3, 3, 3)
@@ -99,7 +99,7 @@ def test_nothing_arrived_leaves_a_finite_message_of_zeros() -> None:
 @pytest.mark.parametrize("from_fix", list(product([True, False], repeat=2)))
 def test_covariances_come_with_the_fix_or_from_the_scenario(from_fix: tuple[bool, bool]) -> None:
     noise = Noise(uwb=None if from_fix[0] else FIXED.uwb, camera=None if from_fix[1] else FIXED.camera, imu=FIXED.imu)
-    V2 = handle(np.ones(3), Settings(), noise)[MEASUREMENT_V2].reshape(3, 3, 3)
+    V2 = handle(np.ones(3), {}, noise)[MEASUREMENT_V2].reshape(3, 3, 3)
     np.testing.assert_array_equal(V2[0], V_UWB if from_fix[0] else np.diag(FIXED.uwb))
     np.testing.assert_array_equal(V2[1], V_CAMERA if from_fix[1] else np.diag(FIXED.camera))
     np.testing.assert_array_equal(V2[2], np.diag(FIXED.imu))
@@ -130,10 +130,10 @@ def test_gate_stands_at_the_chi_square_quantile(sensor: int, gate: float) -> Non
     direction = rng.normal(size=3)
     direction /= np.sqrt(direction @ np.linalg.solve(P[:3, :3] + V, direction))  # of Mahalanobis length 1
     limit = np.sqrt(chi2.ppf(gate, df=3))
-    settings = Settings(uwb_gate=gate) if sensor == 0 else Settings(camera_gate=gate)
+    gates = {SENSORS[sensor]: gate}
     for length, passes in ((limit * 0.999, 1.0), (limit * 1.001, 0.0)):
         xhat = np.concatenate([p - length * direction, np.zeros(12)])
-        measurement = handle(np.ones(3), settings, Noise(), xhat, P)
+        measurement = handle(np.ones(3), gates, Noise(), xhat, P)
         expected = np.ones(3)
         expected[sensor] = passes
         np.testing.assert_array_equal(measurement[MEASUREMENT_DELTA], expected)
@@ -143,8 +143,8 @@ def test_gate_stands_at_the_chi_square_quantile(sensor: int, gate: float) -> Non
 @pytest.mark.parametrize("delta", PATTERNS, ids=str)
 def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray) -> None:
     flown = tuple(sensor for sensor, there in zip(SENSORS, delta, strict=True) if there)
-    grounded = handle(np.ones(3), Settings(), FIXED, sensors=flown)
-    np.testing.assert_array_equal(grounded, handle(delta, Settings(), FIXED))
+    grounded = handle(np.ones(3), {}, FIXED, sensors=flown)
+    np.testing.assert_array_equal(grounded, handle(delta, {}, FIXED))
 
 
 @pytest.mark.parametrize("where", ["position", "covariance"])
@@ -155,20 +155,20 @@ def test_a_fix_is_infinitely_far_from_a_prediction_that_is_no_number(where: str)
 
 
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
-    def inputs(settings: Settings, sensors: tuple[str, ...]) -> list[str]:
-        handler = MeasurementHandler(settings, Noise(), TICK, sensors)
+    def inputs(gates: Gates, sensors: tuple[str, ...]) -> list[str]:
+        handler = MeasurementHandler(gates, Noise(), TICK, sensors)
         ports = range(handler.num_input_ports())
         assert all(handler.HasDirectFeedthrough(i, 0) for i in ports)
         return [handler.get_input_port(i).get_name() for i in ports]
 
-    assert inputs(Settings(), SENSORS) == ["uwb", "camera", "imu"]
-    assert inputs(Settings(), ("imu",)) == ["imu"]
-    assert inputs(Settings(camera_gate=0.99), SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
+    assert inputs({}, SENSORS) == ["uwb", "camera", "imu"]
+    assert inputs({}, ("imu",)) == ["imu"]
+    assert inputs({"camera": 0.99}, SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
 
 
 def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
     """What the handler gives at tick k of messages that old, one for each sensor."""
-    handler = MeasurementHandler(Settings(), Noise(), H, SENSORS, delay)
+    handler = MeasurementHandler({}, Noise(), H, SENSORS, delay)
     context = handler.CreateDefaultContext()
     context.SetTime(k * H)
     for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
@@ -198,7 +198,7 @@ def test_stamps_are_given_to_replay() -> None:
 @pytest.mark.parametrize("delay", ["ignore", "drop", "replay"])
 def test_what_is_given_follows_what_comes_and_when(delay: str) -> None:
     """Drake keeps an output until something that it names as needed changes."""
-    handler = MeasurementHandler(Settings(), Noise(), H, SENSORS, delay)
+    handler = MeasurementHandler({}, Noise(), H, SENSORS, delay)
     context = handler.CreateDefaultContext()
     for k, stamped in [(10, 10), (11, 11), (12, 9), (14, 14)]:
         context.SetTime(k * H)

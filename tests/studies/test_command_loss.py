@@ -179,7 +179,7 @@ def closed_loop_matrix_of(scenario: Scenario) -> np.ndarray:
 
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_with_a_perfect_link_it_is_the_closed_loop(integrator: str) -> None:
-    scenario = load_scenario("imu_uwb", (f"servo.integrator={integrator}",))
+    scenario = load_scenario("imu_uwb", (f"estimator.integrator={integrator}",))
     A, _ = behind_a_link(commanded_loop(scenario, V, EVERY_TICK), "zero")
     np.testing.assert_allclose(A[0, 0], closed_loop_matrix_of(scenario), rtol=1e-7, atol=1e-12)
 

@@ -30,7 +30,7 @@ def test_links_are_late_and_the_rest_stays() -> None:
         assert (link.loss.probability, link.delay, link.random_delay) == (0.3, 2, 4)
         assert (link.rate, link.blackouts) == (before.rate, before.blackouts)
     assert (late.command_link.loss.probability, late.command_link.delay) == (0.1, 3)
-    assert late.filter.delay == "replay"
+    assert late.estimator.delay == "replay"
     with pytest.raises(InputError, match="delay"):
         late_scenario(scenario, AT_30_HZ, "later")
     with pytest.raises(InputError, match=r"1\.5"):

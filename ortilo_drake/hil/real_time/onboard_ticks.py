@@ -3,7 +3,7 @@
 Tick k begins when all that the world sent in it is here, or half a tick after it was expected. The world's clock is
 known from its packets: the least delay heard lately is taken for the way's own (the usual estimate of a one-way offset,
 as in D. L. Mills, RFC 5905, clock filter); so two machines need no common time. What comes later than its tick enters
-in a tick after, with its own stamp; filter.delay says what becomes of it.
+in a tick after, with its own stamp; estimator.delay says what becomes of it.
 """
 
 from collections import Counter, deque
@@ -31,9 +31,9 @@ class OnboardTicks:
     """
 
     def __init__(self, scenario: Scenario):
-        self._h = scenario.h
+        self._h, estimator = scenario.h, scenario.estimator
         # What the filter puts into its own tick is of use after a newer message too; else it would be a step back.
-        self._horizon = history_ticks(scenario.filter.horizon, scenario.h) if scenario.filter.delay == "replay" else 0
+        self._horizon = history_ticks(estimator.horizon, scenario.h) if estimator.delay == "replay" else 0
         self._inbox = TickInbox()
         self._offsets: deque[float] = deque(maxlen=CLOCK_WINDOW)  # of the world's tick 0, with the delay of the way
         self.first: int | None = None

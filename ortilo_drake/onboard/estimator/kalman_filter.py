@@ -8,7 +8,7 @@ from ortilo_drake.model.signals import MEASUREMENT_SIZE, N_U, N_XBAR, REFERENCE_
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, filter_step
 from ortilo_drake.scenario import DiagonalW
-from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 
 def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float) -> np.ndarray:

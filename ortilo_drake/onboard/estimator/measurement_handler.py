@@ -5,9 +5,9 @@ noise covariance. The filter forms H_k = Delta_k Cbar and E_k from the arrivals,
 (STATE_OF_ROW, integrated_sensor); arrival_matrix and selection_matrix below are the same at full size, as the paper
 writes them.
 
-What becomes of a measurement that comes late is the scenario's to say (filter.delay). With 'ignore' it enters as if it
-were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as if it
-were current; with 'replay' the stamps go to the filter, see late_measurements.py.
+What becomes of a measurement that comes late is the scenario's to say (estimator.delay). With 'ignore' it enters as
+if it were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as
+if it were current; with 'replay' the stamps go to the filter, see late_measurements.py.
 """
 
 from collections.abc import Callable
@@ -19,8 +19,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, MEASUREMENT_SIZE, N_XBAR, SENSORS, STAMP
 from ortilo_drake.onboard.gate import squared_gate
-from ortilo_drake.scenario import MeasurementHandler as HandlerSettings
 from ortilo_drake.scenario import Noise
+from ortilo_drake.scenario.onboard import Gates
 
 MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes one, so none would leave no camera
 
@@ -127,7 +127,7 @@ class MeasurementHandler(LeafSystem):
     by the present prediction.
 
     Args:
-        settings: gates.
+        gates: probability of each gate, by sensor.
         noise: V.
         h: tick [s], by which 'drop' judges.
         sensors: which of uwb, camera and imu fly.
@@ -136,7 +136,7 @@ class MeasurementHandler(LeafSystem):
 
     def __init__(
         self,
-        settings: HandlerSettings,
+        gates: Gates,
         noise: Noise,
         h: float,
         sensors: tuple[str, ...] = SENSORS,
@@ -147,9 +147,8 @@ class MeasurementHandler(LeafSystem):
         variances = (noise.uwb, noise.camera, noise.imu)
         self._V = np.array([np.diag(v if v is not None else (1.0, 1.0, 1.0)).ravel() for v in variances])
         self._from_fix = np.array([noise.uwb is None, noise.camera is None])
-        gates = (settings.uwb_gate, settings.camera_gate)
-        self._gates = np.array([np.inf if gate is None else squared_gate(gate, 3) for gate in gates])
-        is_gated = settings.uwb_gate is not None or settings.camera_gate is not None
+        gate_of, is_gated = dict(gates), bool(gates)
+        self._gates = np.array([squared_gate(gate_of[s], 3) if s in gate_of else np.inf for s in SENSORS[:2]])
         sizes = {"uwb": FIX_SIZE, "camera": FIX_SIZE, "imu": IMU_SIZE}
         ports = [self.DeclareVectorInputPort(s, sizes[s]) if s in sensors else None for s in SENSORS]
         ports += [

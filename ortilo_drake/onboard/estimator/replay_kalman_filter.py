@@ -10,7 +10,7 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.estimator.kalman_filter import initial_covariance, process_noise
 from ortilo_drake.onboard.estimator.late_measurements import SLOT_SIZE, empty_history, history_ticks, replay_step
-from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 
 class ReplayKalmanFilter(LeafSystem):

@@ -94,6 +94,6 @@ def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e
     A = np.column_stack([(after(z + dz) - after(z - dz)) / (2.0 * step) for dz in step * np.eye(N_LOOP)])
     delta, V2 = measurement[MEASUREMENT_DELTA], measurement[MEASUREMENT_V2].reshape(3, 3, 3)
     loop = hover_loop(ideal)
-    K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, INTEGRATORS[ideal.servo.integrator])[:N_X]
+    K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, INTEGRATORS[ideal.estimator.integrator])[:N_X]
     expected = closed_loop_matrix(loop, K, delta)
     return FlownTick(A, expected, K, delta, float(np.max(np.abs(P - P_before)) / np.max(np.abs(P))))

@@ -75,7 +75,7 @@ def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.nda
         InputError: naming the modes that the sensors do not see.
     """
     check_sensors(scenario)
-    loop, delta, believed = hover_loop(scenario), arrivals_of(scenario.sensors), scenario.filter.V
+    loop, delta, believed = hover_loop(scenario), arrivals_of(scenario.sensors), scenario.estimator.V
     if V is None:
         V = np.diag([*(believed.uwb or PRINTED_V["uwb"]), *(believed.camera or PRINTED_V["camera"]), *believed.imu])
     rows = np.repeat(delta, 3) > 0.0

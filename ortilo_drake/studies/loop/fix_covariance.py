@@ -71,7 +71,7 @@ def _systems(scenario: Scenario) -> tuple[Multilateration, LandmarkFix, Measurem
     return (
         Multilateration(scenario.multilateration, room.anchor_positions),
         LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
-        MeasurementHandler(scenario.handler, scenario.filter.V, scenario.h, SENSORS),
+        MeasurementHandler(scenario.estimator.gates, scenario.estimator.V, scenario.h, SENSORS),
     )
 
 
@@ -79,11 +79,11 @@ def _systems(scenario: Scenario) -> tuple[Multilateration, LandmarkFix, Measurem
 def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the IMU alone, after settling."""
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
+    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     every = scenario.every("imu")
-    xhat, P = np.zeros(N_XBAR), initial_covariance(scenario.filter).ravel()
+    xhat, P = np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()
     measurement = np.zeros(MEASUREMENT_SIZE)
-    measurement[MEASUREMENT_V2] = np.concatenate([np.eye(3).ravel()] * 2 + [np.diag(scenario.filter.V.imu).ravel()])
+    measurement[MEASUREMENT_V2] = np.concatenate([np.eye(3).ravel()] * 2 + [np.diag(scenario.estimator.V.imu).ravel()])
     for k in range(SETTLED):
         measurement[11] = float("imu" in scenario.sensors and k % every == 0)
         P = filter_step(xhat, P, measurement, np.zeros(4), np.zeros(3), Phi, Gamma, W, INTEGRATOR_ESTIMATE)[N_XBAR:]

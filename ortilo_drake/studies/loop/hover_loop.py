@@ -47,10 +47,10 @@ class HoverLoop(NamedTuple):
 def hover_loop(scenario: Scenario) -> HoverLoop:
     """Return the loop of a scenario; InputError if it has no servo gain."""
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
+    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     lends = scenario.servo.velocities == "truth"
-    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.servo.integrator, lends)
+    return HoverLoop(Phi, Gamma, output_C(), W, L, scenario.h, scenario.estimator.integrator, lends)
 
 
 def arrivals_of(sensors: tuple[str, ...]) -> np.ndarray:

@@ -87,7 +87,7 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     V, there = np.tile(np.eye(3), (n, 3, 1, 1)), np.zeros((n, 3), dtype=np.bool_)
     flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(SENSORS) if sensor in scenario.sensors]
     delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
-    V_imu = np.diag(scenario.filter.V.imu)
+    V_imu = np.diag(scenario.estimator.V.imu)
     for k in range(n):
         noise = None
         for s, sensor, link in flying:

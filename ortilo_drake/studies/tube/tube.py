@@ -85,7 +85,7 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
         nominal.V,
         nominal.there,
         loss,
-        initial_covariance(scenario.filter),
+        initial_covariance(scenario.estimator),
         d,
         nominal.r,
         np.ascontiguousarray(x_ref[:, :3]),

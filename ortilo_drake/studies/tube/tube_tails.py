@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.scenario import NoLoss, Scenario
+from ortilo_drake.scenario import Camera, Imu, NoLoss, Scenario, Uwb
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, outside_discs
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, delay_of
@@ -58,7 +58,7 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
 
 def without_losses(scenario: Scenario) -> Scenario:
     """Return the scenario with links that lose nothing at random."""
-    sensors = {"uwb": scenario.uwb, "camera": scenario.camera, "imu": scenario.imu}
+    sensors: dict[str, Uwb | Camera | Imu] = {"uwb": scenario.uwb, "camera": scenario.camera, "imu": scenario.imu}
     return scenario.model_copy(
         update={
             name: sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})

@@ -25,9 +25,9 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
 
     An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
     """
-    W, V, found = scenario.filter.W, scenario.filter.V, {}
+    W, V, found = scenario.estimator.W, scenario.estimator.V, {}
     for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else ("force_sd", "torque_sd"):
-        found[f"filter.W.{name}"] = float(getattr(W, name))
+        found[f"estimator.W.{name}"] = float(getattr(W, name))
     if "uwb" in scenario.sensors and V.uwb is None:
         noise = scenario.multilateration.noise
         name, size = ("sd", noise.sd) if noise.kind == "constant" else ("fraction", noise.fraction)
@@ -37,15 +37,15 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     for sensor in scenario.sensors:
         triple = getattr(V, sensor)
         if triple is not None:
-            found |= {f"filter.V.{sensor}.{i}": value for i, value in enumerate(triple)}
+            found |= {f"estimator.V.{sensor}.{i}": value for i, value in enumerate(triple)}
     return {name: value for name, value in found.items() if value > 0.0}
 
 
 def sensor_of(name: str) -> str | None:
     """Return which sensor's noise a number states; None of W's."""
-    if name.startswith("filter.W"):
+    if name.startswith("estimator.W"):
         return None
-    return next(s for s in SENSORS if name.startswith((f"filter.V.{s}.", _SCALED_BY.get(s, "?"))))
+    return next(s for s in SENSORS if name.startswith((f"estimator.V.{s}.", _SCALED_BY.get(s, "?"))))
 
 
 def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
@@ -68,8 +68,8 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
         recorded: the scenario of the record.
         counted: the sensors that the likelihood counts.
     """
-    numbers, before, V = noise_numbers(scenario), noise_numbers(recorded), scenario.filter.V
-    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
+    numbers, before, V = noise_numbers(scenario), noise_numbers(recorded), scenario.estimator.V
+    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     model = NoiseModel(W, np.zeros((3, 3, 3)), np.zeros(3), np.array([float(s in counted) for s in SENSORS]))
     for s, sensor in enumerate(SENSORS):
         triple = getattr(V, sensor)
