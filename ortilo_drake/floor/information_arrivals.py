@@ -47,7 +47,7 @@ def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
         messages_sent(
             np.ascontiguousarray(truth),
             scenario.every(sensor),
-            loss_parameters(link.loss),
+            loss_parameters(link.loss, scenario.h),
             blackout_rows(link, scenario.h),
             (link.delay, link.random_delay),
             scenario.seed,

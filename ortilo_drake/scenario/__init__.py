@@ -13,6 +13,7 @@ from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import (
     BernoulliLoss,
     Blackout,
+    BurstLoss,
     CommandLink,
     GilbertElliottLoss,
     Link,
@@ -53,6 +54,7 @@ __all__ = [
     "SCENARIO_FOLDER",
     "BernoulliLoss",
     "Blackout",
+    "BurstLoss",
     "Camera",
     "CommandLink",
     "ConstantNoise",

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import Frozen, Positive
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -35,6 +35,20 @@ class GilbertElliottLoss(Frozen):
     loss_bad: Probability = 1.0
 
 
+class BurstLoss(Frozen):
+    """Bursts by what is measured of them: everything is lost within one, nothing between two.
+
+    Attributes:
+        kind: 'bursts'.
+        loss: share of the packets that are lost [1]; L packets in bursts of b ticks need L <= b / (1 + b).
+        mean_length: mean length of a burst [s], a tick or more.
+    """
+
+    kind: Literal["bursts"]
+    loss: Probability
+    mean_length: Positive
+
+
 class PositionBlackout(Frozen):
     """No message while the vehicle's true coordinate on one axis lies in [start, end)."""
 
@@ -59,7 +73,7 @@ def _from_number(loss: Any) -> Any:
     return loss
 
 
-AnyLoss = Annotated[NoLoss | BernoulliLoss | GilbertElliottLoss, Field(discriminator="kind")]
+AnyLoss = Annotated[NoLoss | BernoulliLoss | BurstLoss | GilbertElliottLoss, Field(discriminator="kind")]
 Loss = Annotated[AnyLoss, BeforeValidator(_from_number)]
 Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind")]
 

@@ -8,10 +8,11 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.model.typed_yaml import FileName, Frozen
+from ortilo_drake.model.typed_yaml import FileName, Frozen, InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import CommandLink, Link
+from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.onboard import (
     Detector,
     IntermittentFilter,
@@ -106,6 +107,16 @@ class Scenario(Frozen):
                 raise ValueError(f"{wrong}, or be null: a sensor faster than the tick is not flown yet")
             below, above = most / math.ceil(ticks), most / math.floor(ticks)
             raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
+        return self
+
+    @model_validator(mode="after")
+    def _losses_exist(self) -> "Scenario":
+        links = {f"{sensor}.link": self.link_of(sensor) for sensor in SENSORS} | {"command_link": self.command_link}
+        for name, link in links.items():
+            try:
+                loss_parameters(link.loss, self.h)
+            except InputError as error:
+                raise ValueError(f"{name}.loss.{error}") from None
         return self
 
     @model_validator(mode="after")

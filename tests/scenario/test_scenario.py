@@ -104,6 +104,14 @@ def test_settings_are_laid_over_the_file() -> None:
         ("camera={kind: rendered, latency: 0}", ["camera.latency: 0", "at least 1"]),
         ("camera={kind: rendered, width: 63}", ["camera.width: 63", "64 to 2048"]),
         ("camera.width=9000", ["camera.width: 9000", "8192"]),
+        (
+            "uwb.link.loss={kind: bursts, loss: 0.98, mean_length: 1}",
+            ["uwb.link.loss.loss: 0.98", "at most 0.967", "30"],
+        ),
+        (
+            "command_link.loss={kind: bursts, loss: 0.1, mean_length: 0.03}",
+            ["command_link.loss.mean_length: 0.03", "tick"],
+        ),
         ("uwb=[1", ["not valid YAML"]),
         ("uwb={link: {rate: 1, rate: 2}}", ["'rate' stands twice"]),
         ("room=/nowhere/room.yaml", ["/nowhere/room.yaml", "no such room file"]),

@@ -128,7 +128,7 @@ def test_the_exact_mean_of_each_mode_lies_below_the_recursion() -> None:
 @pytest.mark.parametrize("link", [bursts(0.05, 0.2, 0.1, 0.9), bursts(0.2, 0.3).model_copy(update={"rate": 10.0})])
 def test_the_chain_is_that_of_the_link_that_flies(link: Link) -> None:
     """Shares of arrivals, and of pairs of them a period apart, in 60,000 ticks of the world's link."""
-    loss, nowhere, stream = loss_parameters(link.loss), np.zeros(3), stream_id("link/uwb")
+    loss, nowhere, stream = loss_parameters(link.loss, H), np.zeros(3), stream_id("link/uwb")
     bad, arrived = False, []
     for k in range(60_000):
         d = (

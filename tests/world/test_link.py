@@ -10,6 +10,7 @@ from scipy import stats
 
 from ortilo_drake.scenario import (
     BernoulliLoss,
+    BurstLoss,
     GilbertElliottLoss,
     Link,
     PositionBlackout,
@@ -186,6 +187,19 @@ def test_a_chain_that_never_leaves_is_deterministic() -> None:
     assert arrived(fly(Link(loss=stuck), 500)).tolist() == [0]
     toggling = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=1.0, bad_to_good=1.0)
     np.testing.assert_array_equal(arrived(fly(Link(loss=toggling), 500)), np.arange(0, 500, 2))
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_bursts_lose_their_share_for_their_mean_length(every: int) -> None:
+    n, seconds = 60_000, 0.5  # 15 ticks
+    got = arrived(fly(Link(rate=30.0 / every, loss=BurstLoss(kind="bursts", loss=0.4, mean_length=seconds)), n))
+    chain = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.4 / 0.6 / 15.0, bad_to_good=1.0 / 15.0)
+    rate, sd = share_and_sd(chain, n // every, every)
+    assert rate == pytest.approx(0.4, rel=1e-12)
+    assert abs(1.0 - len(got) / (n // every) - 0.4) < 4 * sd
+    if every == 1:
+        gaps = np.diff(got)[np.diff(got) > 1] - 1
+        assert np.mean(gaps) * H == pytest.approx(seconds, abs=4 * seconds / np.sqrt(len(gaps)))
 
 
 def test_each_seed_and_sensor_has_its_own_losses_and_repeats_them() -> None:

@@ -20,7 +20,8 @@ def link_chain(uwb: Link | None, camera: Link | None, h: float) -> ArrivalChain:
         camera: link of the camera fixes, or None.
         h: tick [s].
     """
-    chains = [(np.ones((1, 1)), np.ones(1)) if link is None else loss_chain(link.loss) for link in (uwb, camera)]
+    never = np.ones((1, 1)), np.ones(1)
+    chains = [never if link is None else loss_chain(link.loss, h) for link in (uwb, camera)]
     (T_u, lost_u), (T_c, lost_c) = chains
     every = [1 if link is None else link.every(h) for link in (uwb, camera)]
     period = lcm(*every)

@@ -46,7 +46,8 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
     for s, sensor in enumerate(SENSORS):
         if sensor not in scenario.sensors:
             continue
-        loss, stream, bad = loss_parameters(scenario.link_of(sensor).loss), stream_id(f"link/{sensor}"), False
+        loss, bad = loss_parameters(scenario.link_of(sensor).loss, scenario.h), False
+        stream = stream_id(f"link/{sensor}")
         late = delay_of(scenario, sensor)
         for k in range(n - late):
             if nominal.there[k + late, s]:
