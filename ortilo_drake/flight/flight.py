@@ -24,6 +24,7 @@ from ortilo_drake.model.signals import (
     XBAR_NAMES,
 )
 from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.scenario.old_keys import FORMAT, scenario_from_json
 
 AXES = ("x", "y", "z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
@@ -190,6 +191,7 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "title": "A flight of ortilo-drake",
             "software": f"ortilo-drake {__version__}",
             "scenario": scenario.model_dump_json(),
+            "format": FORMAT,
             "seed": scenario.seed,
             "lost": json.dumps(None if lost is None else {"time": lost.time, "cause": lost.cause}),
             "frames": "W: east, north, up; B: forward, left, up",
@@ -198,5 +200,5 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:
-    """Return the scenario that a flight carries."""
-    return Scenario.model_validate_json(flight.attrs["scenario"])
+    """Return the scenario that a flight carries; InputError if it is none."""
+    return scenario_from_json(flight.attrs["scenario"], flight.attrs.get("format", 1), "scenario")

@@ -1,11 +1,13 @@
 """Scenarios by name or from files, with settings laid over them."""
 
 import os
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
+from ortilo_drake.scenario.old_keys import refuse_old_keys
 from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
@@ -36,6 +38,8 @@ def _set_field(data: dict[str, Any], setting: str) -> None:
     if not equals or not all(key.split(".")) or key.count(".") > DEEPEST:
         raise InputError(f"--set {shown}: must read key.key=value")
     *parents, last = key.split(".")
+    value = parse_yaml(text, f"--set {shown}")
+    refuse_old_keys(reduce(lambda under, name: {name: under}, reversed(parents), {last: value}), f"--set {shown}")
     for parent in parents:
         child = data.get(parent)
         if child is None:
@@ -43,7 +47,6 @@ def _set_field(data: dict[str, Any], setting: str) -> None:
         if not isinstance(child, dict):
             raise InputError(f"--set {shown}: '{parent}' is not a group of settings")
         data = child
-    value = parse_yaml(text, f"--set {shown}")
     if last == "kind" and data.get("kind") != value and parents != [_ONE_MODEL]:
         data.clear()  # another kind has other settings
     data[last] = value
@@ -69,6 +72,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    refuse_old_keys(data, source)
     base = data.pop("base", None)
     if base is None:
         return data

@@ -19,8 +19,9 @@ from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.input_files import exists
-from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.old_keys import scenario_from_json
 
 
 class LoggedTick(NamedTuple):
@@ -45,7 +46,7 @@ def log_file(path: Path) -> Path:
 
 
 def _about(path: Path) -> dict[str, Any]:
-    """Return what /ortilo/scenario says: format, software, scenario; InputError if it does not say it first."""
+    """Return what /ortilo/scenario says: formats, software, scenario; InputError if it does not say it first."""
     first = next(read_logged(path, lambda topic: True), None)
     if first is None:
         raise InputError(f"{path}: empty or cut off before its scenario")
@@ -65,7 +66,8 @@ def _about(path: Path) -> dict[str, Any]:
 def log_scenario(path: Path) -> Scenario:
     """Return the scenario that a log was flown with; InputError if it is no such log."""
     file = log_file(path)
-    return validate(Scenario, json.loads(_about(file)["scenario"]), str(file))
+    about = _about(file)
+    return scenario_from_json(about["scenario"], about.get("scenario_format", 1), str(file))
 
 
 def holds_what_was_sent(path: Path) -> bool:
