@@ -10,13 +10,22 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class NoLoss(Frozen):
-    """Every message arrives."""
+    """Every message arrives.
+
+    Attributes:
+        kind: 'none'.
+    """
 
     kind: Literal["none"] = "none"
 
 
 class BernoulliLoss(Frozen):
-    """Each message is lost with the same probability, independently."""
+    """Each message is lost with the same probability, independently.
+
+    Attributes:
+        kind: 'bernoulli'.
+        probability: of a loss [1].
+    """
 
     kind: Literal["bernoulli"]
     probability: Probability
@@ -26,6 +35,13 @@ class GilbertElliottLoss(Frozen):
     """Bursts: a two-state Markov chain steps once a tick; messages are lost at the rate of its state.
 
     The chain starts in the good state.
+
+    Attributes:
+        kind: 'gilbert_elliott'.
+        good_to_bad: probability a tick of leaving the good state [1].
+        bad_to_good: probability a tick of leaving the bad state [1].
+        loss_good: probability of a loss in the good state [1].
+        loss_bad: probability of a loss in the bad state [1].
     """
 
     kind: Literal["gilbert_elliott"]
@@ -50,7 +66,14 @@ class BurstLoss(Frozen):
 
 
 class PositionBlackout(Frozen):
-    """No message while the vehicle's true coordinate on one axis lies in [start, end)."""
+    """No message while the vehicle's true coordinate on one axis lies in [start, end).
+
+    Attributes:
+        kind: 'position'.
+        axis: which coordinate of p_WB.
+        start: where it begins [m].
+        end: where it ends [m].
+    """
 
     kind: Literal["position"]
     axis: Literal["x", "y", "z"] = "x"
@@ -59,7 +82,13 @@ class PositionBlackout(Frozen):
 
 
 class TimeBlackout(Frozen):
-    """No message while the time lies in [start, end) [s]."""
+    """No message while the time lies in [start, end).
+
+    Attributes:
+        kind: 'time'.
+        start: when it begins [s].
+        end: when it ends [s].
+    """
 
     kind: Literal["time"]
     start: NonNegativeFloat
@@ -74,7 +103,7 @@ def _from_number(loss: Any) -> Any:
 
 
 AnyLoss = Annotated[NoLoss | BernoulliLoss | BurstLoss | GilbertElliottLoss, Field(discriminator="kind")]
-Loss = Annotated[AnyLoss, BeforeValidator(_from_number)]
+Loss = Annotated[AnyLoss, BeforeValidator(_from_number, json_schema_input_type=AnyLoss | Probability)]
 Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind")]
 
 

@@ -1,4 +1,4 @@
-"""Settings of the onboard half: fixes, handler, filter and servo."""
+"""Settings of the onboard half: detector, fixes, estimator and servo."""
 
 from typing import Annotated, Literal
 
@@ -24,8 +24,10 @@ Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), PlainSerializer(di
 class Multilateration(Frozen):
     """Position from ranges.
 
-    'nearest_three' intersects the spheres of the three nearest anchors, as the authors do; 'least_squares' is
-    weighted nonlinear least squares over all ranges. noise is what the solver believes of the ranges.
+    Attributes:
+        method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
+            'least_squares' is weighted nonlinear least squares over all ranges.
+        noise: what the solver believes of the ranges.
     """
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
@@ -48,8 +50,8 @@ class Detector(Frozen):
         names: its class names, one a line; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
         backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
             the one it was trained with; 'auto' takes the first of them that is installed.
-        threshold: smallest score of a box.
-        overlap: two boxes of a class that overlap by a larger IoU are one object.
+        threshold: smallest score of a box [1].
+        overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
     """
 
     cfg: FileName | None = None
@@ -76,8 +78,9 @@ class LandmarkFix(Frozen):
             the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
         center_sd: what the solver believes of a box centre's error [px]; more than the boxes' own, because the
             filter's attitude error is common to successive fixes.
-        gate: an association is refused beyond this probability of the predicted projection's error.
-        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than this many sd.
+        gate: an association is refused beyond this probability [1] of the predicted projection's error.
+        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than so many standard
+            deviations [1].
         prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
             filter's covariance.
     """
@@ -90,9 +93,14 @@ class LandmarkFix(Frozen):
 
 
 class Noise(Frozen):
-    """What the filter believes of the measurements, V (variances per axis [m^2], [rad^2]).
+    """What the filter believes of the measurements, V.
 
     A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
+
+    Attributes:
+        uwb: variances of a uwb fix per axis [m^2].
+        camera: variances of a camera fix per axis [m^2].
+        imu: variances of roll, pitch and yaw [rad^2].
     """
 
     uwb: PositiveVec3 | None = None
@@ -101,7 +109,13 @@ class Noise(Frozen):
 
 
 class DisturbanceW(Frozen):
-    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick."""
+    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick.
+
+    Attributes:
+        kind: 'disturbance'.
+        force_sd: standard deviation of the force per axis [N].
+        torque_sd: standard deviation of the torque per axis [N m].
+    """
 
     kind: Literal["disturbance"] = "disturbance"
     force_sd: Positive = 0.27
@@ -109,7 +123,15 @@ class DisturbanceW(Frozen):
 
 
 class DiagonalW(Frozen):
-    """W diagonal: one variance each for position, angles, velocity and Euler rates."""
+    """W diagonal, a variance a tick for each group of states.
+
+    Attributes:
+        kind: 'diagonal'.
+        position: of x, y, z [m^2].
+        angle: of roll, pitch, yaw [rad^2].
+        velocity: of the velocity [m^2/s^2].
+        rate: of the Euler rates [rad^2/s^2].
+    """
 
     kind: Literal["diagonal"]
     position: NonNegativeFloat
@@ -134,8 +156,8 @@ class IntermittentFilter(Frozen):
         integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
             filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
             integrates r - xhat, as in the authors' code.
-        gates: probability by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance from the
-            filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
+        gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
+            from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
     """
 
     kind: Literal["intermittent"] = "intermittent"
@@ -149,7 +171,16 @@ class IntermittentFilter(Frozen):
 
 
 class ServoWeights(Frozen):
-    """Diagonals of the servo's Q (by group of states) and R."""
+    """Diagonals of the servo's Q (by group of states) and R.
+
+    Attributes:
+        position: weights of x, y, z [1/m^2].
+        angle: weights of roll, pitch, yaw [1/rad^2].
+        velocity: weights of the velocity [s^2/m^2].
+        rate: weights of the Euler rates [s^2/rad^2].
+        integral: weights of the integral, a sum over ticks of positions [1/m^2].
+        control: weights of f_T [1/N^2] and of tau_x, tau_y, tau_z [1/(N m)^2].
+    """
 
     position: PositiveVec3 = (6.0, 6.0, 6.0)
     angle: tuple[NonNegativeFloat, NonNegativeFloat, Positive] = (1.0, 1.0, 1.0)

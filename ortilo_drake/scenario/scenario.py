@@ -47,8 +47,19 @@ class Scenario(Frozen):
         control_rate: ticks a second, 1 / h [Hz].
         settle: time flown after the path's end [s].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
+        vehicle: the quadrotor's mass, inertia and rotors.
+        world: the simulated physics apart from the sensors.
         sensors: which of uwb, camera and imu fly; the others never arrive.
+        imu: attitude, body rates and specific force.
+        uwb: ranges to the room's anchors.
+        camera: boxes of landmarks.
         command_link: delivery of the control packets; perfect by default.
+        detector: the network that looks at a rendered camera's pictures.
+        multilateration: position from ranges.
+        landmark_fix: position from boxes.
+        estimator: what makes a state of the fixes and the imu's angles.
+        servo: what makes a control of state and reference.
+        planner: the path to fly.
         failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
     """
 
