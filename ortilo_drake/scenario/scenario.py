@@ -98,6 +98,10 @@ class Scenario(Frozen):
         """Width of the image that the camera's boxes are in [px]."""
         return self.camera.width
 
+    def projected(self) -> "Scenario":
+        """Return the same scenario with a camera that draws no pictures."""
+        return self.model_copy(update={"camera": self.camera.model_copy(update={"kind": "projected"})})
+
     def link_of(self, sensor: str) -> Link:
         """Return the link of 'uwb', 'camera' or 'imu'."""
         return {"uwb": self.uwb.link, "camera": self.camera.link, "imu": self.imu.link}[sensor]

@@ -216,6 +216,7 @@ def test_another_kind_of_camera_keeps_its_other_settings(tmp_path: Path) -> None
         load_scenario("imu_uwb_yolo", (*ours, f"camera.kind={k}")) for k in ("projected", "rendered")
     )
     assert rendered.camera == projected.camera.model_copy(update={"kind": "rendered"})
+    assert rendered.projected() == projected
     file = written(tmp_path / "mine.yaml", "base: bursty_link\ncamera: {kind: rendered}\n")
     assert load_scenario(file).camera.link == load_scenario("bursty_link").camera.link
 

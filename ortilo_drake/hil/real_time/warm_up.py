@@ -13,7 +13,7 @@ TICKS = 12  # every sensor has sent, and every message entered the filter
 
 def warm_up(scenario: Scenario) -> None:
     """Fly a moment of the scenario in this process, which has numba compile or load all that either half calls."""
-    flown = scenario.model_copy(update={"camera": "projected"})
+    flown = scenario.projected()
     make_simulator(make_closed_loop(flown), flown).AdvanceTo((TICKS + 0.5) * flown.h)
 
 

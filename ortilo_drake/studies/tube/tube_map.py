@@ -53,8 +53,8 @@ def without_blackouts(scenario: Scenario) -> Scenario:
     """Return the scenario with a projected camera, and no blackouts on either position sensor's link."""
     uwb = scenario.uwb.model_copy(update={"link": scenario.uwb.link.model_copy(update={"blackouts": ()})})
     camera_link = scenario.camera.link.model_copy(update={"blackouts": ()})
-    camera = scenario.camera.model_copy(update={"link": camera_link, "kind": "projected"})
-    return scenario.model_copy(update={"uwb": uwb, "camera": camera})
+    camera = scenario.camera.model_copy(update={"link": camera_link})
+    return scenario.model_copy(update={"uwb": uwb, "camera": camera}).projected()
 
 
 def with_rates(scenario: Scenario, uwb: float, camera: float) -> Scenario:
