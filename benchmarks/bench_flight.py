@@ -42,7 +42,7 @@ DELTA = np.array([1.0, 0.0, 1.0])  # uwb and imu there, the camera not
 
 def flight_speeds(name: str, flights: int) -> list[float]:
     """Return the real-time factors of that many flights."""
-    scenario = load_scenario(name, ("camera=projected",))  # the rendered one: bench_camera.py
+    scenario = load_scenario(name, ("camera.kind=projected",))  # the rendered one: bench_camera.py
     return [float(fly(with_seed(scenario, seed)).attrs["real_time_factor"]) for seed in range(flights)]
 
 
@@ -100,7 +100,9 @@ def filterpy_step() -> object:
 
 def log_share(rounds: int) -> float:
     """Return the time that writing all but pictures to a log takes, over the time flown; the least of the rounds."""
-    scenario = load_scenario("imu_uwb_yolo", ("camera=projected", "settle=0", "planner={kind: hover, duration: 3}"))
+    scenario = load_scenario(
+        "imu_uwb_yolo", ("camera.kind=projected", "settle=0", "planner={kind: hover, duration: 3}")
+    )
     shares = []
     with tempfile.TemporaryDirectory() as folder:
         fly_logged(scenario, Path(folder) / "flown")

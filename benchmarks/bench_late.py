@@ -56,7 +56,7 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
         if done.exists():
             continue
         world_bus, onboard_bus = (f"udpm://239.255.76.67:{port + 2 * i + side}?ttl=0" for side in (0, 1))
-        words = (*flown, "--seed", str(seed), "--set", f"filter.delay={mode}")
+        words = (*flown, "--seed", str(seed), "--set", f"estimator.delay={mode}")
         buses = ("--url-world", world_bus, "--url-onboard", onboard_bus)
         others.append(start("relay", way, FAULTS, "--seed", str(seed + 1), *buses))
         others.append(start("onboard", *words, "--url", onboard_bus))
@@ -89,14 +89,19 @@ def report(name: str, rate: float, links: str, flown: dict[str, list[dict[str, A
     }
 
 
+def settings_at(rate: float) -> tuple[str, ...]:
+    """Return the settings of a flight at a rate [Hz]: the position sensors send on every third tick."""
+    third = f"{rate / 3}"
+    return ("camera.kind=projected", f"control_rate={rate}", f"uwb.link.rate={third}", f"camera.link.rate={third}")
+
+
 def in_virtual_time(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
     """Yield the report of each of CASES as it is there."""
     for name, rate, to_world in CASES:
         way = "both ways" if to_world.loss else "sensors only"
         jobs, flown = [], {mode: [dict[str, Any]()] * seeds for mode in MODES}
         for seed, mode in itertools.product(range(seeds), MODES):
-            settings = ("camera=projected", f"control_rate={rate}", f"filter.delay={mode}")
-            scenario = load_scenario(name, settings).model_dump_json()
+            scenario = load_scenario(name, (*settings_at(rate), f"estimator.delay={mode}")).model_dump_json()
             file = out / f"{name}_{rate}_{way.replace(' ', '_')}" / f"{mode}_{seed}.json"
             jobs.append((scenario, BAD.model_dump_json(), to_world.model_dump_json(), seed, str(file)))
 
@@ -117,13 +122,13 @@ def simulated(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
         ("imu_uwb", 30, BOTH_WAYS_AT_30_HZ),
     ]
     for name, rate, links in cases:
-        scenario = load_scenario(name, ("camera=projected", f"control_rate={rate}"))
+        scenario = load_scenario(name, settings_at(rate))
         yield late_flights(scenario, range(seeds), out, links, os.cpu_count() or 1)
 
 
 def in_real_time(seeds: int, out: Path, name: str, rate: float, seconds: float | None, one_way: bool) -> dict[str, Any]:
     """Return the report of flights in processes, three at a time."""
-    words = (name, "--set", "camera=projected", "--set", f"control_rate={rate:g}")
+    words = (name, *(word for setting in settings_at(rate) for word in ("--set", setting)))
     for seed in range(seeds):
         end = () if seconds is None else ("--seconds", str(seconds))
         fly_modes(words, seed, end, out, PORT, "--to-onboard" if one_way else "--faults")

@@ -32,7 +32,7 @@ def resident() -> float:
 
 def memory_of_flights(flights: int, camera: str) -> dict[str, Any]:
     """Return the memory after each of that many flights [MiB], and the flights per second after the first."""
-    settings = (f"camera={camera}", *((SHORT,) if camera == "rendered" else ()))
+    settings = (f"camera.kind={camera}", *((SHORT,) if camera == "rendered" else ()))
     after: list[float] = []
     ends: list[float] = []
 

@@ -24,10 +24,10 @@ _PREDICTIONS = ("estimate", "covariance")
 
 def make_detector(scenario: Scenario, room: Room) -> Detector:
     """Return what finds landmarks in the pictures of a rendered camera; InputError if its files are wrong."""
-    camera = room.camera.scaled_to(scenario.rendered_camera.width)
+    camera = room.camera.scaled_to(scenario.camera.width)
     size = camera.width, camera.height
     detect = load_detector(scenario.detector, room, size)
-    return Detector(detect, size, scenario.rendered_camera.latency, scenario.h)
+    return Detector(detect, size, scenario.camera.latency, scenario.h)
 
 
 class IntermittentEstimator(Diagram):
@@ -53,14 +53,14 @@ class IntermittentEstimator(Diagram):
 
     def __init__(self, scenario: Scenario, xbar_0: np.ndarray, detects: bool = True):
         super().__init__()
-        room, h, settings = scenario.load_room(), scenario.h, scenario.filter
+        room, h, settings = scenario.load_room(), scenario.h, scenario.estimator
         measurement = scenario.measurement
         sensors = [described(name) for name in measurement.sensors if name in scenario.sensors]
         solvers = {s.name: s.make_onboard(scenario, room) for s in sensors if s.make_onboard is not None}
         about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
 
         builder = DiagramBuilder()
-        model = filter_model(settings, scenario.vehicle, scenario.servo.integrator, h)
+        model = filter_model(settings, scenario.vehicle, scenario.estimator.integrator, h)
         arguments = model, measurement, scenario.vehicle.hover_thrust, xbar_0, initial_covariance(settings), h
         replays = settings.delay == "replay"
         if replays:
@@ -99,11 +99,9 @@ class IntermittentEstimator(Diagram):
                     builder.ConnectInput(message, reader)
             fixes[name] = solver.get_output_port()
 
-        sizes = {s.name: fixes[s.name].size() if s.name in fixes else message_size(s, scenario, room) for s in sensors}
-        wanted = {"uwb": scenario.handler.uwb_gate, "camera": scenario.handler.camera_gate}
         V = {name: described(name).V(scenario) for name in measurement.sensors}
-        gates = {name: gate for name, gate in wanted.items() if gate is not None}
-        handler = builder.AddSystem(MeasurementHandler(measurement, sizes, V, gates, h, settings.delay))
+        sizes = {s.name: fixes[s.name].size() if s.name in fixes else message_size(s, scenario, room) for s in sensors}
+        handler = builder.AddSystem(MeasurementHandler(measurement, sizes, V, dict(settings.gates), h, settings.delay))
         for s in sensors:
             if s.name in fixes:
                 builder.Connect(fixes[s.name], handler.GetInputPort(s.name))

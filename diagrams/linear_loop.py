@@ -69,7 +69,7 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     measurement = scenario.measurement
     Delta, E, p = measurement.arrival_matrix(delta), measurement.selection_matrix(delta), measurement.sizes["y"]
-    integrator = scenario.servo.integrator
+    integrator = scenario.estimator.integrator
     F, G = np.eye(N_XBAR), np.zeros((N_XBAR, p + N_U + REFERENCE_SIZE))
     F[:N_X, :N_X] = Phi - K @ Delta @ measurement.layout.C
     G[:N_X, :p], G[:N_X, p : p + N_U] = K @ Delta, Gamma

@@ -67,7 +67,7 @@ class World(Diagram):
                 _add_rendered_camera(builder, scenario, room, ports)
             elif name in scenario.sensors:
                 sensor = described(name)
-                latency = scenario.projected_camera.latency if name == "camera" else 0
+                latency = scenario.camera.latency if name == "camera" else 0
                 source = builder.AddSystem(sensor.make_world(scenario, room))
                 builder.ExportOutput(
                     _add_link(builder, scenario, name, source, ports, latency), source.get_output_port().get_name()
@@ -160,7 +160,7 @@ def _add_link(
 
 def _add_rendered_camera(builder: DiagramBuilder, scenario: Scenario, room: Room, ports: Ports) -> None:
     """Add a camera whose pictures Drake renders, with its shutter's link."""
-    width, link = scenario.rendered_camera.width, scenario.link_of("camera")
+    width, link = scenario.camera.width, scenario.link_of("camera")
     rendered = builder.AddSystem(make_rendered_camera(room, width))
     builder.Connect(ports["state"], rendered.GetInputPort("state"))
     shutter = _add_link(builder, scenario, "camera", builder.AddSystem(Shutter()), ports)
@@ -168,8 +168,8 @@ def _add_rendered_camera(builder: DiagramBuilder, scenario: Scenario, room: Room
     image, ticks = rendered.GetOutputPort("color_image"), link.delay + link.random_delay
     if ticks:
         camera = room.camera.scaled_to(width)
-        check_kept(link.every, ticks, camera.width, camera.height)
-        kept = builder.AddSystem(ImageDelay(link.every, ticks, scenario.h))
+        check_kept(scenario.every("camera"), ticks, camera.width, camera.height)
+        kept = builder.AddSystem(ImageDelay(scenario.every("camera"), ticks, scenario.h))
         builder.Connect(image, kept.GetInputPort("color_image"))
         builder.Connect(shutter, kept.GetInputPort("shutter"))
         image = kept.get_output_port()

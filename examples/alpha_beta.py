@@ -23,7 +23,7 @@ class AlphaBeta(LeafSystem):
 
     def __init__(self, scenario: od.Scenario, xbar_0: np.ndarray):
         super().__init__()
-        self._h, self._period = scenario.h, scenario.uwb.link.every * scenario.h
+        self._h, self._period = scenario.h, scenario.every("uwb") * scenario.h
         self._anchors = scenario.load_room().anchor_positions
         self._uwb = self.DeclareVectorInputPort("uwb", 2 + 2 * len(self._anchors))
         self._imu = self.DeclareVectorInputPort("imu", 11)

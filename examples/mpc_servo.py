@@ -55,7 +55,7 @@ class MpcServo(LeafSystem):
 
 def main(**settings: object) -> od.Flight:
     """Fly it with the projected camera, and print the verdict beside the LQ servo."""
-    settings = {"camera": "projected"} | settings
+    settings = {"camera__kind": "projected"} | settings
     flight = od.fly("imu_uwb_yolo", servo=MpcServo, **settings)
     print("MPC:     ", flight)
     print("LQ servo:", od.fly("imu_uwb_yolo", **settings))

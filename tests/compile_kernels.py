@@ -15,11 +15,11 @@ from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.scenario import load_scenario, scenario_names
 from ortilo_drake.studies.tube.tube import predict_tube
 
-PROJECTED = "camera=projected"
+PROJECTED = "camera.kind=projected"
 SHORT = ("--set", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}")
 VARIANTS = (
-    ("filter.delay=replay", "uwb.link.delay=2"),
-    ("filter.delay=drop", "uwb.link.delay=2"),
+    ("estimator.delay=replay", "uwb.link.delay=2"),
+    ("estimator.delay=drop", "uwb.link.delay=2"),
     ("command_link.loss={kind: bernoulli, probability: 0.5}",),
     ("world.kinematics=rigid_body",),
 )

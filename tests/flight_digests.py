@@ -35,7 +35,7 @@ def this_platform() -> str:
 
 def fly_ready_made(name: str, camera: str, seeds: Iterable[int] = SEEDS) -> Iterator[tuple[int, xr.Dataset]]:
     """Fly a ready-made scenario whole with the projected camera, on a short path with the rendered one."""
-    changes = (f"camera={camera}", *((SHORT,) if camera == "rendered" else ()))
+    changes = (f"camera.kind={camera}", *((SHORT,) if camera == "rendered" else ()))
     simulator = FlightSimulator(load_scenario(name, changes))
     for seed in seeds:
         yield seed, simulator.fly(seed)

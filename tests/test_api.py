@@ -50,8 +50,8 @@ def test_keywords_are_the_settings_of_the_command_line() -> None:
     assert od.load_scenario(load_scenario("imu_uwb"), seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
         "imu_uwb", WORDS, 3
     )
-    numbers = {"filter__W__force_sd": np.float64(0.2)}
-    assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("filter.W.force_sd=0.2",))
+    numbers = {"estimator__W__force_sd": np.float64(0.2)}
+    assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("estimator.W.force_sd=0.2",))
 
 
 def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
 
 
 def test_a_comparison_has_medians_of_the_same_seeds() -> None:
-    found = od.compare("imu_uwb", "imu_uwb_yolo", seeds=range(3), camera="projected", **HOVER)
+    found = od.compare("imu_uwb", "imu_uwb_yolo", seeds=range(3), camera__kind="projected", **HOVER)
     assert list(found.index) == ["imu_uwb", "imu_uwb_yolo"]
     each = [od.fly("imu_uwb", seed=seed, **HOVER).summary()["mse"]["x"] for seed in range(3)]
     assert found.loc["imu_uwb", "mse x"] == np.median(each)

@@ -1,8 +1,8 @@
 """The laboratory in Python: what `import ortilo_drake as od` offers.
 
-    flight = od.fly("imu_uwb_yolo", seed=3, camera="projected", uwb__link__loss=0.3)
+    flight = od.fly("imu_uwb_yolo", seed=3, camera__kind="projected", uwb__link__loss=0.3)
     flight.error, flight.lost, flight.summary(), flight.plot()
-    od.compare("imu_uwb", "imu_uwb_yolo", camera="projected", seeds=range(5))
+    od.compare("imu_uwb", "imu_uwb_yolo", camera__kind="projected", seeds=range(5))
 
 Settings are those of a scenario file, by keyword: two underscores stand for the dot of `--set uwb.link.loss=0.3`.
 """

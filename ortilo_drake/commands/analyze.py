@@ -46,7 +46,7 @@ def analyze(
     quiet_drake()
     if chosen.is_rendered:
         err.print("the camera is projected here, not rendered")
-        chosen = chosen.model_copy(update={"camera": "projected"})
+        chosen = chosen.projected()
     with progress_bar() as progress, kept_workers():
         task = progress.add_task("theory", total=None)
         data, figures = analyze_scenario(

@@ -194,7 +194,7 @@ def calibrate(
 ) -> None:
     """Measure on rendered flights how the detector errs and what it misses, for the projected camera.
 
-    Fly with the file by --set projected_camera.errors.file=FILE.
+    Fly with the file by --set camera.errors.file=FILE.
     """
     check_writable(out_file)
     settings = _settings(network)

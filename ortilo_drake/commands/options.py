@@ -55,10 +55,10 @@ def with_camera(
     """Return the settings with the camera's laid over them; a detector of the user's needs the rendered camera."""
     chosen = list(settings or ())
     if camera is not None:
-        chosen.append(f"camera={camera.value}")
+        chosen.append(f"camera.kind={camera.value}")
     if detector is not None:
         if camera is Camera.projected:
             raise InputError("--detector: looks at pictures, which --camera projected does not draw")
         cfg, weights = (json.dumps(str(path.absolute())) for path in detector)
-        chosen += ["camera=rendered", f"detector.cfg={cfg}", f"detector.weights={weights}"]
+        chosen += ["camera.kind=rendered", f"detector.cfg={cfg}", f"detector.weights={weights}"]
     return tuple(chosen)

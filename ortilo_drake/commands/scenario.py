@@ -1,21 +1,28 @@
-"""The commands `ortilo scenario list`, `show` and `check`."""
+"""The commands `ortilo scenario list`, `show`, `check`, `keys` and `schema`."""
+
+import json
+from typing import Annotated
 
 import typer
 import yaml
+from rich.markup import escape
+from rich.table import Table
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption, quiet_drake
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
+from ortilo_drake.scenario.schema import scenario_keys, scenario_schema
 
-scenario_app = typer.Typer(help="List, show and check scenarios.", no_args_is_help=True)
+scenario_app = typer.Typer(help="List, show and check scenarios; say what can be set.", no_args_is_help=True)
 
 
 @scenario_app.command("list")
 def list_scenarios() -> None:
     """List the ready-made scenarios with the first line of their description."""
     for name in scenario_names():
-        first = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()[0]
+        _, first, *_ = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()  # behind the line for editors
         out.print(f"[bold]{name:20}[/bold]{first.removeprefix('#').strip()}", soft_wrap=True)
 
 
@@ -35,3 +42,30 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     quiet_drake()
     seconds = check_flyable(chosen) * chosen.h
     out.print(f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}")
+
+
+@scenario_app.command("keys")
+def list_keys(
+    prefix: Annotated[str, typer.Argument(help="Only this group, such as uwb.link, or this setting.")] = "",
+) -> None:
+    """List every setting with what it allows, its unit, its default and what it means."""
+    found = scenario_keys(prefix)
+    if not found:
+        known = {".".join(key.key.split(".")[:n]) for key in scenario_keys() for n in range(1, 6)}
+        raise InputError(f"{prefix}: no such setting{nearest(prefix, sorted(known))}")
+    rows = [(k.key, k.allowed, k.unit, k.default, f"{k.kind}: {k.meaning}" if k.kind else k.meaning) for k in found]
+    heads = ("key", "allowed", "unit", "default", "meaning")
+    if not out.is_terminal:
+        for row in (heads, *rows):
+            typer.echo("\t".join(row))  # Rich makes spaces of tabs
+        return
+    table = Table(*heads, title=f"{len(rows)} settings; of those of a kind, its name stands before the meaning")
+    for row in rows:
+        table.add_row(*map(escape, row))
+    out.print(table)
+
+
+@scenario_app.command("schema")
+def print_schema() -> None:
+    """Print the JSON schema of a scenario, by which editors complete and check its YAML."""
+    typer.echo(json.dumps(scenario_schema(), indent=1))

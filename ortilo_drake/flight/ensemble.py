@@ -49,7 +49,7 @@ def _program() -> str:
 
 def _camera(scenario: Scenario) -> str:
     """Return a digest of the user's detector and calibration files, and of the backend that computes our network."""
-    chosen, errors = scenario.detector, scenario.projected_camera.errors
+    chosen, errors = scenario.detector, scenario.camera.errors
     digest = hashlib.sha256(own_backend(chosen.backend).encode() if scenario.is_rendered else b"")
     names = chosen.names or (chosen.cfg and str(Path(chosen.cfg).with_suffix(".names")))
     for file in (chosen.cfg, chosen.weights, names, errors.file if errors.kind == "measured" else None):

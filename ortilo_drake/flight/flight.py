@@ -22,6 +22,7 @@ from ortilo_drake.model.signals import (
     XBAR_NAMES,
 )
 from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.scenario.old_keys import FORMAT, scenario_from_json
 
 AXES = ("x", "y", "z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
@@ -123,7 +124,7 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
     y, delta, estimate = signal["y"], signal["delta"] > 0, signal["estimate"]
     there = measurement.by_row(delta)
     predicted = estimate[:, :N_X] @ measurement.layout.C.T
-    due = np.array([[k % scenario.link_of(s).every == 0 and s in scenario.sensors for s in sensors] for k in range(n)])
+    due = np.array([[k % scenario.every(s) == 0 and s in scenario.sensors for s in sensors] for k in range(n)])
     reference = signal["reference"].reshape(n, 3, 3)
     return xr.Dataset(
         {
@@ -192,6 +193,7 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "title": "A flight of ortilo-drake",
             "software": f"ortilo-drake {__version__}",
             "scenario": scenario.model_dump_json(),
+            "format": FORMAT,
             "seed": scenario.seed,
             "lost": json.dumps(None if lost is None else {"time": lost.time, "cause": lost.cause}),
             "frames": "W: east, north, up; B: forward, left, up",
@@ -231,5 +233,5 @@ def logged_rows(flight: xr.Dataset) -> Iterator[dict[str, np.ndarray]]:
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:
-    """Return the scenario that a flight carries."""
-    return Scenario.model_validate_json(flight.attrs["scenario"])
+    """Return the scenario that a flight carries; InputError if it is none."""
+    return scenario_from_json(flight.attrs["scenario"], flight.attrs.get("format", 1), "scenario")

@@ -48,12 +48,12 @@ def check_flyable(scenario: Scenario, path: Trajectory | None = None) -> int:
     try:
         camera = room.camera.scaled_to(scenario.image_width)
     except InputError as error:
-        raise InputError(f"{scenario.camera}_camera.{error}") from None
+        raise InputError(f"camera.{error}") from None
     if scenario.is_rendered:
-        link = scenario.camera_link
-        check_kept(link.every, link.delay + link.random_delay, camera.width, camera.height)
+        link = scenario.camera.link
+        check_kept(scenario.every("camera"), link.delay + link.random_delay, camera.width, camera.height)
         check_egl()
         load_detector(scenario.detector, room, (camera.width, camera.height))
-    elif scenario.projected_camera.errors.kind == "measured":
-        load_calibration(scenario.projected_camera.errors)
+    elif scenario.camera.errors.kind == "measured":
+        load_calibration(scenario.camera.errors)
     return ticks

@@ -46,8 +46,8 @@ def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
     return np.asarray(
         messages_sent(
             np.ascontiguousarray(truth),
-            link.every,
-            loss_parameters(link.loss),
+            scenario.every(sensor),
+            loss_parameters(link.loss, scenario.h),
             blackout_rows(link, scenario.h),
             (link.delay, link.random_delay),
             scenario.seed,

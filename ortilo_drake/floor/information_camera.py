@@ -134,7 +134,7 @@ def _own_calibration() -> CameraCalibration:
 
 def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
     """Return the tables of the camera that a scenario flies; None if its detector's errors have not been measured."""
-    errors: MeasuredErrors | ParametricErrors = scenario.projected_camera.errors
+    errors: MeasuredErrors | ParametricErrors = scenario.camera.errors
     if scenario.is_rendered:
         if scenario.detector.cfg is not None:
             return None

@@ -4,19 +4,28 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import Frozen, Positive
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class NoLoss(Frozen):
-    """Every message arrives."""
+    """Every message arrives.
+
+    Attributes:
+        kind: 'none'.
+    """
 
     kind: Literal["none"] = "none"
 
 
 class BernoulliLoss(Frozen):
-    """Each message is lost with the same probability, independently."""
+    """Each message is lost with the same probability, independently.
+
+    Attributes:
+        kind: 'bernoulli'.
+        probability: of a loss [1].
+    """
 
     kind: Literal["bernoulli"]
     probability: Probability
@@ -26,6 +35,13 @@ class GilbertElliottLoss(Frozen):
     """Bursts: a two-state Markov chain steps once a tick; messages are lost at the rate of its state.
 
     The chain starts in the good state.
+
+    Attributes:
+        kind: 'gilbert_elliott'.
+        good_to_bad: probability a tick of leaving the good state [1].
+        bad_to_good: probability a tick of leaving the bad state [1].
+        loss_good: probability of a loss in the good state [1].
+        loss_bad: probability of a loss in the bad state [1].
     """
 
     kind: Literal["gilbert_elliott"]
@@ -35,8 +51,29 @@ class GilbertElliottLoss(Frozen):
     loss_bad: Probability = 1.0
 
 
+class BurstLoss(Frozen):
+    """Bursts by what is measured of them: everything is lost within one, nothing between two.
+
+    Attributes:
+        kind: 'bursts'.
+        loss: share of the packets that are lost [1]; L packets in bursts of b ticks need L <= b / (1 + b).
+        mean_length: mean length of a burst [s], a tick or more.
+    """
+
+    kind: Literal["bursts"]
+    loss: Probability
+    mean_length: Positive
+
+
 class PositionBlackout(Frozen):
-    """No message while the vehicle's true coordinate on one axis lies in [start, end)."""
+    """No message while the vehicle's true coordinate on one axis lies in [start, end).
+
+    Attributes:
+        kind: 'position'.
+        axis: which coordinate of p_WB.
+        start: where it begins [m].
+        end: where it ends [m].
+    """
 
     kind: Literal["position"]
     axis: Literal["x", "y", "z"] = "x"
@@ -45,7 +82,13 @@ class PositionBlackout(Frozen):
 
 
 class TimeBlackout(Frozen):
-    """No message while the time lies in [start, end) [s]."""
+    """No message while the time lies in [start, end).
+
+    Attributes:
+        kind: 'time'.
+        start: when it begins [s].
+        end: when it ends [s].
+    """
 
     kind: Literal["time"]
     start: NonNegativeFloat
@@ -59,8 +102,8 @@ def _from_number(loss: Any) -> Any:
     return loss
 
 
-AnyLoss = Annotated[NoLoss | BernoulliLoss | GilbertElliottLoss, Field(discriminator="kind")]
-Loss = Annotated[AnyLoss, BeforeValidator(_from_number)]
+AnyLoss = Annotated[NoLoss | BernoulliLoss | BurstLoss | GilbertElliottLoss, Field(discriminator="kind")]
+Loss = Annotated[AnyLoss, BeforeValidator(_from_number, json_schema_input_type=AnyLoss | Probability)]
 Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind")]
 
 
@@ -68,18 +111,22 @@ class Link(Frozen):
     """How one sensor's messages reach the vehicle.
 
     Attributes:
-        every: send on every n-th tick; at 30 ticks a second, 3 is 10 Hz.
+        rate: messages a second [Hz]; must divide the scenario's control_rate. null sends on every tick.
         loss: what is lost at random; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].
         random_delay: largest additional delay [ticks], drawn uniformly for each message.
     """
 
-    every: Annotated[int, Field(gt=0, le=1_000_000)] = 1
+    rate: Annotated[float, Field(ge=1e-3)] | None = None
     loss: Loss = NoLoss()
     blackouts: Annotated[tuple[Blackout, ...], Field(max_length=1000)] = ()
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
+
+    def every(self, h: float) -> int:
+        """Return how many ticks of h [s] lie from one message to the next."""
+        return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
 
     @model_validator(mode="after")
     def _blackouts_have_a_length(self) -> "Link":

@@ -1,12 +1,14 @@
 """Scenarios by name or from files, with settings laid over them."""
 
 import os
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
+from ortilo_drake.scenario.old_keys import refuse_old_keys
 from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
@@ -49,6 +51,7 @@ def _set_field(data: dict[str, Any], setting: Setting) -> None:
     if not all(key.split(".")) or key.count(".") > DEEPEST:
         raise InputError(f"{shown}: must read key.key=value")
     *parents, last = key.split(".")
+    refuse_old_keys(reduce(lambda under, name: {name: under}, reversed(parents), {last: value}), shown)
     for parent in parents:
         child = data.get(parent)
         if child is None:
@@ -56,10 +59,12 @@ def _set_field(data: dict[str, Any], setting: Setting) -> None:
         if not isinstance(child, dict):
             raise InputError(f"{shown}: '{parent}' is not a group of settings")
         data = child
-    if last == "kind" and data.get("kind") != value:
+    if last == "kind" and data.get("kind") != value and parents != [_ONE_MODEL]:
         data.clear()  # another kind has other settings
     data[last] = value
 
+
+_ONE_MODEL = "camera"  # has the same settings in both kinds: another kind keeps them
 
 # Settings that name files, and what stands there for none.
 _FILES = {
@@ -68,7 +73,7 @@ _FILES = {
     ("detector", "cfg"): None,
     ("detector", "weights"): None,
     ("detector", "names"): None,
-    ("projected_camera", "errors", "file"): "rendered",
+    ("camera", "errors", "file"): "rendered",
 }
 
 
@@ -85,6 +90,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    refuse_old_keys(data, source)
     data = _with_vehicle(data, path.parent)
     base = data.pop("base", None)
     if base is None:
@@ -113,8 +119,9 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)
-        if isinstance(under, dict) and isinstance(value, dict) and value.get("kind") in (None, under.get("kind")):
-            value = _merged(under, value)
+        if isinstance(under, dict) and isinstance(value, dict):
+            same = key == _ONE_MODEL or value.get("kind") in (None, under.get("kind"))
+            value = _merged(under, value) if same else value
         merged[key] = value
     return merged
 
@@ -183,10 +190,10 @@ def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
     if files:
         files = {key: absolute(path) for key, path in files.items()}
         changes["detector"] = scenario.detector.model_copy(update=files)
-    errors = scenario.projected_camera.errors
+    errors = scenario.camera.errors
     if errors.kind == "measured" and errors.file != "rendered":
         errors = errors.model_copy(update={"file": absolute(errors.file)})
-        changes["projected_camera"] = scenario.projected_camera.model_copy(update={"errors": errors})
+        changes["camera"] = scenario.camera.model_copy(update={"errors": errors})
     return scenario.model_copy(update=changes) if changes else scenario
 
 

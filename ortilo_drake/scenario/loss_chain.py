@@ -11,9 +11,18 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.link import BernoulliLoss, GilbertElliottLoss, Loss
 
 
-def loss_parameters(loss: Loss) -> np.ndarray:
-    """Return (good to bad, bad to good, loss while good, loss while bad) of any kind of loss."""
+def loss_parameters(loss: Loss, h: float) -> np.ndarray:
+    """Return (good to bad, bad to good, loss while good, loss while bad) of any kind of loss at ticks of h [s].
+
+    Raises:
+        InputError: if there are no such bursts.
+    """
     match loss.kind:
+        case "bursts":
+            ticks = loss.mean_length / h
+            if ticks < 1.0 - 1e-9:
+                raise InputError(f"mean_length: {loss.mean_length}: must be at least a tick, {h:.6g} s")
+            return loss_parameters(loss_of(loss.loss, max(ticks, 1.0)), h)
         case "gilbert_elliott":
             return np.array([loss.good_to_bad, loss.bad_to_good, loss.loss_good, loss.loss_bad])
         case "bernoulli":
@@ -21,12 +30,12 @@ def loss_parameters(loss: Loss) -> np.ndarray:
     return np.zeros(4)
 
 
-def loss_chain(loss: Loss) -> tuple[np.ndarray, np.ndarray]:
+def loss_chain(loss: Loss, h: float) -> tuple[np.ndarray, np.ndarray]:
     """Return T (M x M), of the modes from one tick to the next, and the probability of loss in each mode (M).
 
-    The first mode is where the chain starts; where it never leaves that, it is the only one.
+    The first mode is where the chain starts; where it never leaves that, it is the only one. As loss_parameters.
     """
-    to_bad, to_good, good, bad = loss_parameters(loss)
+    to_bad, to_good, good, bad = loss_parameters(loss, h)
     if to_bad == 0.0:
         return np.ones((1, 1)), np.array([good])
     return np.array([[1.0 - to_bad, to_bad], [to_good, 1.0 - to_good]]), np.array([good, bad])

@@ -1,21 +1,33 @@
-"""Settings of the onboard half: fixes, handler, filter and servo."""
+"""Settings of the onboard half: detector, fixes, estimator and servo."""
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[Positive, Positive, Positive]
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
+Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
+
+
+def _as_pairs(gates: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    """Return a mapping as sorted pairs, by which a frozen model has a hash."""
+    return tuple(sorted(gates.items()))
+
+
+# A mapping in a file, kept as pairs (sensor, probability): dict(gates) is the mapping again.
+Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), PlainSerializer(dict, return_type=dict[str, float])]
 
 
 class Multilateration(Frozen):
     """Position from ranges.
 
-    'nearest_three' intersects the spheres of the three nearest anchors, as the authors do; 'least_squares' is
-    weighted nonlinear least squares over all ranges. noise is what the solver believes of the ranges.
+    Attributes:
+        method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
+            'least_squares' is weighted nonlinear least squares over all ranges.
+        noise: what the solver believes of the ranges.
     """
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
@@ -38,8 +50,8 @@ class Detector(Frozen):
         names: its class names, one a line; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
         backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
             the one it was trained with; 'auto' takes the first of them that is installed.
-        threshold: smallest score of a box.
-        overlap: two boxes of a class that overlap by a larger IoU are one object.
+        threshold: smallest score of a box [1].
+        overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
     """
 
     cfg: FileName | None = None
@@ -66,8 +78,9 @@ class LandmarkFix(Frozen):
             the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
         center_sd: what the solver believes of a box centre's error [px]; more than the boxes' own, because the
             filter's attitude error is common to successive fixes.
-        gate: an association is refused beyond this probability of the predicted projection's error.
-        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than this many sd.
+        gate: an association is refused beyond this probability [1] of the predicted projection's error.
+        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than so many standard
+            deviations [1].
         prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
             filter's covariance.
     """
@@ -80,9 +93,14 @@ class LandmarkFix(Frozen):
 
 
 class Noise(Frozen):
-    """What the filter believes of the measurements, V (variances per axis [m^2], [rad^2]).
+    """What the filter believes of the measurements, V.
 
     A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
+
+    Attributes:
+        uwb: variances of a uwb fix per axis [m^2].
+        camera: variances of a camera fix per axis [m^2].
+        imu: variances of roll, pitch and yaw [rad^2].
     """
 
     uwb: PositiveVec3 | None = None
@@ -90,19 +108,14 @@ class Noise(Frozen):
     imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
 
 
-class MeasurementHandler(Frozen):
-    """What of the arrived fixes the filter gets.
-
-    A fix is ignored if its squared Mahalanobis distance from the filter's prediction exceeds the chi-square
-    quantile of the sensor's gate; null switches the gate off.
-    """
-
-    uwb_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    camera_gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-
-
 class DisturbanceW(Frozen):
-    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick."""
+    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick.
+
+    Attributes:
+        kind: 'disturbance'.
+        force_sd: standard deviation of the force per axis [N].
+        torque_sd: standard deviation of the torque per axis [N m].
+    """
 
     kind: Literal["disturbance"] = "disturbance"
     force_sd: Positive = 0.27
@@ -110,7 +123,15 @@ class DisturbanceW(Frozen):
 
 
 class DiagonalW(Frozen):
-    """W diagonal: one variance each for position, angles, velocity and Euler rates."""
+    """W diagonal, a variance a tick for each group of states.
+
+    Attributes:
+        kind: 'diagonal'.
+        position: of x, y, z [m^2].
+        angle: of roll, pitch, yaw [rad^2].
+        velocity: of the velocity [m^2/s^2].
+        rate: of the Euler rates [rad^2/s^2].
+    """
 
     kind: Literal["diagonal"]
     position: NonNegativeFloat
@@ -119,29 +140,47 @@ class DiagonalW(Frozen):
     rate: NonNegativeFloat
 
 
-class KalmanFilter(Frozen):
-    """The intermittent Kalman filter.
+class IntermittentFilter(Frozen):
+    """The paper's estimator: fixes, their gates, and the intermittent Kalman filter.
 
     Attributes:
+        kind: 'intermittent'.
         W: process noise covariance.
         V: measurement noise.
-        initial_sd: what the filter believes of its initial error in position [m], angles, velocity, Euler rates;
-            flights start without one, so NEES starts at 0.
+        initial_sd: what the filter believes of its initial error in position [m], angles [rad], velocity [m/s] and
+            Euler rates [rad/s]; flights start without one, so NEES starts at 0.
         delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
             uses none older than one tick, which a detector itself takes, and lets the others enter as current;
             'replay' puts it into the tick of its stamp and runs the filter again from there.
         horizon: how far back 'replay' goes [s]; what is older is not used.
+        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
+            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
+            integrates r - xhat, as in the authors' code.
+        gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
+            from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
     """
 
+    kind: Literal["intermittent"] = "intermittent"
     W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
     V: Noise = Noise()
     initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
     delay: Literal["ignore", "drop", "replay"] = "ignore"
     horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
+    integrator: Literal["literal", "hold", "estimate"] = "hold"
+    gates: Gates = Field(default={}, validate_default=True)
 
 
 class ServoWeights(Frozen):
-    """Diagonals of the servo's Q (by group of states) and R."""
+    """Diagonals of the servo's Q (by group of states) and R.
+
+    Attributes:
+        position: weights of x, y, z [1/m^2].
+        angle: weights of roll, pitch, yaw [1/rad^2].
+        velocity: weights of the velocity [s^2/m^2].
+        rate: weights of the Euler rates [s^2/rad^2].
+        integral: weights of the integral, a sum over ticks of positions [1/m^2].
+        control: weights of f_T [1/N^2] and of tau_x, tau_y, tau_z [1/(N m)^2].
+    """
 
     position: PositiveVec3 = (6.0, 6.0, 6.0)
     angle: tuple[NonNegativeFloat, NonNegativeFloat, Positive] = (1.0, 1.0, 1.0)
@@ -155,18 +194,16 @@ class LqServo(Frozen):
     """The LQ servo.
 
     Attributes:
+        kind: 'lq'.
         form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
             forward, as in the authors' code.
-        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
-            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
-            integrates r - xhat, as in the authors' code.
         velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
         yaw: psi_r [rad], small: the hover model of filter and servo is that of yaw 0. Only in the error form.
         weights: Q and R.
     """
 
+    kind: Literal["lq"] = "lq"
     form: Literal["paper", "error"] = "error"
-    integrator: Literal["literal", "hold", "estimate"] = "hold"
     velocities: Literal["estimate", "truth"] = "estimate"
     yaw: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
     weights: ServoWeights = ServoWeights()

@@ -39,7 +39,15 @@ class GcsPlanner(Frozen):
 
 
 class WaypointPlanner(Frozen):
-    """A smooth path through given points, from the scenario or from a file with one 'x y z' [m] a line."""
+    """A smooth path through given points, from the scenario or from a file.
+
+    Attributes:
+        kind: 'waypoints'.
+        points: the points p_W [m], if not in a file.
+        file: a text file with one 'x y z' [m] a line.
+        speed: path speed [m/s].
+        acceleration: largest acceleration [m/s^2].
+    """
 
     kind: Literal["waypoints"]
     points: Annotated[tuple[Vec3, ...], Field(max_length=MAX_POINTS)] = ()
@@ -57,7 +65,13 @@ class WaypointPlanner(Frozen):
 
 
 class HoverPlanner(Frozen):
-    """Stay at one point."""
+    """Stay at one point.
+
+    Attributes:
+        kind: 'hover'.
+        point: where, p_W [m].
+        duration: for how long [s].
+    """
 
     kind: Literal["hover"]
     point: Vec3 = (0.0, 0.0, 1.5)

@@ -1,6 +1,7 @@
 """The scenario: everything that decides a flight, and nothing else."""
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -11,21 +12,21 @@ from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.parts import find_sensor, measurement_of
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.model.typed_yaml import FileName, Frozen
+from ortilo_drake.model.typed_yaml import FileName, Frozen, InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import CommandLink, Link
+from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.onboard import (
     Detector,
-    KalmanFilter,
+    IntermittentFilter,
     LandmarkFix,
     LqServo,
-    MeasurementHandler,
     Multilateration,
 )
 from ortilo_drake.scenario.own_parts import model_for
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
-from ortilo_drake.scenario.sensors import Imu, ProjectedCamera, RenderedCamera, Uwb
+from ortilo_drake.scenario.sensors import Camera, Imu, Uwb
 from ortilo_drake.scenario.world import World
 
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -51,12 +52,19 @@ class Scenario(Frozen):
         control_rate: ticks a second, 1 / h [Hz].
         settle: time flown after the path's end [s].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder.
-        vehicle: what flies; a scenario file may name a file of a vehicle's fields instead, found as a room's is.
+        vehicle: mass, inertia and rotors; a scenario file may name a file of them instead, found as a room's is.
+        world: the simulated physics apart from the sensors.
         sensors: which of uwb, camera and imu fly; the others never arrive.
-        camera: how the camera is simulated: 'rendered' draws pictures for a detector to look at, 'projected' draws the
-            boxes that a detector would have found from what was measured of it, eighty times as fast.
-        camera_link: rate and delivery of either camera's pictures or boxes; 10 Hz by default.
+        imu: attitude, body rates and specific force.
+        uwb: ranges to the room's anchors.
+        camera: boxes of landmarks.
         command_link: delivery of the control packets; perfect by default.
+        detector: the network that looks at a rendered camera's pictures.
+        multilateration: position from ranges.
+        landmark_fix: position from boxes.
+        estimator: what makes a state of the fixes and the imu's angles.
+        servo: what makes a control of state and reference.
+        planner: the path to fly.
         failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
     """
 
@@ -70,16 +78,12 @@ class Scenario(Frozen):
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
     imu: Imu = Imu()
     uwb: Uwb = Uwb()
-    camera: Literal["projected", "rendered"] = "projected"
-    camera_link: Link = Link(every=3)
+    camera: Camera = Camera()
     command_link: CommandLink = CommandLink()
-    projected_camera: ProjectedCamera = ProjectedCamera()
-    rendered_camera: RenderedCamera = RenderedCamera()
     detector: Detector = Detector()
     multilateration: Multilateration = Multilateration()
     landmark_fix: LandmarkFix = LandmarkFix()
-    handler: MeasurementHandler = MeasurementHandler()
-    filter: KalmanFilter = KalmanFilter()
+    estimator: IntermittentFilter = IntermittentFilter()
     servo: LqServo = LqServo()
     planner: Planner = GcsPlanner()
     failsafe: Failsafe = Failsafe()
@@ -92,18 +96,59 @@ class Scenario(Frozen):
     @property
     def is_rendered(self) -> bool:
         """Whether there is a camera and it renders."""
-        return self.camera == "rendered" and "camera" in self.sensors
+        return self.camera.kind == "rendered" and "camera" in self.sensors
 
     @property
     def image_width(self) -> int:
         """Width of the image that the camera's boxes are in [px]."""
-        return (self.rendered_camera if self.camera == "rendered" else self.projected_camera).width
+        return self.camera.width
+
+    def projected(self) -> "Scenario":
+        """Return the same scenario with a camera that draws no pictures."""
+        return self.model_copy(update={"camera": self.camera.model_copy(update={"kind": "projected"})})
 
     def link_of(self, sensor: str) -> Link:
         """Return the link of a sensor."""
-        built_in = {"uwb": self.uwb.link, "camera": self.camera_link, "imu": self.imu.link}
+        built_in = {"uwb": self.uwb.link, "camera": self.camera.link, "imu": self.imu.link}
         link: Link = built_in[sensor] if sensor in built_in else self.settings_of(sensor).link
         return link
+
+    def every(self, sensor: str) -> int:
+        """Return how many ticks lie from one message of a sensor to the next."""
+        return self.link_of(sensor).every(self.h)
+
+    @model_validator(mode="after")
+    def _rates_divide_control_rate(self) -> "Scenario":
+        for sensor in self.sensors:
+            rate, most = self.link_of(sensor).rate, self.control_rate
+            ticks = 1.0 if rate is None else most / rate
+            if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:
+                continue
+            wrong = f"{sensor}.link.rate: {rate}: must divide control_rate, {most:g} Hz"
+            if ticks < 1.0:
+                raise ValueError(f"{wrong}, or be null: a sensor faster than the tick is not flown yet")
+            below, above = most / math.ceil(ticks), most / math.floor(ticks)
+            raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
+        return self
+
+    @model_validator(mode="after")
+    def _losses_exist(self) -> "Scenario":
+        links = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}} | {
+            "command_link": self.command_link
+        }
+        for name, link in links.items():
+            try:
+                loss_parameters(link.loss, self.h)
+            except InputError as error:
+                raise ValueError(f"{name}.loss.{error}") from None
+        return self
+
+    @model_validator(mode="after")
+    def _gated_sensors_fly(self) -> "Scenario":
+        for sensor in dict(self.estimator.gates):
+            if sensor not in self.sensors:
+                raise ValueError(f"estimator.gates.{sensor}: does not fly, of sensors {list(self.sensors)}")
+        return self
 
     def settings_of(self, sensor: str) -> Any:
         """Return the settings of a registered sensor, its defaults where the scenario has none."""
@@ -111,6 +156,11 @@ class Scenario(Frozen):
         if found is None:
             raise ValueError(f"sensors: {sensor!r}: is not registered")
         return getattr(self, sensor, None) or found.settings()
+
+    @property
+    def own_sensors(self) -> tuple[str, ...]:
+        """Those that fly and are not built in."""
+        return tuple(sensor for sensor in self.sensors if sensor not in SENSORS)
 
     @property
     def measurement(self) -> Measurement:

@@ -1,15 +1,22 @@
-"""The sensors: IMU, UWB and the two cameras."""
+"""Settings of the sensors: IMU, UWB and camera."""
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.link import Link, Probability
 
 
 class Imu(Frozen):
-    """An IMU with its own attitude filter: white noise on each output (sd per axis)."""
+    """An IMU with its own attitude filter: white noise on each output.
+
+    Attributes:
+        angle_sd: standard deviation of roll, pitch and yaw [rad].
+        rate_sd: standard deviation of the body rates per axis [rad/s].
+        specific_force_sd: standard deviation of the specific force per axis [m/s^2].
+        link: rate and delivery of its messages.
+    """
 
     angle_sd: NonNegativeFloat = 0.01
     rate_sd: NonNegativeFloat = 0.01
@@ -18,34 +25,57 @@ class Imu(Frozen):
 
 
 class ProportionalNoise(Frozen):
-    """Range noise whose standard deviation is this fraction of the distance."""
+    """Range noise that grows with the distance.
+
+    Attributes:
+        kind: 'proportional'.
+        fraction: standard deviation over distance [1].
+    """
 
     kind: Literal["proportional"] = "proportional"
     fraction: NonNegativeFloat = 0.0075
 
 
 class ConstantNoise(Frozen):
-    """Range noise of one standard deviation [m]."""
+    """Range noise that is the same at every distance.
+
+    Attributes:
+        kind: 'constant'.
+        sd: standard deviation [m].
+    """
 
     kind: Literal["constant"]
     sd: NonNegativeFloat
 
 
 class WallsIgnored(Frozen):
-    """Radio passes through walls unchanged."""
+    """Radio passes through walls unchanged.
+
+    Attributes:
+        kind: 'none'.
+    """
 
     kind: Literal["none"] = "none"
 
 
 class WallsBias(Frozen):
-    """Each wall in the line of sight makes a range this much longer [m]; not the wall that holds the anchor."""
+    """Each wall in the line of sight lengthens a range; not the wall that holds the anchor.
+
+    Attributes:
+        kind: 'bias'.
+        per_wall: how much longer a wall makes it [m].
+    """
 
     kind: Literal["bias"]
     per_wall: NonNegativeFloat = 0.3
 
 
 class WallsBlock(Frozen):
-    """A wall in the line of sight blocks a range; not the wall that holds the anchor."""
+    """A wall in the line of sight blocks a range; not the wall that holds the anchor.
+
+    Attributes:
+        kind: 'block'.
+    """
 
     kind: Literal["block"]
 
@@ -55,18 +85,26 @@ WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock, Field(discriminato
 
 
 class Uwb(Frozen):
-    """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls."""
+    """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls.
+
+    Attributes:
+        noise: noise of each range.
+        walls: what walls in the line of sight do to a range.
+        max_distance: farther anchors give no range [m].
+        link: rate and delivery of its messages.
+    """
 
     noise: RangeNoise = ProportionalNoise()
     walls: WallEffect = WallsIgnored()
     max_distance: Positive = 100.0
-    link: Link = Link(every=3)
+    link: Link = Link(rate=10.0)
 
 
 class MeasuredErrors(Frozen):
     """Errors of a detector as they were measured of it.
 
     Attributes:
+        kind: 'measured'.
         file: 'rendered', the rendered camera and our own detector, or the path of a calibration file
             (ortilo detector calibrate).
     """
@@ -79,13 +117,14 @@ class ParametricErrors(Frozen):
     """Errors of a detector by a few numbers; new in every tick.
 
     Attributes:
+        kind: 'parametric'.
         edge_sd: noise of each edge of a box that the image's border does not cut [px].
-        miss_base: miss rate at distance 0.
+        miss_base: miss rate at distance 0 [1].
         miss_per_metre: growth of the miss rate with distance [1/m].
         max_distance: farther landmarks are never found [m].
         min_size: smaller boxes, in either direction, are never found [px].
-        min_visible: a landmark is found if at least this share of it is not hidden by walls and stands.
-        false_boxes: mean number of false boxes an image (Poisson).
+        min_visible: a landmark is found if at least this share of it [1] is not hidden by walls and stands.
+        false_boxes: mean number of false boxes an image (Poisson) [1].
     """
 
     kind: Literal["parametric"]
@@ -101,27 +140,30 @@ class ParametricErrors(Frozen):
 CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
 
 
-class ProjectedCamera(Frozen):
-    """A landmark camera that returns boxes without rendering an image.
+class Camera(Frozen):
+    """The landmark camera: pictures or boxes, and their link.
 
     Attributes:
-        width: image width [px]; the room's camera is scaled to it.
-        errors: which landmarks are missed, how boxes err, and false boxes.
-        latency: from seeing to boxes [ticks], as the rendered camera's detector takes.
+        kind: 'rendered' draws pictures for a detector to look at; 'projected' draws the boxes that a detector would
+            have found, by what was measured of it, eighty times as fast.
+        width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
+        latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
+            third of a tick of 1/30 s).
+        errors: which landmarks are missed, how boxes err, and false boxes; flown where the camera is projected, and
+            what the theory goes by.
+        link: rate and delivery of the pictures or boxes.
     """
 
+    kind: Literal["projected", "rendered"] = "projected"
     width: Annotated[int, Field(ge=16, le=8192)] = 320
-    errors: CameraErrors = MeasuredErrors()
     latency: Annotated[int, Field(ge=0, le=1000)] = 1
+    errors: CameraErrors = MeasuredErrors()
+    link: Link = Link(rate=10.0)
 
-
-class RenderedCamera(Frozen):
-    """A camera whose pictures Drake renders and a detector looks at.
-
-    Attributes:
-        width: image width [px]; the room's camera is scaled to it.
-        latency: from picture to boxes [ticks]; measured, the detector needs about a third of a tick of 1/30 s.
-    """
-
-    width: Annotated[int, Field(ge=64, le=2048)] = 320
-    latency: Annotated[int, Field(ge=1, le=1000)] = 1
+    @model_validator(mode="after")
+    def _can_be_rendered(self) -> "Camera":
+        if self.kind == "rendered" and not 64 <= self.width <= 2048:
+            raise ValueError(f".width: {self.width}: must be 64 to 2048 where the camera is rendered")
+        if self.kind == "rendered" and self.latency < 1:
+            raise ValueError(f".latency: {self.latency}: must be at least 1 tick where the camera is rendered")
+        return self

@@ -8,19 +8,32 @@ from ortilo_drake.model.typed_yaml import Frozen
 
 
 class IdealRotors(Frozen):
-    """The control acts on the body at once and without limit, as in the paper's model."""
+    """The control acts on the body at once and without limit, as in the paper's model.
+
+    Attributes:
+        kind: 'ideal'.
+    """
 
     kind: Literal["ideal"] = "ideal"
 
 
 class FirstOrderRotors(Frozen):
-    """Mixing to the speeds of the rotors, limits of speed, and a first-order lag with the vehicle's time constants."""
+    """Mixing to the speeds of the rotors, limits of speed, and a first-order lag with the vehicle's time constants.
+
+    Attributes:
+        kind: 'first_order'.
+    """
 
     kind: Literal["first_order"]
 
 
 class Disturbance(Frozen):
-    """Force in W and torque in B, Gaussian, drawn anew every tick and held over it (sd per axis)."""
+    """Force in W and torque in B, Gaussian, drawn anew every tick and held over it.
+
+    Attributes:
+        force_sd: standard deviation of the force per axis [N].
+        torque_sd: standard deviation of the torque per axis [N m].
+    """
 
     force_sd: NonNegativeFloat = 0.27
     torque_sd: NonNegativeFloat = 0.005

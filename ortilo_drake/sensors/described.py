@@ -9,8 +9,8 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
-from ortilo_drake.scenario import ProjectedCamera as ProjectedCameraSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario import Uwb as UwbSettings
 from ortilo_drake.world.sensors.imu import Imu
@@ -35,16 +35,16 @@ BUILT_IN = {
         make_world=lambda scenario, room: UwbRanging(scenario.uwb, room, scenario.seed, scenario.h),
         sd=_of_fix,
         make_onboard=lambda scenario, room: Multilateration(scenario.multilateration, room.anchor_positions),
-        V=lambda scenario: _diagonal(scenario.filter.V.uwb),
+        V=lambda scenario: _diagonal(scenario.estimator.V.uwb),
     ),
     "camera": Sensor(
         "camera",
-        ProjectedCameraSettings,
+        CameraSettings,
         CAMERA,
-        make_world=lambda scenario, room: ProjectedCamera(scenario.projected_camera, room, scenario.seed, scenario.h),
+        make_world=lambda scenario, room: ProjectedCamera(scenario.camera, room, scenario.seed, scenario.h),
         sd=_of_fix,
         make_onboard=lambda scenario, room: LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
-        V=lambda scenario: _diagonal(scenario.filter.V.camera),
+        V=lambda scenario: _diagonal(scenario.estimator.V.camera),
     ),
     "imu": Sensor(
         "imu",
@@ -53,7 +53,7 @@ BUILT_IN = {
         make_world=lambda scenario, room: Imu(scenario.imu, scenario.vehicle.mass, scenario.seed, scenario.h),
         sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.angle_sd),
         payload=IMU_SIZE - PAYLOAD,
-        V=lambda scenario: _diagonal(scenario.filter.V.imu),
+        V=lambda scenario: _diagonal(scenario.estimator.V.imu),
     ),
 }
 

@@ -109,7 +109,7 @@ def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
             picture = np.zeros((height, panel, 3), dtype=np.uint8)
             _write(picture, "no camera in this scenario")
             return picture
-        taken = tick - tick % scenario.link_of("camera").every
+        taken = tick - tick % scenario.every("camera")
         image, boxes = camera_view(float(time[taken]), x[taken])
         picture = cv2.resize(image, (panel, height), interpolation=cv2.INTER_LINEAR)
         draw_boxes(picture, boxes, room, panel / model.width)

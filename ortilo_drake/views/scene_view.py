@@ -59,7 +59,7 @@ def make_camera_view(scenario: Scenario) -> CameraView:
         camera = room.camera.scaled_to(width)
         detect = load_detector(scenario.detector, room, (camera.width, camera.height))
     else:
-        projected = ProjectedCamera(scenario.projected_camera, room, scenario.seed, scenario.h)
+        projected = ProjectedCamera(scenario.camera, room, scenario.seed, scenario.h)
         projected_context = projected.CreateDefaultContext()
 
     def view(time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ SIN, COS = 0.5, 0.866025403784
 PLACES = L * np.array([[COS, SIN, 0], [0, 1, 0], [-COS, SIN, 0], [-COS, -SIN, 0], [0, -1, 0], [COS, -SIN, 0]])
 TURNS = np.array([1, -1, 1, -1, 1, -1])
 SHORT = {"planner": {"kind": "waypoints", "points": [[0, 0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 5.0}
-LOSSLESS = {"uwb__link__loss": 0.0, "camera_link__loss": 0.0, "uwb__link__blackouts": []}
+LOSSLESS = {"uwb__link__loss": 0.0, "camera__link__loss": 0.0, "uwb__link__blackouts": []}
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario, load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"  # into the first blackout, x >= 1.5
-PROJECTED = "camera=projected"  # as fast as the rest
+PROJECTED = "camera.kind=projected"  # as fast as the rest
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"
 SEEN = [0, 1, 2, 0, 1, 2, 3, 4, 5]  # the state behind each row of y
 
@@ -103,18 +103,21 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
     ("name", "settings"),
     [
         ("imu_uwb_yolo", (SHORT, PROJECTED)),
-        ("imu_uwb_yolo", (SHORT, PROJECTED, "servo.integrator=literal")),
-        ("imu_uwb", (SHORT, "servo.integrator=hold", "servo.form=paper")),
+        ("imu_uwb_yolo", (SHORT, PROJECTED, "estimator.integrator=literal")),
+        ("imu_uwb", (SHORT, "estimator.integrator=hold", "servo.form=paper")),
         ("paper_imu_uwb", (HOVER,)),
         ("bursty_link", (HOVER,)),
-        ("rotors", (HOVER, "servo.yaw=0.1", "handler.uwb_gate=0.9")),
+        ("rotors", (HOVER, "servo.yaw=0.1", "estimator.gates.uwb=0.9")),
     ],
 )
 def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[str, ...]) -> None:
     scenario, flight = flown_here(name, *settings)
     h, vehicle, servo = scenario.h, scenario.vehicle, scenario.servo
     L = servo_gain(vehicle, servo.weights, h)
-    model, layout = filter_model(scenario.filter, vehicle, servo.integrator, h), scenario.measurement.layout
+    model, layout = (
+        filter_model(scenario.estimator, vehicle, scenario.estimator.integrator, h),
+        scenario.measurement.layout,
+    )
     hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
     xhat, P, u = (flight[name].values for name in ("estimate", "covariance", "control"))
     r = np.hstack([flight[f"reference{d}"].values for d in ("", "_velocity", "_acceleration")])

@@ -55,8 +55,8 @@ def test_no_ensemble_beats_the_floor_and_the_tuned_filter_sits_on_it(tick_by_tic
 
 def test_the_papers_filter_is_well_above_the_floor() -> None:
     papers = (
-        "filter.W={kind: diagonal, position: 1.0, angle: 1.0, velocity: 1.0, rate: 1.0}",
-        "filter.V={uwb: [0.05, 0.05, 0.05], imu: [0.01, 0.01, 0.01]}",
+        "estimator.W={kind: diagonal, position: 1.0, angle: 1.0, velocity: 1.0, rate: 1.0}",
+        "estimator.V={uwb: [0.05, 0.05, 0.05], imu: [0.01, 0.01, 0.01]}",
         "servo.velocities=truth",
     )
     found = np.array([over_the_floor(seed, *papers) for seed in range(5)])
@@ -66,7 +66,7 @@ def test_the_papers_filter_is_well_above_the_floor() -> None:
 
 def test_the_filters_own_covariance_meets_the_floor_where_it_knows_everything() -> None:
     small = ("uwb.noise.fraction=0.002", "multilateration.noise.fraction=0.002")
-    flight = hovering(0, "filter.initial_sd=[1.0e-6, 1.0e-6, 1.0e-6, 1.0e-6]", *small)
+    flight = hovering(0, "estimator.initial_sd=[1.0e-6, 1.0e-6, 1.0e-6, 1.0e-6]", *small)
     floor, P = floor_at_ticks(flight), np.diagonal(flight["covariance"].values, axis1=1, axis2=2)[:, :3]
     assert floor is not None
     # It takes a fix's covariance from the measured place, not the true one, hence the small noise.

@@ -18,7 +18,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 
 SCENARIO = load_scenario(
-    "imu_uwb_yolo", ("camera=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0")
+    "imu_uwb_yolo", ("camera.kind=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0")
 )
 
 
@@ -143,12 +143,12 @@ def test_what_a_killed_run_left_half_written_is_removed(tmp_path: Path, flown: l
 
 
 @pytest.mark.parametrize(
-    "setting", ["settle=0.1", "filter.V.imu=[0.0002, 0.0001, 0.0001]", "name=other", "world.kinematics=rigid_body"]
+    "setting", ["settle=0.1", "estimator.V.imu=[0.0002, 0.0001, 0.0001]", "name=other", "world.kinematics=rigid_body"]
 )
 def test_other_settings_get_a_folder_of_their_own(setting: str) -> None:
     other = load_scenario(
         "imu_uwb_yolo",
-        ("camera=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0", setting),
+        ("camera.kind=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0", setting),
     )
     assert flight_folder(Path(), other) != flight_folder(Path(), SCENARIO)
     assert flight_folder(Path(), with_seed(SCENARIO, 7)) == flight_folder(Path(), SCENARIO)

@@ -24,13 +24,13 @@ KEEPING = {
     "imu_uwb_yolo": (),
     "bursty_link": (),
     "rotors": (f"command_link={{{BURSTS}, delay: 2, when_lost: hold}}",),
-    "imu_uwb": (f"uwb.link={{every: 1, delay: 1, random_delay: 2, {BURSTS}}}", "filter.delay=replay"),
+    "imu_uwb": (f"uwb.link={{rate: null, delay: 1, random_delay: 2, {BURSTS}}}", "estimator.delay=replay"),
 }
 
 
 @pytest.mark.parametrize("name", KEEPING)
 def test_flights_of_one_simulator_are_those_of_a_diagram_each_in_any_order(name: str) -> None:
-    scenario = load_scenario(name, (*HOVER, "camera=projected", *KEEPING[name]))
+    scenario = load_scenario(name, (*HOVER, "camera.kind=projected", *KEEPING[name]))
     simulator = FlightSimulator(scenario)
     found = [digest(simulator.fly(seed)) for seed in ORDER]
     alone = {seed: digest(fly(with_seed(scenario, seed))) for seed in set(ORDER)}
@@ -41,7 +41,7 @@ def test_flights_of_one_simulator_are_those_of_a_diagram_each_in_any_order(name:
 @pytest.mark.long
 @pytest.mark.egl
 def test_rendered_flights_too_with_pictures_that_come_late() -> None:
-    settings = ("camera_link={every: 3, delay: 1, random_delay: 2}", "planner.duration=0.8")
+    settings = ("camera.link={rate: 10.0, delay: 1, random_delay: 2}", "planner.duration=0.8")
     scenario = load_scenario("imu_uwb_yolo", (*HOVER, *settings))
     assert scenario.is_rendered
     simulator = FlightSimulator(scenario)
@@ -104,6 +104,6 @@ print(resident() - before)
 @pytest.mark.processes
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the memory of a process from /proc/self/statm of Linux")
 def test_thirty_flights_more_take_no_more_memory(tmp_path: Path) -> None:
-    words = [sys.executable, "-c", GROWTH, str(tmp_path), *HOVER, "camera=projected"]
+    words = [sys.executable, "-c", GROWTH, str(tmp_path), *HOVER, "camera.kind=projected"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert float(done.stdout) < 15.0  # a Diagram for each took 4 MiB each

@@ -11,7 +11,7 @@ from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario, load_scenario
 
 LATE = (
-    "camera_link={every: 3, delay: 1, random_delay: 2, loss: {kind: bernoulli, probability: 0.2}}",
+    "camera.link={rate: 10.0, delay: 1, random_delay: 2, loss: {kind: bernoulli, probability: 0.2}}",
     "command_link={delay: 1, loss: {kind: bernoulli, probability: 0.1}}",
 )
 
@@ -30,8 +30,8 @@ def same_flight(scenario: Scenario) -> xr.Dataset:
     ("name", "settings"),
     [
         ("imu_uwb", ()),
-        pytest.param("imu_uwb_yolo", ("camera=projected",), marks=pytest.mark.long),
-        ("imu_uwb_yolo", ("camera=projected", *LATE)),
+        pytest.param("imu_uwb_yolo", ("camera.kind=projected",), marks=pytest.mark.long),
+        ("imu_uwb_yolo", ("camera.kind=projected", *LATE)),
         ("paper_imu_uwb", ()),
         ("rotors", ("planner={kind: hover, duration: 4.0}",)),
     ],

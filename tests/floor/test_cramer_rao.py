@@ -267,8 +267,8 @@ def centers_seen(room: Room, width: int, state: np.ndarray) -> np.ndarray:
 
 
 def parametric(**errors: float) -> Scenario:
-    settings = [f"projected_camera.errors.{key}={value}" for key, value in errors.items()]
-    return load_scenario("imu_uwb_yolo", ("camera=projected", "projected_camera.errors.kind=parametric", *settings))
+    settings = [f"camera.errors.{key}={value}" for key, value in errors.items()]
+    return load_scenario("imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric", *settings))
 
 
 def rows_seen(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
@@ -281,7 +281,7 @@ def test_box_gradients_agree_with_differences_of_projections() -> None:
     rng, room = np.random.default_rng(6), ROOM
     truth = np.repeat(flown_along(rng, 2), 4, axis=0)
     truth[:, 0] = rng.uniform(0.0, 15.0, 8)
-    rows = rows_seen(load_scenario("imu_uwb_yolo", ("camera=projected",)), truth)
+    rows = rows_seen(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)), truth)
     rows = rows[rows[:, SLOW] >= 0]  # these are numbered
     assert len(rows) > 20
     for row in rows:
@@ -310,7 +310,7 @@ def test_a_box_of_given_noise_tells_by_its_edges_variance_and_its_rate() -> None
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_centers_information_is_the_expected_square_of_its_score(share: float, axis: int) -> None:
-    tables = camera_tables(load_scenario("imu_uwb_yolo", ("camera=projected",)), ROOM)
+    tables = camera_tables(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)), ROOM)
     assert tables is not None
     errors = center_errors(tables._replace(slow=np.array([[share, 29.0], [0.0, 1.0]])))
     q, q_inverse = measured_quantile(tables.quantiles[0], tables.quantiles[1 + axis])
@@ -397,7 +397,13 @@ def test_a_scenario_is_bounded_by_the_worlds_noise_and_not_by_what_the_filter_be
 
 
 def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
-    settings = ("camera=projected", "imu.angle_sd=0.02", "uwb.link.every=4", "camera_link.every=7", "imu.link.every=2")
+    settings = (
+        "camera.kind=projected",
+        "imu.angle_sd=0.02",
+        "uwb.link.rate=7.5",
+        f"camera.link.rate={30 / 7}",
+        "imu.link.rate=15.0",
+    )
     scenario, truth, n = load_scenario("imu_uwb_yolo", settings), flown_along(np.random.default_rng(0), 60), 60
     seen = {name: arrived(scenario, name, truth) for name in ("uwb", "camera", "imu")}
     assert len({tuple(there) for there in seen.values()}) == 3

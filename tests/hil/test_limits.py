@@ -25,8 +25,8 @@ from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import Arm, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
-LATE = ("camera_link.delay=2", "camera_link.random_delay=1", "imu.link.delay=3")
-SETTINGS = ("camera=projected", "servo.velocities=truth", *LATE)
+LATE = ("camera.link.delay=2", "camera.link.random_delay=1", "imu.link.delay=3")
+SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)
 SCENARIO = load_scenario("imu_uwb_yolo", SETTINGS)
 FLIGHT = flight_of(SCENARIO, 7, FLIGHT_KEY)
 TICK = 300
@@ -113,14 +113,14 @@ def test_the_limits_are_what_they_say() -> None:
 )
 def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     """The whole flight, but for rendered pictures, through the bytes."""
-    scenario = load_scenario(name, ("camera=projected",))
+    scenario = load_scenario(name, ("camera.kind=projected",))
     check_packets(scenario)
 
 
 @pytest.mark.parametrize(
     "settings",
     [
-        ("filter.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_sd=9"),
+        ("estimator.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_sd=9"),
         ("uwb.link.blackouts=[{kind: time, start: 3, end: 1000}]", "sensors=[uwb]"),
     ],
 )

@@ -24,7 +24,7 @@ def test_a_bad_link_costs_time_but_not_a_bit(
 ) -> None:
     monkeypatch.setattr(sessions, "FAREWELLS", FAREWELLS)
     short = ("settle=0", "planner={kind: hover, duration: 0.5}")
-    scenario = load_scenario(name, (*short, "camera=projected") if name == "imu_uwb_yolo" else short)
+    scenario = load_scenario(name, (*short, "camera.kind=projected") if name == "imu_uwb_yolo" else short)
     alone = fly(scenario)
     del alone.attrs["real_time_factor"]
     stop, relays = threading.Event(), threading.Event()

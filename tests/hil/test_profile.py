@@ -16,14 +16,14 @@ from ortilo_drake.hil.real_time.profile import (
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
-LATE = ("camera=projected", "filter.delay=replay", "camera_link.delay=2")
+LATE = ("camera.kind=projected", "estimator.delay=replay", "camera.link.delay=2")
 
 
 def scenario_of(*settings: str) -> Scenario:
     return load_scenario("imu_uwb_yolo", settings)
 
 
-@pytest.mark.parametrize("settings", [("camera=projected",), LATE])
+@pytest.mark.parametrize("settings", [("camera.kind=projected",), LATE])
 def test_every_output_comes_after_what_it_depends_on(settings: tuple[str, ...]) -> None:
     """Evaluating in the order, each port is the only one whose calculation Drake has still to do."""
     onboard = OnboardHalf(scenario_of(*settings))
@@ -43,7 +43,7 @@ def test_every_output_comes_after_what_it_depends_on(settings: tuple[str, ...]) 
 
 
 def test_block_by_block_the_flight_is_the_same() -> None:
-    scenario = scenario_of("camera=projected")
+    scenario = scenario_of("camera.kind=projected")
     world, plain, timed = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
     ports, updating = dataflow_order(timed.diagram), updating_systems(timed.diagram)
     for _ in range(40):
@@ -70,7 +70,7 @@ def test_rows_sum_to_the_whole() -> None:
 
 def test_a_profile_finds_the_tick_in_its_blocks() -> None:
     """No limit in time: only that every block was timed, and that the shares make up the tick timed whole."""
-    scenario = scenario_of("camera=projected")
+    scenario = scenario_of("camera.kind=projected")
     rows = {row["block"]: row for row in profile_onboard(scenario, 60)}
     blocks = {system.get_name() for system in OnboardHalf(scenario).diagram.GetSystems()}
     assert set(rows) == blocks | {REST, WHOLE}
@@ -86,4 +86,4 @@ def test_a_rendered_camera_s_detector_is_a_block() -> None:
 
 def test_no_ticks_are_refused() -> None:
     with pytest.raises(InputError, match="ticks: 0"):
-        profile_onboard(scenario_of("camera=projected"), 0)
+        profile_onboard(scenario_of("camera.kind=projected"), 0)

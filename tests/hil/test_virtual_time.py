@@ -13,7 +13,7 @@ from ortilo_drake.hil.relay.virtual_time import fly_in_virtual_time, summary_in_
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 
-SHORT = ("camera=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
+SHORT = ("camera.kind=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
 BAD = Faults(loss=0.2, delay=0.04, spread=0.02, duplicate=0.1)
 
 
@@ -41,7 +41,7 @@ def test_a_seed_flies_the_same_bits_and_another_others() -> None:
 def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
     found = {}
     for mode in ("ignore", "drop", "replay"):
-        flight = fly_in_virtual_time(scenario_of(f"filter.delay={mode}"), BAD)
+        flight = fly_in_virtual_time(scenario_of(f"estimator.delay={mode}"), BAD)
         assert np.isfinite(flight["estimate"].values).all(axis=1).mean() > 0.98  # all but what it had not joined for
         found[mode] = summary(flight)
     assert 0.6 < found["replay"]["arrivals"]["camera"] < 0.95  # a fifth of the packets is lost
@@ -53,14 +53,14 @@ def test_what_comes_twice_is_taken_once() -> None:
     twice = Faults(duplicate=1.0, spread=0.05)  # the second copy up to a tick and a half behind the first
     once = fly_in_virtual_time(scenario_of())
     xr.testing.assert_identical(fly_in_virtual_time(scenario_of(), Faults(duplicate=1.0), Faults(duplicate=1.0)), once)
-    flight = fly_in_virtual_time(scenario_of("filter.delay=replay"), twice)
+    flight = fly_in_virtual_time(scenario_of("estimator.delay=replay"), twice)
     due, used = flight["due"].sel(sensor="camera"), flight["arrival"].sel(sensor="camera")
     assert int(used.sum()) <= int(due.sum())
 
 
 def test_pictures_are_refused() -> None:
     with pytest.raises(InputError, match="camera"):
-        fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera=rendered",)))
+        fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera.kind=rendered",)))
 
 
 def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 from command_line import Done, end, run_apart, start
 
 HOVER = ("--set", "settle=0", "--set", "planner={kind: hover, duration: 4}")
-PROJECTED = ("--set", "camera=projected")
-RENDERED = ("--set", "camera=rendered", "--set", "settle=0", "--set", "planner={kind: hover, duration: 1}")
+PROJECTED = ("--set", "camera.kind=projected")
+RENDERED = ("--set", "camera.kind=rendered", "--set", "settle=0", "--set", "planner={kind: hover, duration: 1}")
 WAIT = ("--wait", "90")
 
 

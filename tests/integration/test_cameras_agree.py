@@ -40,7 +40,7 @@ def fix_errors(scenario, states, messages) -> np.ndarray:
 
 
 def projected_messages(scenario, states, seed) -> list[np.ndarray]:
-    system = ProjectedCamera(scenario.projected_camera, scenario.load_room(), seed, scenario.h)
+    system = ProjectedCamera(scenario.camera, scenario.load_room(), seed, scenario.h)
     context, messages = system.CreateDefaultContext(), []
     for k, x in enumerate(states):
         context.SetTime(EVERY * k * scenario.h)
@@ -52,11 +52,10 @@ def projected_messages(scenario, states, seed) -> list[np.ndarray]:
 @pytest.fixture(scope="module")
 def errors():
     """Fix errors by the rendered camera (n) and by the projected one (REALISATIONS, n)."""
-    scenario = load_scenario("imu_uwb_yolo", ("camera=projected",), SEED)
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",), SEED)
     room = scenario.load_room()
     states = fly(scenario)["truth"].values[::EVERY]
-    camera = room.camera.scaled_to(scenario.rendered_camera.width)
-    assert scenario.rendered_camera.width == scenario.projected_camera.width
+    camera = room.camera.scaled_to(scenario.camera.width)
     detect = load_detector(scenario.detector, room, (camera.width, camera.height))
     found = detect_in_flight(room, camera.width, states, detect, lambda: None)
     rendered = [detections_message(0.0, *boxes) for boxes in found]

@@ -74,7 +74,7 @@ def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
 @pytest.mark.processes
 def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -> None:
     folder, done = flown
-    scenario = load_scenario("imu_uwb_yolo", (SHORT, "camera=projected"), 3)
+    scenario = load_scenario("imu_uwb_yolo", (SHORT, "camera.kind=projected"), 3)
     written = load_flight(folder / "new/flight.nc")
     assert scenario_of(written) == scenario
     here, there = summary(fly(scenario)), json.loads((folder / "new/flight.json").read_text(encoding="utf-8"))
@@ -231,12 +231,12 @@ def subsystem_names(diagram: Diagram) -> set[str]:
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
 def test_the_diagram_is_svg_that_names_every_subsystem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "new" / "loop.svg"
-    assert run("diagram", "imu_uwb_yolo", "--set", SHORT, "--set", "camera=projected", "--svg", str(path)) == 0
+    assert run("diagram", "imu_uwb_yolo", "--set", SHORT, "--set", "camera.kind=projected", "--svg", str(path)) == 0
     assert capsys.readouterr().err == ""
     root = ElementTree.parse(path).getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     texts = {"".join(node.itertext()).strip() for node in root.iter("{http://www.w3.org/2000/svg}text")}
-    names = subsystem_names(make_closed_loop(load_scenario("imu_uwb_yolo", (SHORT, "camera=projected"))))
+    names = subsystem_names(make_closed_loop(load_scenario("imu_uwb_yolo", (SHORT, "camera.kind=projected"))))
     assert {"world", "onboard", "quadrotor", "uwb", "imu", "kalman_filter", "lq_servo", "planner"} <= names
     assert {name for name in names if not any(name in text for text in texts)} == set()
 

@@ -23,7 +23,7 @@ NOTHING_LOST = "command_link.loss={kind: bernoulli, probability: 0.0}"
 @pytest.mark.parametrize("name", ["imu_uwb", "rotors"])
 def test_a_link_that_loses_nothing_flies_the_same_bits(name: str) -> None:
     def bits(*settings: str) -> xr.Dataset:
-        return fly(load_scenario(name, ("camera=projected", SHORT, *settings), 3))
+        return fly(load_scenario(name, ("camera.kind=projected", SHORT, *settings), 3))
 
     without, through = bits(), bits(NOTHING_LOST)
     for variable in without.data_vars:
@@ -50,12 +50,12 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
     np.testing.assert_allclose(V[:3, :3], np.linalg.inv(J.T @ np.diag((0.0075 * d) ** -2.0) @ J), rtol=1e-9)
     np.testing.assert_allclose(V[6:, 6:], 1e-4 * np.eye(3))
     with pytest.raises(InputError, match="no measurement of camera there"):
-        hover_V(load_scenario("imu_uwb_yolo", ("camera=projected",)), (20.5, -3.2, 1.5))
+        hover_V(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)), (20.5, -3.2, 1.5))
 
 
 @pytest.mark.long
 def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb", ("camera=projected",))
+    scenario = load_scenario("imu_uwb", ("camera.kind=projected",))
     links = command_cases((0.4,), ("hold",), (6,))
     found = command_flights(scenario, links, range(3), tmp_path, duration=20.0)
     assert json.loads(json.dumps(found, allow_nan=False)) == found

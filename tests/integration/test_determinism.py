@@ -15,7 +15,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
-PROJECTED = "camera=projected"  # as fast as the rest; rendered flights have tests of their own
+PROJECTED = "camera.kind=projected"  # as fast as the rest; rendered flights have tests of their own
 SCENARIOS = ["imu_uwb_yolo", "bursty_link", "rotors"]
 
 
@@ -102,7 +102,7 @@ def test_adding_the_camera_leaves_the_other_sensors_noise_as_it_was() -> None:
 
 def test_a_sensors_rate_leaves_its_noise_and_that_of_the_others_as_it_was() -> None:
     every_third, h = world_of("imu_uwb_yolo")
-    every_tick, _ = world_of("imu_uwb_yolo", "uwb.link.every=1")
+    every_tick, _ = world_of("imu_uwb_yolo", "uwb.link.rate=null")
     slow, fast = messages(every_third, "uwb", h), messages(every_tick, "uwb", h)
     assert slow[::3].tobytes() == fast[::3].tobytes()
     assert not slow[1::3].any()

@@ -98,7 +98,7 @@ def test_what_the_onboard_half_logged_in_real_time_replays_identically(tmp_path:
 @pytest.mark.real_time
 @pytest.mark.egl
 def test_in_real_time_pictures_are_drawn_and_looked_at_beside_the_ticks(tmp_path: Path, bus: str) -> None:
-    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *RENDERED, "--set", "rendered_camera.width=160", "--url", bus)
+    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *RENDERED, "--set", "camera.width=160", "--url", bus)
     wait = ("--wait", "120")
     both = run_both((*words, *wait, "--seconds", "3"), (*words, *wait, "--log", str(log)))
     for code, _, errors in both:

@@ -11,14 +11,14 @@ from ortilo_drake.scenario import load_scenario
 
 START, END = 5.0, 7.0
 SETTINGS = (
-    "uwb.link={every: 1, blackouts: [{kind: time, start: 5, end: 7}]}",  # 30 Hz otherwise
+    "uwb.link={rate: null, blackouts: [{kind: time, start: 5, end: 7}]}",  # 30 Hz otherwise
     "planner={kind: waypoints, points: [[5.0, 1.8, 1.5], [9.0, 1.8, 1.5]], speed: 0.35}",
 )
 
 
 @cache
 def flight_of(integrator: str, seed: int) -> xr.Dataset:
-    return fly(load_scenario("imu_uwb", (*SETTINGS, f"servo.integrator={integrator}"), seed))
+    return fly(load_scenario("imu_uwb", (*SETTINGS, f"estimator.integrator={integrator}"), seed))
 
 
 def distances_from_path(flight: xr.Dataset) -> np.ndarray:

@@ -21,7 +21,7 @@ from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.scenario import Scenario, load_scenario
 
 HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 0.6}", "settle=0.2")
-RENDERED = ("camera=rendered", "rendered_camera.width=64")
+RENDERED = ("camera.kind=rendered", "camera.width=64")
 # Of untrained weights hardly a score exceeds this, of trained ones many do: some boxes at any rate.
 LOW = "detector.threshold=1.0e-4"
 
@@ -83,10 +83,10 @@ def test_the_same_bits_on_one_worker_and_on_two(bare: str, tmp_path: Path) -> No
 @pytest.mark.egl
 @pytest.mark.parametrize(
     ("link", "delays"),
-    [("{every: 3}", {0}), ("{every: 3, delay: 2}", {2}), ("{every: 3, random_delay: 4}", set(range(5)))],
+    [("{rate: 10.0}", {0}), ("{rate: 10.0, delay: 2}", {2}), ("{rate: 10.0, random_delay: 4}", set(range(5)))],
 )
 def test_pictures_come_with_their_stamps_and_boxes_a_latency_later(bare: str, link: str, delays: set[int]) -> None:
-    scenario = scenario_of(bare, f"camera_link={link}", "rendered_camera.latency=2", "planner.duration=1.5")
+    scenario = scenario_of(bare, f"camera.link={link}", "camera.latency=2", "planner.duration=1.5")
     diagram = make_closed_loop(scenario)
     simulator, h = make_simulator(diagram, scenario), scenario.h
     context = simulator.get_context()
@@ -116,7 +116,7 @@ def test_pictures_come_with_their_stamps_and_boxes_a_latency_later(bare: str, li
 
 @pytest.mark.egl
 def test_a_flight_with_late_pictures_flies_to_its_end(bare: str) -> None:
-    flight = fly(scenario_of(bare, "camera_link={every: 3, delay: 1, random_delay: 2}"))
+    flight = fly(scenario_of(bare, "camera.link={rate: 10.0, delay: 1, random_delay: 2}"))
     assert flight.sizes["tick"] == 25
     assert np.isfinite(flight["truth"].values).all()
 
@@ -156,7 +156,7 @@ def test_a_network_of_the_users_flies(capsys: pytest.CaptureFixture[str], bare: 
     assert capsys.readouterr().err == ""
     flight = load_flight(out)
     scenario = Scenario.model_validate_json(flight.attrs["scenario"])
-    assert scenario.camera == "rendered"
+    assert scenario.camera.kind == "rendered"
     assert scenario.detector.cfg == words[1]
     assert scenario.detector.weights == words[2]
     assert digest(flight) == digest(fly(scenario))
@@ -240,7 +240,7 @@ def test_a_detector_has_nothing_to_look_at_where_boxes_are_projected(refused: An
 @pytest.mark.parametrize("how", ["rendered", "--set"])
 def test_without_egl_it_says_what_to_install(refused: Any, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ortilo_drake.world.scenery.rendering._egl_works", lambda: False)
-    words = command(camera=how) if how == "rendered" else command("--set", "camera=rendered")
+    words = command(camera=how) if how == "rendered" else command("--set", "camera.kind=rendered")
     line = refused(*words, "--out", "flight.nc")
     assert "apt-get install libegl1 libgl1-mesa-dri" in line
     assert "projected" in line

@@ -37,14 +37,14 @@ FLIGHTS = (
     ("uwb_walls", "planner={kind: hover, point: [8, 1, 1.5], duration: 0.5}"),
     ("bursty_link", "planner={kind: waypoints, points: [[0, 0, 1.5], [0.4, 0.2, 1.5]]}"),
     ("paper_imu_uwb_yolo", "planner={kind: gcs, goal: [0.5, 0.1]}"),
-    ("outage", "filter.delay=replay"),
+    ("outage", "estimator.delay=replay"),
 )
 
 
 @cache
 def flights() -> list[Any]:
     """Return the ready-made scenarios in full, with boxes for pictures."""
-    return [load_scenario(name, (change, "camera=projected")).model_dump(mode="json") for name, change in FLIGHTS]
+    return [load_scenario(name, (change, "camera.kind=projected")).model_dump(mode="json") for name, change in FLIGHTS]
 
 
 @cache
@@ -71,7 +71,7 @@ def make_case(number: int, folder: Path) -> tuple[Path, tuple[str, ...], list[Wh
         data, spoilt = spoil(data_of(file), model, rng)
         (folder / "part.yaml").write_text(as_yaml(data, rng), encoding="utf-8", errors="surrogatepass")
         named = {"kind": "measured", "file": "part.yaml"}
-        text = plain(scenario | ({"room": "part.yaml"} if key == "room" else {"projected_camera": {"errors": named}}))
+        text = plain(scenario | ({"room": "part.yaml"} if key == "room" else {"camera": {"errors": named}}))
     (folder / "case.yaml").write_text(text, encoding="utf-8", errors="surrogatepass")
     return folder / "case.yaml", settings, spoilt
 

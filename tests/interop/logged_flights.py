@@ -19,7 +19,7 @@ class Tick(NamedTuple):
     outputs: dict[str, np.ndarray]
 
 
-SETTINGS = ("settle=0", "planner={kind: hover, duration: 3.0}", "camera=projected")
+SETTINGS = ("settle=0", "planner={kind: hover, duration: 3.0}", "camera.kind=projected")
 
 
 GOALS = {40: (1.25, -0.1), 55: (-3.0, 1e-3)}  # by tick

@@ -137,7 +137,7 @@ def test_the_log_of_a_half_that_joined_from_a_checkpoint_says_itself_what_it_kne
 
 
 def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
-    log_joined(tmp_path / "log", ("filter.delay=replay",))
+    log_joined(tmp_path / "log", ("estimator.delay=replay",))
     with pytest.raises(InputError, match=r"joined its flight at tick 66 .*; replay the log of a half that"):
         replay_log(tmp_path / "log")
 
@@ -145,7 +145,7 @@ def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
 def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_path: Path) -> None:
     planner = "planner={kind: hover, duration: 9.0}"
     rendered = load_scenario("imu_uwb_yolo", (planner,))
-    world = WorldHalf(load_scenario("imu_uwb_yolo", (planner, "camera=projected")))
+    world = WorldHalf(load_scenario("imu_uwb_yolo", (planner, "camera.kind=projected")))
     onboard = OnboardHalf(rendered, detects=False)
     with LogWriter(tmp_path / "log", rendered) as writer:
         fixes = 0.0
@@ -165,7 +165,7 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
     ("name", "settings"),
     [
         ("imu_uwb", ()),
-        ("imu_uwb_yolo", ("camera=projected", "filter.delay=replay")),
+        ("imu_uwb_yolo", ("camera.kind=projected", "estimator.delay=replay")),
         pytest.param("imu_uwb_yolo", (), marks=pytest.mark.egl),
     ],
 )

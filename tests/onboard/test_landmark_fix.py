@@ -24,8 +24,8 @@ from seen_landmarks import (
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, FIX_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS, LandmarkFix
 from ortilo_drake.onboard.landmarks.pnp import refine_pose
+from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import LandmarkFix as Settings
-from ortilo_drake.scenario import ProjectedCamera as CameraSettings
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 

@@ -236,7 +236,7 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
 
 def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
     flights = [
-        fly(load_scenario("imu_uwb", (*SHORT, f"filter.delay={mode}"), 3)) for mode in ("ignore", "replay", "drop")
+        fly(load_scenario("imu_uwb", (*SHORT, f"estimator.delay={mode}"), 3)) for mode in ("ignore", "replay", "drop")
     ]
     for name in ("truth", "estimate", "covariance", "control"):
         for other in flights[1:]:
@@ -247,12 +247,12 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     """Everything two ticks late, nothing noisy: fixes and estimate are exact if all was put into its own tick."""
     calm = (
         *SHORT, "world={kinematics: linear, disturbance: {force_sd: 0, torque_sd: 0}}", "uwb.noise.fraction=0",
-        "imu.angle_sd=0", "uwb.link.delay=2", "imu.link.delay=2", "camera=projected", "camera_link.delay=1",
-        "projected_camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
+        "imu.angle_sd=0", "uwb.link.delay=2", "imu.link.delay=2", "camera.kind=projected", "camera.link.delay=1",
+        "camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
     )  # fmt: skip
     worst = {}
     for mode in ("ignore", "replay"):
-        flight = fly(load_scenario("imu_uwb_yolo", (*calm, f"filter.delay={mode}"), 0))
+        flight = fly(load_scenario("imu_uwb_yolo", (*calm, f"estimator.delay={mode}"), 0))
         assert flight["arrival"].values.any(axis=0).all()
         worst[mode] = np.abs(flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]).max()
     assert worst["replay"] < 1e-12
@@ -279,9 +279,9 @@ def test_the_belief_of_a_message_is_that_of_the_tick_of_its_stamp() -> None:
 @pytest.mark.parametrize(
     ("setting", "named"),
     [
-        ("filter.horizon=0", "filter.horizon"),
-        ("filter.horizon=3", "filter.horizon"),
-        ("filter.delay=later", "filter.delay"),
+        ("estimator.horizon=0", "estimator.horizon"),
+        ("estimator.horizon=3", "estimator.horizon"),
+        ("estimator.delay=later", "estimator.delay"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(setting: str, named: str) -> None:

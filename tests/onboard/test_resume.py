@@ -96,7 +96,7 @@ def test_but_for_what_a_gap_adds_a_new_half_goes_on_where_the_old_one_stopped(
 ) -> None:
     monkeypatch.setattr("ortilo_drake.flight.stepped_halves.after_gap", lambda xbar, P, seconds: (xbar, P))
     late = ("uwb.link.delay=2",) if delay == "replay" else ()
-    scenario = load_scenario("imu_uwb", (*SETTINGS, f"filter.delay={delay}", *late))
+    scenario = load_scenario("imu_uwb", (*SETTINGS, f"estimator.delay={delay}", *late))
     world, old = WorldHalf(scenario), OnboardHalf(scenario)
     fly(world, old, 60)
     new = OnboardHalf(scenario)

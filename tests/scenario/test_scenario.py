@@ -41,7 +41,7 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
     ):
         scenario = load_scenario(name)
         assert set(scenario.sensors) == sensors
-        assert scenario.uwb.link == Link(every=3, blackouts=blackouts)
+        assert scenario.uwb.link == Link(rate=10.0, blackouts=blackouts)
         assert scenario.h == 1 / 30
         assert scenario.uwb.noise.kind == "proportional"
         assert scenario.uwb.noise.fraction == 0.0075
@@ -53,7 +53,7 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
     for name in ("paper_imu_uwb", "paper_imu_uwb_yolo"):
         scenario = load_scenario(name)
         identity = {"kind": "diagonal", "position": 1.0, "angle": 1.0, "velocity": 1.0, "rate": 1.0}
-        assert scenario.filter.W.model_dump() == identity
+        assert scenario.estimator.W.model_dump() == identity
         assert scenario.servo.velocities == "truth"
 
 
@@ -62,7 +62,7 @@ def test_settings_are_laid_over_the_file() -> None:
         "imu_uwb", ("uwb.noise.fraction=0.02", "planner={kind: hover, point: [1.0, 2.0, 1.0]}", "sensors=[imu]"), seed=9
     )
     assert scenario.uwb.noise.fraction == 0.02
-    assert scenario.uwb.link.every == 3  # what the setting did not name stays
+    assert scenario.uwb.link.rate == 10.0  # what the setting did not name stays
     assert scenario.planner == HoverPlanner(kind="hover", point=(1.0, 2.0, 1.0))
     assert scenario.sensors == ("imu",)
     assert scenario.seed == 9
@@ -78,7 +78,7 @@ def test_settings_are_laid_over_the_file() -> None:
         ("uwb.noise.fraction='0.1'", ["fraction", "'0.1'", "number"]),
         ("uwb.noise.kind=loud", ["uwb.noise.kind", "'loud'", "proportional", "constant"]),
         ("servo.form=fuzzy", ["servo.form", "'fuzzy'", "'paper'", "'error'"]),
-        ("servo.integrator=none", ["servo.integrator", "'none'", "'literal'", "'hold'", "'estimate'"]),
+        ("estimator.integrator=none", ["estimator.integrator", "'none'", "'literal'", "'hold'", "'estimate'"]),
         ("servo.weights.integral=[0.0, 1.0, 1.0]", ["servo.weights.integral.0", "0.0", "greater than 0"]),
         ("sensors=[imu, imu]", ["sensors", "names one twice"]),
         ("sensors=[sonar]", ["sensors.0", "'sonar'"]),
@@ -86,7 +86,10 @@ def test_settings_are_laid_over_the_file() -> None:
         ("seed=1.5", ["seed", "1.5", "integer"]),
         ("control_rate=0", ["control_rate", "0"]),
         ("world.kinematics=flat", ["world.kinematics", "'flat'", "'linear'"]),
-        ("uwb.link.every=0", ["uwb.link.every", "0", "greater than 0"]),
+        ("uwb.link.rate=0", ["uwb.link.rate", "0", "greater than or equal to 0.001"]),
+        ("uwb.link.rate=9", ["uwb.link.rate: 9.0", "control_rate, 30 Hz", "7.5 and 10"]),
+        ("imu.link.rate=60", ["imu.link.rate: 60.0", "control_rate, 30 Hz", "faster than the tick"]),
+        ("control_rate=25", ["uwb.link.rate: 10.0", "control_rate, 25 Hz", "8.33333333333 and 12.5"]),
         ("uwb.link.blackouts=[{kind: time, start: 5, end: 4}]", ["uwb.link", "start 5.0", "below end 4.0"]),
         ("uwb.link.blackouts=[{start: 5, end: 6}]", ["uwb.link.blackouts.0", "needs a 'kind'"]),
         ("planner={kind: waypoints}", ["planner", "none given"]),
@@ -95,8 +98,21 @@ def test_settings_are_laid_over_the_file() -> None:
         ("seed", ["must read key.key=value"]),
         ("=3", ["must read key.key=value"]),
         ("seed.deep=1", ["'seed' is not a group"]),
+        ("estimator.gates.camera=0.9", ["estimator.gates.camera", "does not fly", "'uwb', 'imu'"]),
+        ("estimator.gates.uwb=1.0", ["estimator.gates.uwb: 1.0", "less than 1"]),
+        ("camera={kind: rendered, latency: 0}", ["camera.latency: 0", "at least 1"]),
+        ("camera={kind: rendered, width: 63}", ["camera.width: 63", "64 to 2048"]),
+        ("camera.width=9000", ["camera.width: 9000", "8192"]),
+        (
+            "uwb.link.loss={kind: bursts, loss: 0.98, mean_length: 1}",
+            ["uwb.link.loss.loss: 0.98", "at most 0.967", "30"],
+        ),
+        (
+            "command_link.loss={kind: bursts, loss: 0.1, mean_length: 0.03}",
+            ["command_link.loss.mean_length: 0.03", "tick"],
+        ),
         ("uwb=[1", ["not valid YAML"]),
-        ("uwb={link: {every: 1, every: 2}}", ["'every' stands twice"]),
+        ("uwb={link: {rate: 1, rate: 2}}", ["'rate' stands twice"]),
         ("room=/nowhere/room.yaml", ["/nowhere/room.yaml", "no such room file"]),
     ],
 )
@@ -188,10 +204,29 @@ def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
 
 
 def test_a_group_of_another_kind_replaces_that_of_the_base(tmp_path: Path) -> None:
-    file = written(tmp_path / "mine.yaml", "base: paper_imu_uwb\nfilter: {W: {kind: disturbance, force_sd: 0.1}}\n")
+    file = written(tmp_path / "mine.yaml", "base: paper_imu_uwb\nestimator: {W: {kind: disturbance, force_sd: 0.1}}\n")
     scenario = load_scenario(file)
-    assert scenario.filter.W.kind == "disturbance"
-    assert scenario.filter.V == load_scenario("paper_imu_uwb").filter.V
+    assert scenario.estimator.W.kind == "disturbance"
+    assert scenario.estimator.V == load_scenario("paper_imu_uwb").estimator.V
+
+
+def test_another_kind_of_camera_keeps_its_other_settings(tmp_path: Path) -> None:
+    ours = ("camera.link.loss=0.3", "camera.width=640", "camera.errors.kind=parametric")
+    projected, rendered = (
+        load_scenario("imu_uwb_yolo", (*ours, f"camera.kind={k}")) for k in ("projected", "rendered")
+    )
+    assert rendered.camera == projected.camera.model_copy(update={"kind": "rendered"})
+    assert rendered.projected() == projected
+    file = written(tmp_path / "mine.yaml", "base: bursty_link\ncamera: {kind: rendered}\n")
+    assert load_scenario(file).camera.link == load_scenario("bursty_link").camera.link
+
+
+def test_gates_are_a_mapping_that_hashes() -> None:
+    scenario = load_scenario("imu_uwb_yolo", ("estimator.gates.uwb=0.99", "estimator.gates.camera=0.9"))
+    assert scenario.model_dump(mode="json")["estimator"]["gates"] == {"uwb": 0.99, "camera": 0.9}
+    other = load_scenario("imu_uwb_yolo", ("estimator.gates={camera: 0.9, uwb: 0.99}",))
+    assert other == scenario
+    assert hash(other) == hash(scenario)
 
 
 def test_files_that_a_base_names_lie_beside_it(tmp_path: Path) -> None:

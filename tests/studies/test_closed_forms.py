@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 
 from ortilo_drake.model.vehicle import M100, Arm, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.scenario import Noise, Scenario, World
 from ortilo_drake.studies.linearization.closed_forms import agreement, closed_form
@@ -19,11 +19,11 @@ H = 1.0 / 30.0
 V = Noise(uwb=(0.01, 0.02, 0.03), camera=(0.02, 0.01, 0.04), imu=(1e-4, 2e-4, 3e-4))
 
 
-def flown(kinematics: str = "small_angle", **servo: object) -> Scenario:
+def flown(kinematics: str = "small_angle", integrator: str = "hold", **servo: object) -> Scenario:
     return Scenario(
         world=World(kinematics=kinematics, plant="sampled"),
         servo=ServoSettings(**servo),
-        filter=FilterSettings(V=V),
+        estimator=FilterSettings(V=V, integrator=integrator),
     )
 
 

@@ -41,7 +41,7 @@ def scalar_loop(a: float, b: float, gain: float) -> CommandedLoop:
 def lossy(
     loop: CommandedLoop, share: float, when_lost: str = "hold", burst: float | None = None, delay: int = 0
 ) -> JumpLinear:
-    return lossy_loop(loop, CommandLink(loss=loss_of(share, burst), when_lost=when_lost, delay=delay))
+    return lossy_loop(loop, CommandLink(loss=loss_of(share, burst), when_lost=when_lost, delay=delay), 1.0 / 30.0)
 
 
 def random_system(n: int, patterns: int, modes: int, period: int = 1, seed: int = 0) -> JumpLinear:
@@ -159,11 +159,12 @@ def test_bursts_of_their_own_mean_length_are_independent_losses() -> None:
 
 def test_a_chain_that_never_turns_bad_is_independent_loss() -> None:
     transition, lost = loss_chain(
-        GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.0, bad_to_good=0.2, loss_good=0.1)
+        GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.0, bad_to_good=0.2, loss_good=0.1),
+        1.0 / 30.0,
     )
     np.testing.assert_allclose(lost, [0.1])
     np.testing.assert_allclose(transition, [[1.0]])
-    np.testing.assert_allclose(loss_chain(NoLoss())[1], [0.0])
+    np.testing.assert_allclose(loss_chain(NoLoss(), 1.0 / 30.0)[1], [0.0])
 
 
 # --- the flying loop ---------------------------------------------------------------------------------------------
@@ -179,7 +180,7 @@ def closed_loop_matrix_of(scenario: Scenario) -> np.ndarray:
 
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_with_a_perfect_link_it_is_the_closed_loop(integrator: str) -> None:
-    scenario = load_scenario("imu_uwb", (f"servo.integrator={integrator}",))
+    scenario = load_scenario("imu_uwb", (f"estimator.integrator={integrator}",))
     A, _ = behind_a_link(commanded_loop(scenario, V, EVERY_TICK), "zero")
     np.testing.assert_allclose(A[0, 0], closed_loop_matrix_of(scenario), rtol=1e-7, atol=1e-12)
 
@@ -242,11 +243,8 @@ def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> 
 
     loop = hover_loop(scenario)
     calm = commanded_loop(scenario, V)
-    lost = [
-        k < delay
-        or is_lost(k - delay, False, loss_parameters(scenario.command_link.loss), 3, stream_id("link/command"))
-        for k in range(ticks)
-    ]
+    loss, stream = loss_parameters(scenario.command_link.loss, scenario.h), stream_id("link/command")
+    lost = [k < delay or is_lost(k - delay, False, loss, 3, stream) for k in range(ticks)]
     assert 20 < sum(lost) < 60
     A, _ = behind_a_link(calm, when_lost, delay)
     z = np.zeros(A.shape[-1])

@@ -109,10 +109,10 @@ def test_the_known_noise_is_found_within_its_errors() -> None:
     wrong = with_numbers(
         TRUE,
         {
-            "filter.W.force_sd": 0.054,
-            "filter.W.torque_sd": 0.025,
+            "estimator.W.force_sd": 0.054,
+            "estimator.W.torque_sd": 0.025,
             "multilateration.noise.fraction": 0.03,
-            "filter.V.imu.0": 2.5e-3,
+            "estimator.V.imu.0": 2.5e-3,
         },
     )
     fit = fit_noise(wrong, records, 0)
@@ -130,7 +130,7 @@ def test_a_tilt_is_not_taken_for_a_disturbance(monkeypatch: pytest.MonkeyPatch) 
     rng = np.random.default_rng(7)
     records = [simulate(rng, 320, doublet=1.0) for _ in range(8)]
     fit = fit_noise(TRUE, records, 90)
-    name = "filter.W.force_sd"
+    name = "estimator.W.force_sd"
     assert abs(fit.values[name] - 0.27) < 3.0 * fit.errors[name]
     # Of the 230 ticks after the start those of the tilt, some 60 at most, and the 90 after it.
     assert 90 / 230 < fit.tilted < 150 / 230
@@ -165,8 +165,8 @@ def test_a_disturbance_of_which_nothing_shows_stays() -> None:
     record = simulate(np.random.default_rng(5), 120)
     record.delta[:, 0] = 0.0  # angles alone say nothing of a force
     fit = fit_noise(TRUE, [record], 0)
-    assert set(fit.kept) >= {"filter.W.force_sd", "multilateration.noise.fraction"}
-    assert fit.values["filter.W.force_sd"] == 0.27
+    assert set(fit.kept) >= {"estimator.W.force_sd", "multilateration.noise.fraction"}
+    assert fit.values["estimator.W.force_sd"] == 0.27
 
 
 def test_nothing_arrived() -> None:

@@ -10,7 +10,7 @@ from ortilo_drake.studies.loop.fix_covariance import attitude_covariance, fix_no
 from ortilo_drake.studies.loop.hover_loop import steady_predictor
 
 STILL = (
-    "camera=projected",
+    "camera.kind=projected",
     "settle=0.0",
     "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.7, 0.4, 1.5]]}",
     "uwb.link.blackouts=[]",
@@ -30,8 +30,8 @@ def test_covariances_are_those_of_a_flight_without_errors() -> None:
         "multilateration.noise={kind: constant, sd: 0.05}",
         "imu.angle_sd=0.0",
         "world.disturbance={force_sd: 0.0, torque_sd: 0.0}",
-        "projected_camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
-        "projected_camera.latency=0",
+        "camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
+        "camera.latency=0",
         "landmark_fix.prior_sd=[0.3, 0.02]",
     )
     flight = fly(scenario)
@@ -73,7 +73,7 @@ def test_uwb_covariance_is_the_inverse_of_the_information() -> None:
 
 
 def test_constant_V_stands_in_for_the_geometry() -> None:
-    scenario = load_scenario("paper_imu_uwb_yolo", ("camera=projected",))
+    scenario = load_scenario("paper_imu_uwb_yolo", ("camera.kind=projected",))
     V, there = fix_noise(scenario, AT)
     assert there[0]
     np.testing.assert_array_equal(V[0], 0.05 * np.eye(3))

@@ -17,16 +17,16 @@ from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
     "settings",
     [
         (),
-        ("servo.integrator=estimate",),
-        ("servo.integrator=literal", "servo.form=paper"),
+        ("estimator.integrator=estimate",),
+        ("estimator.integrator=literal", "servo.form=paper"),
         ("servo.velocities=truth",),
-        ("filter.V.uwb=[0.05, 0.05, 0.05]", "multilateration.method=nearest_three"),
+        ("estimator.V.uwb=[0.05, 0.05, 0.05]", "multilateration.method=nearest_three"),
     ],
     ids=["hold", "estimate", "literal", "truth", "constant V"],
 )
 def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, ...], late: int) -> None:
     # The literal integrator throws the vehicle in the ticks without a fix: a fix far away has another covariance.
-    thrown = "servo.integrator=literal" in settings
+    thrown = "estimator.integrator=literal" in settings
     flown_tick = difference_closed_loop(load_scenario("imu_uwb", settings), late + (300 if thrown else 900))
     np.testing.assert_array_equal(flown_tick.delta, [1.0 - late, 0.0, 1.0])
     assert np.max(np.abs(flown_tick.expected)) > 1.0

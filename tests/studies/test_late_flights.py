@@ -23,14 +23,14 @@ SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "u
 
 
 def test_links_are_late_and_the_rest_stays() -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera=projected",))
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
     late = late_scenario(scenario, LateLinks(0.3, 2, 4, 0.1, 3), "replay")
     for sensor in ("uwb", "camera", "imu"):
         link, before = late.link_of(sensor), scenario.link_of(sensor)
         assert (link.loss.probability, link.delay, link.random_delay) == (0.3, 2, 4)
-        assert (link.every, link.blackouts) == (before.every, before.blackouts)
+        assert (link.rate, link.blackouts) == (before.rate, before.blackouts)
     assert (late.command_link.loss.probability, late.command_link.delay) == (0.1, 3)
-    assert late.filter.delay == "replay"
+    assert late.estimator.delay == "replay"
     with pytest.raises(InputError, match="delay"):
         late_scenario(scenario, AT_30_HZ, "later")
     with pytest.raises(InputError, match=r"1\.5"):

@@ -12,7 +12,7 @@ from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import InputError, Noise, Scenario, World, load_scenario
-from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.studies.linearization.linearize import differentiate_tick, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, operating_point, reference_at
@@ -29,7 +29,7 @@ def flown(kinematics: str = "small_angle", **servo: object) -> Scenario:
     return Scenario(
         world=World(kinematics=kinematics, plant="sampled"),
         servo=ServoSettings(**servo),
-        filter=FilterSettings(V=V),
+        estimator=FilterSettings(V=V),
     )
 
 

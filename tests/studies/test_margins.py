@@ -8,7 +8,7 @@ from scipy.optimize import bisect, brentq
 from ortilo_drake.model.signals import CONTROL_NAMES, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
-from ortilo_drake.scenario import LqServo, Scenario
+from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, closed_loop_matrix, hover_loop, steady_predictor
 from ortilo_drake.studies.loop.input_loop import input_loop, steady_gain
 from ortilo_drake.studies.loop.margins import loops_by_case, margins_report
@@ -218,7 +218,7 @@ def test_lost_position_leaves_the_attitude_loops(report):
 
 @pytest.mark.parametrize("integrator", ["literal", "hold", "estimate"])
 def test_report_is_json_for_every_integrator(integrator):
-    scenario = Scenario(servo=LqServo(integrator=integrator), sensors=("uwb", "imu"))
+    scenario = Scenario(estimator=IntermittentFilter(integrator=integrator), sensors=("uwb", "imu"))
     report = margins_report(scenario, V)
     json.dumps(report, allow_nan=False)
     assert set(report) == {"nominal", "without uwb", "without imu", "true velocities", "full state"}

@@ -59,7 +59,7 @@ def test_error_settles_at_the_expected_riccati_fixed_point(
 
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) -> None:
-    loop = hover_loop(load_scenario("imu_uwb_yolo", (f"servo.integrator={integrator}",)))
+    loop = hover_loop(load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
     n = 6000
     _, M, X = run(loop, n, V_PRINTED, ALWAYS, *at_rest(n))
     V = block_diag(*V_PRINTED)
@@ -109,7 +109,7 @@ def riccati_gains(
 def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str) -> None:
     # uwb in bursts, camera lost independently and due every other tick, an imu; x, xhat and i flown by the equations.
     rng = np.random.default_rng(5)
-    scenario = load_scenario("imu_uwb_yolo", (f"servo.integrator={integrator}",))
+    scenario = load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",))
     loop, n, runs, camera = hover_loop(scenario), 80, 6000, 0.4
     chain = np.array([[0.8, 0.2], [0.3, 0.7]])
     loss = np.array([[0.2, 0.3, 0.0, 1.0], [0.0, 0.0, 1.0 - camera, 1.0 - camera], [0.0] * 4])
@@ -180,7 +180,7 @@ def test_course_is_due_late_and_blacked_out() -> None:
     scenario = load_scenario(
         "imu_uwb_yolo",
         (
-            "camera=projected",
+            "camera.kind=projected",
             "settle=0.0",
             "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [1.0, 0.6, 1.5]]}",
             "uwb.link.blackouts=[{kind: position, axis: x, start: 0.4, end: 0.6}]",

@@ -34,7 +34,7 @@ def short() -> tuple[Scenario, NominalFlight]:
     scenario = load_scenario(
         "imu_uwb_yolo",
         (
-            "camera=projected",
+            "camera.kind=projected",
             "settle=0.5",
             "uwb.link.blackouts=[]",
             "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}",

@@ -38,7 +38,7 @@ def test_bursts_are_those_of_the_links_own_chain() -> None:
     h, rate, burst = 1.0 / 30.0, 0.6, 0.5
     settings = bursts(rate, burst, h)
     assert settings is not None
-    loss, stream = loss_parameters(settings), stream_id("link/uwb")
+    loss, stream = loss_parameters(settings, h), stream_id("link/uwb")
     states = np.zeros(60_000, dtype=bool)
     for k in range(len(states) - 1):
         states[k + 1] = chain_after(k, bool(states[k]), loss, 1, stream)

@@ -18,7 +18,7 @@ from ortilo_drake.studies.consistency.consistency_flights import consistency_rep
 from ortilo_drake.studies.tuning.tune import Tuning, find_flights, overlay_text, tune, tuning_data
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
-DETUNED = ("filter.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fraction=0.03", "uwb.link.blackouts=[]")
+DETUNED = ("estimator.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fraction=0.03", "uwb.link.blackouts=[]")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def tuning(folder: Path) -> Tuning:
 def test_the_sensors_noise_is_found(tuning: Tuning) -> None:
     assert tuning.fit.values["multilateration.noise.fraction"] == pytest.approx(0.0075, rel=0.15)
     for i in range(3):
-        assert tuning.fit.values[f"filter.V.imu.{i}"] == pytest.approx(1e-4, rel=0.25)
+        assert tuning.fit.values[f"estimator.V.imu.{i}"] == pytest.approx(1e-4, rel=0.25)
 
 
 def test_before_is_what_flew(tuning: Tuning, flights: list[xr.Dataset]) -> None:

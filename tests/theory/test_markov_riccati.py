@@ -44,8 +44,10 @@ def bursts(g: float, b: float, loss_good: float = 0.0, loss_bad: float = 1.0) ->
 def test_independent_arrivals_are_a_special_case(uwb: float, camera: float, b: float) -> None:
     """Two modes that lose alike, and a chain whose next mode does not depend on the last, are both independent."""
     X = upper_bound(MODEL, pattern_probabilities(uwb, camera))
-    alike = link_chain(bursts(0.3, b, 1.0 - uwb, 1.0 - uwb), bursts(b, 0.2, 1.0 - camera, 1.0 - camera))
-    forgetful = link_chain(bursts(1.0 - uwb, uwb), Link(loss=BernoulliLoss(kind="bernoulli", probability=1.0 - camera)))
+    alike = link_chain(bursts(0.3, b, 1.0 - uwb, 1.0 - uwb), bursts(b, 0.2, 1.0 - camera, 1.0 - camera), H)
+    forgetful = link_chain(
+        bursts(1.0 - uwb, uwb), Link(loss=BernoulliLoss(kind="bernoulli", probability=1.0 - camera)), H
+    )
     scale = np.sqrt(np.outer(np.diag(X), np.diag(X)))
     for chain in (alike, forgetful):
         for X_mode in markov_upper_bound(MODEL, chain):
@@ -86,11 +88,11 @@ def test_scalar_bursts_by_the_two_equations() -> None:
     ("uwb", "camera", "runs"),
     [
         (bursts(0.03, 0.1), None, 5_000),
-        (bursts(0.05, 0.2, 0.1, 0.9), Link(every=3), 6_000),
+        (bursts(0.05, 0.2, 0.1, 0.9), Link(rate=10.0), 6_000),
     ],
 )
 def test_monte_carlo_lies_between_the_bounds(uwb: Link, camera: Link | None, runs: int) -> None:
-    chain = link_chain(uwb, camera)
+    chain = link_chain(uwb, camera, H)
     start = upper_bound(MODEL, pattern_probabilities(1.0, float(camera is not None)))
     initial = chain.stationary
     ticks = 90
@@ -123,21 +125,25 @@ def test_the_exact_mean_of_each_mode_lies_below_the_recursion() -> None:
             assert 1.0 < exact < X[j, 0, 0] - 1e-3
 
 
-@pytest.mark.parametrize("link", [bursts(0.05, 0.2, 0.1, 0.9), bursts(0.2, 0.3).model_copy(update={"every": 3})])
+@pytest.mark.parametrize("link", [bursts(0.05, 0.2, 0.1, 0.9), bursts(0.2, 0.3).model_copy(update={"rate": 10.0})])
 def test_the_chain_is_that_of_the_link_that_flies(link: Link) -> None:
     """Shares of arrivals, and of pairs of them a period apart, in 60,000 ticks of the world's link."""
-    loss, nowhere, stream = loss_parameters(link.loss), np.zeros(3), stream_id("link/uwb")
+    loss, nowhere, stream = loss_parameters(link.loss, H), np.zeros(3), stream_id("link/uwb")
     bad, arrived = False, []
     for k in range(60_000):
-        d = delay_of_message(k, nowhere, bad, loss, np.zeros((0, 3)), (0, 0), 5, stream) if k % link.every == 0 else -1
+        d = (
+            delay_of_message(k, nowhere, bad, loss, np.zeros((0, 3)), (0, 0), 5, stream)
+            if k % link.every(H) == 0
+            else -1
+        )
         arrived.append(d == 0)
         bad = chain_after(k, bad, loss, 5, stream)
-    seen = np.array(arrived[:: link.every], dtype=float)
-    chain = link_chain(link, None)
+    seen = np.array(arrived[:: link.every(H)], dtype=float)
+    chain = link_chain(link, None, H)
     arrives = chain.probabilities[:, 1]
-    again = np.linalg.matrix_power(chain.T, link.every) @ arrives
-    share = link.every * chain.stationary @ arrives
-    pairs = link.every * chain.stationary @ (arrives * again)
+    again = np.linalg.matrix_power(chain.T, link.every(H)) @ arrives
+    share = link.every(H) * chain.stationary @ arrives
+    pairs = link.every(H) * chain.stationary @ (arrives * again)
     for drawn, predicted in ((seen, share), (seen[1:] * seen[:-1], pairs)):
         error = np.std(drawn.reshape(-1)[: len(drawn) // 100 * 100].reshape(100, -1).mean(axis=1)) / 10.0  # 100 blocks
         assert np.mean(drawn) == pytest.approx(predicted, abs=4 * error)
@@ -147,7 +153,7 @@ def test_the_chain_is_that_of_the_link_that_flies(link: Link) -> None:
 def test_longer_bursts_at_the_same_rate_are_worse() -> None:
     variances = []
     for burst in (1.0, 3.0, 10.0, 30.0, 90.0):
-        chain = link_chain(Link(loss=loss_of(0.4, burst)), None)
+        chain = link_chain(Link(loss=loss_of(0.4, burst)), None, H)
         assert chain.stationary[0] == pytest.approx(0.6, rel=1e-12)
         variances.append(average_over_modes(chain, markov_upper_bound(MODEL, chain))[0, 0])
     assert np.all(np.diff(variances) > 0.0)
@@ -155,7 +161,7 @@ def test_longer_bursts_at_the_same_rate_are_worse() -> None:
 
 def test_a_sensor_on_every_third_tick_is_the_periodic_riccati_equation() -> None:
     """Without chance: the limit cycle of the filter's own recursion, tick by tick."""
-    chain = link_chain(Link(every=3), None)
+    chain = link_chain(Link(rate=10.0), None, H)
     X = markov_upper_bound(MODEL, chain)
     P = MODEL.W
     A, C, W, V, _ = MODEL
@@ -169,15 +175,15 @@ def test_a_sensor_on_every_third_tick_is_the_periodic_riccati_equation() -> None
 
 
 def test_modes_that_do_not_recur_are_left_out() -> None:
-    assert len(link_chain(bursts(0.0, 0.5), None).T) == 1
-    stuck = link_chain(bursts(0.5, 0.0), None)
+    assert len(link_chain(bursts(0.0, 0.5), None, H).T) == 1
+    stuck = link_chain(bursts(0.5, 0.0), None, H)
     np.testing.assert_allclose(stuck.probabilities, [[1.0, 0.0, 0.0, 0.0]])
     with pytest.raises(InputError, match="x, y, z, x_dot, y_dot, z_dot"):
         markov_upper_bound(MODEL, stuck)
     # Both sensors are good and bad on the same ticks: two of four modes, although the chain never forgets.
-    locked = link_chain(bursts(1.0, 1.0), bursts(1.0, 1.0))
+    locked = link_chain(bursts(1.0, 1.0), bursts(1.0, 1.0), H)
     np.testing.assert_allclose(locked.stationary, [0.5, 0.5])
-    assert len(link_chain(Link(loss=NoLoss(), every=2), Link(every=3)).T) == 6
+    assert len(link_chain(Link(loss=NoLoss(), rate=15.0), Link(rate=10.0), H).T) == 6
 
 
 @given(rate=st.floats(0.05, 1.0), burst=st.floats(20.0, 1000.0))

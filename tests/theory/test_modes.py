@@ -15,7 +15,7 @@ from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair
-from ortilo_drake.scenario import InputError, Scenario
+from ortilo_drake.scenario import Camera, InputError, Link, Scenario, Uwb
 from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
 from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
 from ortilo_drake.theory.modes.modes import check_detectable, modes, unreached_modes, unseen_modes
@@ -86,7 +86,8 @@ def exact_unobservable(Phi: Matrix, C: Matrix) -> list[list[Q]]:
 
 @pytest.mark.parametrize("rate", [5.0, 30.0, 1000.0])
 def test_unobservable_states_of_every_subset_are_the_exact_ones(rate: float) -> None:
-    table = unobservable_states(Scenario(control_rate=rate))
+    each = Link()  # every tick
+    table = unobservable_states(Scenario(control_rate=rate, uwb=Uwb(link=each), camera=Camera(link=each)))
     assert len(table) == 8
     for some in SUBSETS:
         basis = exact_unobservable(exact_phi(Q(1, int(rate))), exact_C(some))

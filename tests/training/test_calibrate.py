@@ -13,7 +13,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError, load_yaml, validate
-from ortilo_drake.scenario import ProjectedCamera as Settings
+from ortilo_drake.scenario import Camera as Settings
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.scenario.sensors import MeasuredErrors
 from ortilo_drake.training.calibration import calibrate as calibration_of

@@ -17,7 +17,7 @@ from ortilo_drake.views.display import flight_page
 from ortilo_drake.views.figures import arrival_figure, flight_figure, trajectory_figure
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
-PROJECTED = "camera=projected"
+PROJECTED = "camera.kind=projected"
 NAMES = ("imu_uwb", "imu_uwb_yolo")
 
 

@@ -21,14 +21,14 @@ from ortilo_drake.views.video import flight_video, frame_ticks
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 HOVER = "planner={kind: hover, point: [2, 0.5, 1.5], duration: 0.7}"
-PARAMETRIC = "projected_camera.errors={kind: parametric}"
+PARAMETRIC = "camera.errors={kind: parametric}"
 ROOM = load_room()
 
 pytestmark = [pytest.mark.egl, pytest.mark.video]
 
 
 def scenario(*settings: str) -> Scenario:
-    return load_scenario("imu_uwb_yolo", (HOVER, "camera=projected", PARAMETRIC, "settle=0.0", *settings))
+    return load_scenario("imu_uwb_yolo", (HOVER, "camera.kind=projected", PARAMETRIC, "settle=0.0", *settings))
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_labels_of_boxes_at_the_border_stay_in_the_picture() -> None:
 def test_boxes_are_those_of_the_flight(flight: xr.Dataset) -> None:
     chosen = scenario()
     view = make_camera_view(chosen)
-    camera = ProjectedCamera(chosen.projected_camera, ROOM, chosen.seed, chosen.h)
+    camera = ProjectedCamera(chosen.camera, ROOM, chosen.seed, chosen.h)
     context = camera.CreateDefaultContext()
     for tick in (0, 9):
         time, x = float(flight["time"][tick]), flight["truth"].values[tick]
@@ -102,7 +102,7 @@ def test_boxes_of_a_rendered_flight_are_its_detectors(monkeypatch: pytest.Monkey
         return np.array([2, 0]), np.array([0.4, 0.9]), np.array([[1.0, 2, 30, 40], [5, 6, 70, 80]])
 
     monkeypatch.setattr("ortilo_drake.views.scene_view.load_detector", lambda *arguments: detect)
-    picture, boxes = make_camera_view(scenario("camera=rendered"))(0.0, flight["truth"].values[0])
+    picture, boxes = make_camera_view(scenario("camera.kind=rendered"))(0.0, flight["truth"].values[0])
     np.testing.assert_array_equal(boxes, [[0, 0.9, 5, 6, 70, 80], [2, 0.4, 1, 2, 30, 40]])
     np.testing.assert_array_equal(seen[0][..., ::-1], picture)
 

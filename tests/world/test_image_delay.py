@@ -63,7 +63,7 @@ def diagram_of(link: Link, seed: int, ticks: int) -> Diagram:
     builder = DiagramBuilder()
     camera, shutter = builder.AddSystem(Clock()), builder.AddSystem(Shutter())
     radio = builder.AddSystem(SensorLink("camera", SHUTTER_SIZE, link, seed, H))
-    kept = builder.AddSystem(ImageDelay(link.every, link.delay + link.random_delay, H))
+    kept = builder.AddSystem(ImageDelay(link.every(H), link.delay + link.random_delay, H))
     onboard = builder.AddSystem(Onboard(ticks))
     state = builder.AddSystem(ConstantVectorSource(np.zeros(N_X)))
     builder.Connect(shutter.get_output_port(), radio.GetInputPort("message"))
@@ -89,7 +89,7 @@ def received(link: Link, seed: int = 0, ticks: int = 300) -> np.ndarray:
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("delay", [1, 2, 3, 7, 40])
 def test_the_picture_of_the_stamp_comes_with_it(every: int, delay: int) -> None:
-    rows = received(Link(every=every, delay=delay))
+    rows = received(Link(rate=30.0 / every, delay=delay))
     expected = np.arange(0, 300 - delay, every)
     np.testing.assert_array_equal(rows[:, 1], expected)
     np.testing.assert_array_equal(rows[:, 2], expected)
@@ -97,10 +97,10 @@ def test_the_picture_of_the_stamp_comes_with_it(every: int, delay: int) -> None:
 
 
 @pytest.mark.parametrize("link", [
-    Link(every=3, random_delay=5),
-    Link(every=1, random_delay=4),
-    Link(every=3, delay=2, random_delay=9),
-    Link(every=2, delay=1, random_delay=3, loss=BernoulliLoss(kind="bernoulli", probability=0.3)),
+    Link(rate=10.0, random_delay=5),
+    Link(random_delay=4),
+    Link(rate=10.0, delay=2, random_delay=9),
+    Link(rate=15.0, delay=1, random_delay=3, loss=BernoulliLoss(kind="bernoulli", probability=0.3)),
 ])  # fmt: skip
 @pytest.mark.parametrize("seed", [0, 1])
 def test_under_random_delay_and_loss_as_well(link: Link, seed: int) -> None:
@@ -109,11 +109,11 @@ def test_under_random_delay_and_loss_as_well(link: Link, seed: int) -> None:
     late = rows[:, 0] - rows[:, 1]
     assert set(late) <= set(range(link.delay, link.delay + link.random_delay + 1))
     assert len(set(late)) == link.random_delay + 1  # every delay happens
-    assert np.all(rows[:, 1] % link.every == 0)
+    assert np.all(rows[:, 1] % link.every(H) == 0)
 
 
 def test_no_more_pictures_are_kept_than_may_still_be_asked_for() -> None:
-    diagram = diagram_of(Link(every=3, delay=4, random_delay=5), 0, 60)
+    diagram = diagram_of(Link(rate=10.0, delay=4, random_delay=5), 0, 60)
     simulator = Simulator(diagram)
     kept = diagram.GetSubsystemByName("image_delay")
     for k in range(60):
@@ -124,7 +124,7 @@ def test_no_more_pictures_are_kept_than_may_still_be_asked_for() -> None:
 
 
 def test_a_copied_context_flies_on_alike_and_apart() -> None:
-    diagram = diagram_of(Link(every=1, delay=3), 0, 60)
+    diagram = diagram_of(Link(delay=3), 0, 60)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(20.5 * H)
     copy = Simulator(diagram, simulator.get_context().Clone())

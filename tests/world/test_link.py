@@ -10,6 +10,7 @@ from scipy import stats
 
 from ortilo_drake.scenario import (
     BernoulliLoss,
+    BurstLoss,
     GilbertElliottLoss,
     Link,
     PositionBlackout,
@@ -102,7 +103,7 @@ def delivered(rows: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("every", [1, 2, 3, 7, 30])
 def test_sends_on_every_nth_tick(every: int) -> None:
     source = Source()
-    at = arrived(fly(Link(every=every), 3_000, source=source))
+    at = arrived(fly(Link(rate=30.0 / every), 3_000, source=source))
     np.testing.assert_array_equal(at, np.arange(0, 3_000, every))
     assert source.asked == at.tolist()  # and the sensor does no work in between
 
@@ -154,7 +155,7 @@ def share_and_sd(loss: GilbertElliottLoss, n: int, every: int) -> tuple[float, f
 @pytest.mark.parametrize("every", [1, 3])
 def test_gilbert_elliott_loses_the_chain_s_share(loss: GilbertElliottLoss, every: int) -> None:
     n = 12_000
-    got = arrived(fly(Link(every=every, loss=loss), n))
+    got = arrived(fly(Link(rate=30.0 / every, loss=loss), n))
     rate, sd = share_and_sd(loss, n // every, every)
     assert abs(1 - len(got) * every / n - rate) < 4 * sd
 
@@ -188,6 +189,19 @@ def test_a_chain_that_never_leaves_is_deterministic() -> None:
     np.testing.assert_array_equal(arrived(fly(Link(loss=toggling), 500)), np.arange(0, 500, 2))
 
 
+@pytest.mark.parametrize("every", [1, 3])
+def test_bursts_lose_their_share_for_their_mean_length(every: int) -> None:
+    n, seconds = 60_000, 0.5  # 15 ticks
+    got = arrived(fly(Link(rate=30.0 / every, loss=BurstLoss(kind="bursts", loss=0.4, mean_length=seconds)), n))
+    chain = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.4 / 0.6 / 15.0, bad_to_good=1.0 / 15.0)
+    rate, sd = share_and_sd(chain, n // every, every)
+    assert rate == pytest.approx(0.4, rel=1e-12)
+    assert abs(1.0 - len(got) / (n // every) - 0.4) < 4 * sd
+    if every == 1:
+        gaps = np.diff(got)[np.diff(got) > 1] - 1
+        assert np.mean(gaps) * H == pytest.approx(seconds, abs=4 * seconds / np.sqrt(len(gaps)))
+
+
 def test_each_seed_and_sensor_has_its_own_losses_and_repeats_them() -> None:
     link = Link(loss=BernoulliLoss(kind="bernoulli", probability=0.5))
     base = fly(link, 600)
@@ -202,7 +216,7 @@ def test_a_slower_rate_leaves_the_losses_of_its_ticks() -> None:
         BernoulliLoss(kind="bernoulli", probability=0.4),
         GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=0.2),
     ):
-        each, third = fly(Link(loss=loss), 900), fly(Link(loss=loss, every=3), 900)
+        each, third = fly(Link(loss=loss), 900), fly(Link(loss=loss, rate=10.0), 900)
         np.testing.assert_array_equal(third[::3], each[::3])
 
 
@@ -227,7 +241,7 @@ def test_a_blackout_by_position_is_half_open(axis, start, end, dark) -> None:
 @settings(max_examples=15)
 def test_a_blackout_by_time_is_half_open_whatever_the_rounding(first: int, length: int) -> None:
     last = first + length
-    link = Link(every=7, blackouts=(TimeBlackout(kind="time", start=first / 30, end=last / 30),))
+    link = Link(rate=30.0 / 7, blackouts=(TimeBlackout(kind="time", start=first / 30, end=last / 30),))
     got = arrived(fly(link, 2_100))
     np.testing.assert_array_equal(got, [k for k in range(0, 2_100, 7) if not first <= k < last])
 
@@ -254,13 +268,13 @@ def test_blackouts_add_up_and_leave_what_is_in_flight() -> None:
 @pytest.mark.parametrize("delay", [0, 1, 2, 5, 30])
 @pytest.mark.parametrize("every", [1, 3])
 def test_a_fixed_delay_is_exact(delay: int, every: int) -> None:
-    pairs = delivered(fly(Link(every=every, delay=delay), 3_000))
+    pairs = delivered(fly(Link(rate=30.0 / every, delay=delay), 3_000))
     sent = np.arange(0, 3_000 - delay, every)
     np.testing.assert_array_equal(pairs, np.column_stack([sent + delay, sent]))
 
 
 def test_a_random_delay_is_uniform() -> None:
-    pairs = delivered(fly(Link(every=6, delay=1, random_delay=4), 24_000))
+    pairs = delivered(fly(Link(rate=5.0, delay=1, random_delay=4), 24_000))
     late = pairs[:, 0] - pairs[:, 1]
     assert len(late) >= 3_999
     counts = np.bincount(late, minlength=6)
@@ -288,7 +302,9 @@ def test_of_several_that_arrive_together_the_newest_is_delivered(delay: int, eve
         if u[0] >= 0.2:
             sent += 1
             newest[k + delay + int(u[1] * (more + 1))] = k  # later ticks overwrite earlier ones
-    link = Link(every=every, delay=delay, random_delay=more, loss=BernoulliLoss(kind="bernoulli", probability=0.2))
+    link = Link(
+        rate=30.0 / every, delay=delay, random_delay=more, loss=BernoulliLoss(kind="bernoulli", probability=0.2)
+    )
     pairs = delivered(fly(link, ticks, seed=8, sensor="imu"))
     assert pairs.tolist() == sorted([at, k] for at, k in newest.items() if at < ticks)
     assert len(pairs) < sent  # some did collide
@@ -305,7 +321,7 @@ def test_a_stamp_older_than_the_tick_is_kept() -> None:
 @pytest.mark.parametrize(
     ("link", "groups"),
     [
-        (Link(every=3, loss=BernoulliLoss(kind="bernoulli", probability=0.3)), 0),
+        (Link(rate=10.0, loss=BernoulliLoss(kind="bernoulli", probability=0.3)), 0),
         (Link(loss=GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=0.1)), 1),
         (Link(delay=2), 1),
         (Link(random_delay=2), 1),

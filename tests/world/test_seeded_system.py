@@ -13,9 +13,9 @@ from ortilo_drake.world.seeded_system import SeededSystem, set_seed
 # Every source of noise: loss in bursts, delays drawn, lost commands, rotors pushed by gusts.
 BURSTS = "{kind: gilbert_elliott, good_to_bad: 0.3, bad_to_good: 0.4}"
 SETTINGS = (
-    "camera=projected",
-    f"uwb.link={{every: 1, random_delay: 2, loss: {BURSTS}}}",
-    f"camera_link={{every: 1, loss: {BURSTS}}}",
+    "camera.kind=projected",
+    f"uwb.link={{rate: null, random_delay: 2, loss: {BURSTS}}}",
+    f"camera.link={{rate: null, loss: {BURSTS}}}",
     "imu.link.loss={kind: bernoulli, probability: 0.5}",
     "command_link={loss: {kind: bernoulli, probability: 0.5}, when_lost: zero}",
 )

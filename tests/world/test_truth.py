@@ -17,7 +17,7 @@ from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.truth import set_anchors, set_camera, set_landmarks, set_vehicle
 
-LIGHT = ("sensors=[uwb, imu, camera]", "camera=projected", "uwb.link={every: 1}", "camera_link={every: 1}")
+LIGHT = ("sensors=[uwb, imu, camera]", "camera.kind=projected", "uwb.link={rate: null}", "camera.link={rate: null}")
 HEAVY = Vehicle(mass=3.1, inertia=(0.2, 0.18, 0.3), arm_length=0.2, rotor_lift=2.1e-5, rotor_time_constant=(0.02, 0.03))
 
 
@@ -124,7 +124,7 @@ def pictures(scenario: Scenario, change: Callable[[Diagram, Context], None] | No
 
 @pytest.mark.egl
 def test_landmarks_and_a_camera_that_are_set_are_drawn_as_those_built(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera=rendered", "rendered_camera.width=160"))
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=rendered", "camera.width=160"))
     room = scenario.load_room()
     p_BC = np.array(room.camera.position) + [0.0, 0.1, 0.2]
     landmarks = room.landmark_positions + [0.15, -0.1, 0.0]
@@ -138,7 +138,7 @@ def test_landmarks_and_a_camera_that_are_set_are_drawn_as_those_built(tmp_path: 
         data["camera"]["position"] = p_BC.tolist()
 
     moved, plain = pictures(scenario, change), pictures(scenario)
-    size = "camera=rendered", "rendered_camera.width=160"
+    size = "camera.kind=rendered", "camera.width=160"
     built = pictures(load_scenario("imu_uwb_yolo", (*size, room_file(tmp_path, build))))
     np.testing.assert_array_equal(moved[..., 0], built[..., 0])
     assert np.mean(moved[..., 0] == plain[..., 0]) < 0.97

@@ -74,7 +74,7 @@ class CameraProcess:
 def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized[int]") -> None:
     try:
         scenario = Scenario.model_validate_json(scenario_json)
-        diagram = make_rendered_camera(scenario.load_room(), scenario.rendered_camera.width)
+        diagram = make_rendered_camera(scenario.load_room(), scenario.camera.width)
         context, bus = diagram.CreateDefaultContext(), open_bus(url)
     except InputError as error:
         jobs.send(str(error))

@@ -24,7 +24,7 @@ class DetectorThread:
 
     def __init__(self, scenario: Scenario):
         room = scenario.load_room()
-        camera = room.camera.scaled_to(scenario.rendered_camera.width)
+        camera = room.camera.scaled_to(scenario.camera.width)
         self._detect = load_detector(scenario.detector, room, (camera.width, camera.height))
         self._pool = ThreadPoolExecutor(1)
         self._jobs: list[Future[np.ndarray]] = []

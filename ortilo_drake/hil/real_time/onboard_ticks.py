@@ -31,9 +31,9 @@ class OnboardTicks:
     """
 
     def __init__(self, scenario: Scenario):
-        self._h = scenario.h
+        self._h, estimator = scenario.h, scenario.estimator
         # A filter that replays puts a late message into its own tick; for any other, an older message is a step back.
-        self._horizon = history_ticks(scenario.filter.horizon, scenario.h) if scenario.filter.delay == "replay" else 0
+        self._horizon = history_ticks(estimator.horizon, scenario.h) if estimator.delay == "replay" else 0
         self._inbox = TickInbox()
         self._offsets: deque[float] = deque(maxlen=CLOCK_WINDOW)  # time of the world's tick 0, plus a delay
         self.first: int | None = None

@@ -13,7 +13,7 @@ TICKS = 12  # enough for every sensor to send, and every message to enter the fi
 
 def warm_up(scenario: Scenario) -> None:
     """Fly a moment of the scenario in this process, so that numba compiles or loads all that either half calls."""
-    flown = scenario.model_copy(update={"camera": "projected"})
+    flown = scenario.projected()
     make_simulator(make_closed_loop(flown), flown).AdvanceTo((TICKS + 0.5) * flown.h)
 
 

@@ -51,7 +51,7 @@ def flight_of(scenario: Scenario, session: int, key: bytes) -> Flight:
     room = scenario.load_room()
     shape = None
     if scenario.is_rendered:
-        camera = room.camera.scaled_to(scenario.rendered_camera.width)
+        camera = room.camera.scaled_to(scenario.camera.width)
         shape = camera.height, camera.width
     return Flight(session, key, scenario.h, len(room.anchors), shape, limits_of(scenario))
 

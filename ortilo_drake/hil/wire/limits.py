@@ -122,7 +122,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     measurement = scenario.measurement
     values = np.abs(measurement.layout.C) @ state[:N_X]
     path = np.concatenate((speed * np.ones(3), force * np.ones(3)))
-    latency = scenario.projected_camera.latency
+    latency = scenario.camera.latency
     nothing = np.empty(0)
     own = {}
     for name in set(scenario.sensors) - set(SENSORS):

@@ -18,8 +18,9 @@ from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.input_files import exists
-from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.old_keys import scenario_from_json
 
 
 class LoggedTick(NamedTuple):
@@ -64,7 +65,8 @@ def _description(path: Path) -> dict[str, Any]:
 def log_scenario(path: Path) -> Scenario:
     """Return the scenario that a log was flown with; InputError if it is no such log."""
     file = log_file(path)
-    return validate(Scenario, json.loads(_description(file)["scenario"]), str(file))
+    description = _description(file)
+    return scenario_from_json(description["scenario"], description.get("scenario_format", 1), str(file))
 
 
 def holds_what_was_sent(path: Path) -> bool:

@@ -35,6 +35,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.old_keys import FORMAT as SCENARIO_FORMAT
 
 SCENARIO_TOPIC = "/ortilo/scenario"
 SIGNAL_PREFIX = "/ortilo/"
@@ -117,6 +118,7 @@ def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list
         "format": FORMAT,
         "software": f"ortilo-drake {__version__}",
         "scenario": scenario.model_dump_json(),
+        "scenario_format": SCENARIO_FORMAT,
         "messages": messages,
     }
     trajectory = plan(scenario.planner, room, scenario.vehicle)

@@ -12,7 +12,7 @@ from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import N_BELIEF, empty_history, replay_step, row_of_past, slot_of
 from ortilo_drake.scenario import DiagonalW
-from ortilo_drake.scenario import KalmanFilter as FilterSettings
+from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 
 def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float) -> np.ndarray:

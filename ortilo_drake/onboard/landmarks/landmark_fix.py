@@ -71,8 +71,8 @@ class LandmarkFix(LeafSystem):
     """Memoryless: boxes to a position, by the estimate of the same tick, xhat(k|k-1).
 
     Where the settings give a prior_sd, it stands in for P throughout: in the association and as what is believed
-    of the attitude. Boxes that come late are judged by the present estimate or, with filter.delay 'replay', by that of
-    their stamp, which the fix keeps.
+    of the attitude. Boxes that come late are judged by the present estimate or, with estimator.delay
+    'replay', by that of their stamp, which the fix keeps.
 
     Ports:
         detections (DETECTIONS_SIZE): the detections message, see model/signals.py.

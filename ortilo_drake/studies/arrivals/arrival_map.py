@@ -177,6 +177,6 @@ def burst_map(
             link = Link(loss=loss_of(1.0 - rate, max(burst / h, 1.0) if rate else None))
         except InputError:
             return None
-        return link_chain(link, other) if sensor == "uwb" else link_chain(other, link)
+        return link_chain(*((link, other) if sensor == "uwb" else (other, link)), h)
 
     return _grid(checked, list(bursts), vehicle_model(W, V, h), chain_at)

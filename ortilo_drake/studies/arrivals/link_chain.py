@@ -9,7 +9,7 @@ from ortilo_drake.scenario.loss_chain import loss_chain
 from ortilo_drake.theory.arrivals.markov_riccati import ArrivalChain, arrival_chain
 
 
-def link_chain(uwb: Link | None, camera: Link | None) -> ArrivalChain:
+def link_chain(uwb: Link | None, camera: Link | None, h: float) -> ArrivalChain:
     """Return the chain of uwb and camera as their links have it; patterns as arrivals.PATTERN_ROWS.
 
     Modes: tick within the senders' common period, times the loss chains of both, which step once a tick. Blackouts and
@@ -18,10 +18,12 @@ def link_chain(uwb: Link | None, camera: Link | None) -> ArrivalChain:
     Args:
         uwb: link of the uwb fixes, or None where the sensor does not fly.
         camera: link of the camera fixes, or None.
+        h: tick [s].
     """
-    chains = [(np.ones((1, 1)), np.ones(1)) if link is None else loss_chain(link.loss) for link in (uwb, camera)]
+    never = np.ones((1, 1)), np.ones(1)
+    chains = [never if link is None else loss_chain(link.loss, h) for link in (uwb, camera)]
     (T_u, lost_u), (T_c, lost_c) = chains
-    every = [1 if link is None else link.every for link in (uwb, camera)]
+    every = [1 if link is None else link.every(h) for link in (uwb, camera)]
     period = lcm(*every)
     T = np.kron(np.roll(np.eye(period), 1, axis=1), np.kron(T_u, T_c))
     probabilities = []

@@ -89,7 +89,7 @@ def command_flights(
     for link in links:
         flown = calm.model_copy(update={"command_link": link})
         fly_many(flown, seeds, out, workers)
-        case = _predicted(loop, link) | _flown(flights_of(flown, seeds, out))
+        case = _predicted(loop, link, scenario.h) | _flown(flights_of(flown, seeds, out))
         case["agrees"] = case["lost"] == (0 if case["stable"] else case["flights"])
         cases.append(case)
         if progress:
@@ -105,8 +105,8 @@ def command_flights(
     }
 
 
-def _predicted(loop: CommandedLoop, link: CommandLink) -> dict[str, Any]:
-    system = lossy_loop(loop, link)
+def _predicted(loop: CommandedLoop, link: CommandLink, h: float) -> dict[str, Any]:
+    system = lossy_loop(loop, link, h)
     radius = mean_square_radius(system)
     stable = radius < 1.0 - MARGIN
     rms = None

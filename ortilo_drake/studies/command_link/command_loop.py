@@ -45,7 +45,7 @@ class CommandedLoop(NamedTuple):
 
 def schedule(scenario: Scenario) -> np.ndarray:
     """Return delta of each tick of a period (T, 3): what is due by the rates of the sensors that fly, nothing lost."""
-    every = [scenario.link_of(s).every if s in scenario.sensors else 1 for s in SENSORS]
+    every = [scenario.every(s) if s in scenario.sensors else 1 for s in SENSORS]
     there = arrivals_of(scenario.sensors)
     T = math.lcm(*every)
     return np.array([[there[s] * (k % every[s] == 0) for s in range(len(SENSORS))] for k in range(T)])

@@ -17,14 +17,14 @@ from ortilo_drake.studies.command_link.command_loop import CommandedLoop, behind
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius
 
 
-def lossy_loop(loop: CommandedLoop, link: CommandLink) -> JumpLinear:
-    """Return the jump-linear system of a loop behind a command link."""
+def lossy_loop(loop: CommandedLoop, link: CommandLink, h: float) -> JumpLinear:
+    """Return the jump-linear system of a loop of ticks h [s] behind a command link."""
     A, N = behind_a_link(loop, link.when_lost, link.delay)
-    return _jump_linear(A, N, link.loss)
+    return _jump_linear(A, N, link.loss, h)
 
 
-def _jump_linear(A: np.ndarray, N: np.ndarray, loss: Loss) -> JumpLinear:
-    transition, lost = loss_chain(loss)
+def _jump_linear(A: np.ndarray, N: np.ndarray, loss: Loss, h: float) -> JumpLinear:
+    transition, lost = loss_chain(loss, h)
     return JumpLinear(A, N, np.column_stack([1.0 - lost, lost]), transition)
 
 
@@ -58,7 +58,7 @@ def largest_loss(
 
     def is_stable(share: float) -> bool:
         A, N = behind_a_link(loop, when_lost, delay)
-        return mean_square_radius(_jump_linear(A, N, loss_of(share, burst))) < 1.0 - MARGIN
+        return mean_square_radius(_jump_linear(A, N, loss_of(share, burst), scenario.h)) < 1.0 - MARGIN
 
     if not is_stable(0.0):
         A, _ = behind_a_link(loop, when_lost, delay)

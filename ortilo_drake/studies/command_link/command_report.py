@@ -39,19 +39,19 @@ def command_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
     Raises:
         InputError: if the loop is unstable with a perfect link, naming the modes.
     """
-    loop = commanded_loop(scenario, V)
-    own = lossy_loop(loop, scenario.command_link)
+    loop, h = commanded_loop(scenario, V), scenario.h
+    own = lossy_loop(loop, scenario.command_link, h)
     return {
         "scenario": scenario.name,
         "period": len(loop.F),
-        "growth": mean_square_radius(lossy_loop(loop, CommandLink())),
+        "growth": mean_square_radius(lossy_loop(loop, CommandLink(), h)),
         "largest_loss": {
             s: {"independent": largest_loss(scenario, V, s, tolerance=5e-3)}
             | {f"bursts_of_{b:g}": largest_loss(scenario, V, s, b, tolerance=5e-3) for b in BURSTS}
             for s in STRATEGIES
         },
         "rms": {
-            s: {f"{p:g}": _rms(lossy_loop(loop, CommandLink(loss=loss_of(p), when_lost=s))) for p in LOSSES}
+            s: {f"{p:g}": _rms(lossy_loop(loop, CommandLink(loss=loss_of(p), when_lost=s), h)) for p in LOSSES}
             for s in STRATEGIES
         },
         "delay": critical_delay(scenario, V),

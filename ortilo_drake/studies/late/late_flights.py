@@ -1,4 +1,4 @@
-"""The same flights with late measurements ignored, dropped and replayed: the three ways of filter.delay."""
+"""The same flights with late measurements ignored, dropped and replayed: the three ways of estimator.delay."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -44,18 +44,18 @@ BOTH_WAYS_AT_100_HZ: Final = AT_100_HZ._replace(command_loss=0.2, command_delay=
 
 
 def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
-    """Return a scenario behind such links, with filter.delay as given; rates and blackouts stay.
+    """Return a scenario behind such links, with estimator.delay as given; rates and blackouts stay.
 
     Raises:
         InputError: if a link or the mode cannot be.
     """
     data = scenario.model_dump(mode="json")
-    for link in (data["uwb"]["link"], data["imu"]["link"], data["camera_link"]):
+    for link in (data["uwb"]["link"], data["imu"]["link"], data["camera"]["link"]):
         link["loss"] = {"kind": "bernoulli", "probability": links.loss}
         link["delay"], link["random_delay"] = links.delay, links.random_delay
     data["command_link"]["loss"] = {"kind": "bernoulli", "probability": links.command_loss}
     data["command_link"]["delay"] = links.command_delay
-    data["filter"]["delay"] = mode
+    data["estimator"]["delay"] = mode
     return validate(Scenario, data, scenario.name)
 
 
@@ -70,7 +70,7 @@ def late_flights(
     """Fly the same seeds in each of the modes and return how they compare, as plain data.
 
     Args:
-        scenario: the scenario; its links' loss and delay, its seed and its filter.delay are not used.
+        scenario: the scenario; its links' loss and delay, its seed and its estimator.delay are not used.
         seeds: the seeds.
         out: folder for the flights.
         links: loss and delay of the messages.
@@ -146,7 +146,7 @@ def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
     """Return the reports of late_flights as a Markdown table, a row for each scenario and mode."""
     header = [
         "scenario",
-        "filter.delay",
+        "estimator.delay",
         "lost",
         "path MSE",
         "path distance MSE",

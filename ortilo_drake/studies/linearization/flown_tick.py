@@ -47,8 +47,8 @@ def without_noise(scenario: Scenario) -> Scenario:
     changes: dict[str, Any] = {
         "sensors": ("uwb", "imu"),
         "world": World(kinematics="linear", disturbance=Disturbance(force_sd=0.0, torque_sd=0.0)),
-        "uwb": Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(every=scenario.uwb.link.every)),
-        "imu": Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0, link=Link(every=scenario.imu.link.every)),
+        "uwb": Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(rate=scenario.uwb.link.rate)),
+        "imu": Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0, link=Link(rate=scenario.imu.link.rate)),
         "command_link": type(scenario.command_link)(),
         "planner": HoverPlanner(kind="hover", point=start),
     }
@@ -68,7 +68,7 @@ def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e
         step: how far each state is moved.
     """
     ideal = without_noise(scenario)
-    h, period = ideal.h, int(np.lcm(ideal.uwb.link.every, ideal.imu.link.every))
+    h, period = ideal.h, int(np.lcm(ideal.every("uwb"), ideal.every("imu")))
     if tick < period:
         raise InputError(f"tick: {tick}: must be at least {period}, the period of the sensors")
     diagram = make_closed_loop(ideal)
@@ -96,7 +96,7 @@ def difference_closed_loop(scenario: Scenario, tick: int = 900, step: float = 1e
     delta, V2 = (onboard.GetOutputPort(name).Eval(its_onboard).copy() for name in ("delta", "V2"))
     A = np.column_stack([(after(z + dz) - after(z - dz)) / (2.0 * step) for dz in step * np.eye(N_LOOP)])
     loop = hover_loop(ideal)
-    integrator = INTEGRATORS[ideal.servo.integrator]
+    integrator = INTEGRATORS[ideal.estimator.integrator]
     K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, integrator, ideal.measurement.layout)[:N_X]
     expected = closed_loop_matrix(loop, K, delta)
     return FlownTick(A, expected, K, delta, float(np.max(np.abs(P - P_before)) / np.max(np.abs(P))))

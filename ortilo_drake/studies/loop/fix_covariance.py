@@ -53,7 +53,7 @@ SETTLED = 300  # ticks after which the attitude's covariance no longer changes
 @lru_cache(maxsize=16)
 def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
     """Return the camera and the rates at which it finds landmarks."""
-    room, errors = scenario.load_room(), scenario.projected_camera.errors
+    room, errors = scenario.load_room(), scenario.camera.errors
     camera = room.camera.scaled_to(scenario.image_width).constants
     if isinstance(errors, ParametricErrors):
         return camera, parametric_tables(errors, room.classes, camera.image)
@@ -73,11 +73,11 @@ def _solvers(scenario: Scenario) -> tuple[Multilateration, LandmarkFix]:
 @lru_cache(maxsize=16)
 def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the IMU alone, after settling."""
-    model = filter_model(scenario.filter, scenario.vehicle, "estimate", scenario.h)
-    measurement, every = scenario.measurement, scenario.imu.link.every
-    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.filter).ravel()))
+    model = filter_model(scenario.estimator, scenario.vehicle, "estimate", scenario.h)
+    measurement, every = scenario.measurement, scenario.every("imu")
+    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
-    V2[measurement.block_of("imu")] = np.diag(scenario.filter.V.imu).ravel()
+    V2[measurement.block_of("imu")] = np.diag(scenario.estimator.V.imu).ravel()
     u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.sensors.index("imu")
     for k in range(SETTLED):
         delta[imu] = float("imu" in scenario.sensors and k % every == 0)

@@ -53,11 +53,11 @@ class HoverLoop(NamedTuple):
 def hover_loop(scenario: Scenario) -> HoverLoop:
     """Return the loop of a scenario; InputError if it has no servo gain."""
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
+    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
     measurement = scenario.measurement
-    integrator = scenario.servo.integrator
+    integrator = scenario.estimator.integrator
     return HoverLoop(Phi, Gamma, measurement.layout.C, W, L, scenario.h, integrator, true_states, measurement)
 
 

@@ -40,12 +40,8 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
     """Return how many ticks late a sensor's messages are; InputError if that is random."""
     link = scenario.link_of(sensor)
     if link.random_delay and sensor in scenario.sensors:
-        name = "camera_link" if sensor == "camera" else f"{sensor}.link"
-        raise InputError(f"{name}.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
-    latency = 0
-    if sensor == "camera":
-        latency = (scenario.rendered_camera if scenario.is_rendered else scenario.projected_camera).latency
-    return link.delay + latency
+        raise InputError(f"{sensor}.link.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
+    return link.delay + (scenario.camera.latency if sensor == "camera" else 0)
 
 
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -91,12 +87,14 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     V, there = np.tile(np.eye(3), (n, 3, 1, 1)), np.zeros((n, 3), dtype=np.bool_)
     flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(SENSORS) if sensor in scenario.sensors]
     delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
-    V_imu = np.diag(scenario.filter.V.imu)
+    V_imu = np.diag(scenario.estimator.V.imu)
     for k in range(n):
         noise = None
         for s, sensor, link in flying:
             arrival = k + delays[sensor]
-            if k % link.every or arrival >= n or _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
+            if k % link.every(scenario.h) or arrival >= n:
+                continue
+            if _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
                 continue
             if sensor == "imu":
                 V[arrival, s], there[arrival, s] = V_imu, True

@@ -76,7 +76,7 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
     x_ref, u_ff = nominal.x_ref, nominal.u_ff
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])
-    loss = np.array([loss_parameters(scenario.link_of(s).loss) for s in SENSORS])
+    loss = np.array([loss_parameters(scenario.link_of(s).loss, scenario.h) for s in SENSORS])
     means, moments, errors = propagate(
         loop.Phi,
         loop.Gamma,
@@ -85,7 +85,7 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
         nominal.V,
         nominal.there,
         loss,
-        initial_covariance(scenario.filter),
+        initial_covariance(scenario.estimator),
         d,
         nominal.r,
         np.ascontiguousarray(x_ref[:, :3]),

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import BernoulliLoss, Link, Loss, NoLoss, Scenario
+from ortilo_drake.scenario import BernoulliLoss, Loss, NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.tube.corridor import Corridor, corridor, margin
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
@@ -44,19 +44,17 @@ class MarginMap(NamedTuple):
 
 def with_losses(scenario: Scenario, uwb: Loss, camera: Loss) -> Scenario:
     """Return the scenario with other losses on the links of uwb and camera."""
-
-    def lossy(link: Link, loss: Loss) -> Link:
-        return link.model_copy(update={"loss": loss})
-
-    sensor = scenario.uwb.model_copy(update={"link": lossy(scenario.uwb.link, uwb)})
-    return scenario.model_copy(update={"uwb": sensor, "camera_link": lossy(scenario.camera_link, camera)})
+    losses = ((scenario.uwb, uwb), (scenario.camera, camera))
+    lossy = [s.model_copy(update={"link": s.link.model_copy(update={"loss": loss})}) for s, loss in losses]
+    return scenario.model_copy(update=dict(zip(("uwb", "camera"), lossy, strict=True)))
 
 
 def without_blackouts(scenario: Scenario) -> Scenario:
     """Return the scenario with a projected camera, and no blackouts on either position sensor's link."""
     uwb = scenario.uwb.model_copy(update={"link": scenario.uwb.link.model_copy(update={"blackouts": ()})})
-    camera_link = scenario.camera_link.model_copy(update={"blackouts": ()})
-    return scenario.model_copy(update={"uwb": uwb, "camera_link": camera_link, "camera": "projected"})
+    camera_link = scenario.camera.link.model_copy(update={"blackouts": ()})
+    camera = scenario.camera.model_copy(update={"link": camera_link})
+    return scenario.model_copy(update={"uwb": uwb, "camera": camera}).projected()
 
 
 def with_rates(scenario: Scenario, uwb: float, camera: float) -> Scenario:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.scenario import NoLoss, Scenario
+from ortilo_drake.scenario import Camera, Imu, NoLoss, Scenario, Uwb
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, outside_discs
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, delay_of
@@ -47,7 +47,8 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
     for s, sensor in enumerate(SENSORS):
         if sensor not in scenario.sensors:
             continue
-        loss, stream, bad = loss_parameters(scenario.link_of(sensor).loss), stream_id(f"link/{sensor}"), False
+        loss, bad = loss_parameters(scenario.link_of(sensor).loss, scenario.h), False
+        stream = stream_id(f"link/{sensor}")
         late = delay_of(scenario, sensor)
         for k in range(n - late):
             if nominal.there[k + late, s]:
@@ -59,12 +60,13 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
 
 def without_losses(scenario: Scenario) -> Scenario:
     """Return the scenario with links that lose nothing at random."""
-    uwb, imu = (
-        sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})
-        for sensor in (scenario.uwb, scenario.imu)
+    sensors: dict[str, Uwb | Camera | Imu] = {"uwb": scenario.uwb, "camera": scenario.camera, "imu": scenario.imu}
+    return scenario.model_copy(
+        update={
+            name: sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})
+            for name, sensor in sensors.items()
+        }
     )
-    camera_link = scenario.camera_link.model_copy(update={"loss": NoLoss()})
-    return scenario.model_copy(update={"uwb": uwb, "imu": imu, "camera_link": camera_link})
 
 
 def mixture(scenario: Scenario, nominal: NominalFlight, seeds: Iterable[int]) -> Mixture:

@@ -28,9 +28,9 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
 
     An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
     """
-    W, V, found = scenario.filter.W, scenario.filter.V, {}
+    W, V, found = scenario.estimator.W, scenario.estimator.V, {}
     for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else ("force_sd", "torque_sd"):
-        found[f"filter.W.{name}"] = float(getattr(W, name))
+        found[f"estimator.W.{name}"] = float(getattr(W, name))
     if "uwb" in scenario.sensors and V.uwb is None:
         noise = scenario.multilateration.noise
         name, size = ("sd", noise.sd) if noise.kind == "constant" else ("fraction", noise.fraction)
@@ -40,15 +40,15 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     for sensor in scenario.sensors:
         triple = getattr(V, sensor, None)
         if triple is not None:
-            found |= {f"filter.V.{sensor}.{i}": value for i, value in enumerate(triple)}
+            found |= {f"estimator.V.{sensor}.{i}": value for i, value in enumerate(triple)}
     return {name: value for name, value in found.items() if value > 0.0}
 
 
 def sensor_of(name: str) -> str | None:
     """Return the sensor whose noise a number states; None for a number of W."""
-    if name.startswith("filter.W"):
+    if name.startswith("estimator.W"):
         return None
-    return next(s for s in SENSORS if name.startswith((f"filter.V.{s}.", _SCALED_BY.get(s, "?"))))
+    return next(s for s in SENSORS if name.startswith((f"estimator.V.{s}.", _SCALED_BY.get(s, "?"))))
 
 
 def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
@@ -72,7 +72,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
         counted: the sensors that the likelihood counts; by default all.
     """
     numbers, before = noise_numbers(scenario), noise_numbers(recorded)
-    W = process_noise(scenario.filter, scenario.vehicle, scenario.h)
+    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)
     counts = np.array([float(counted is None or s in counted) for s in sensors])
     model = NoiseModel(W, np.zeros((len(sensors), max(sizes), max(sizes))), np.zeros(len(sensors)), counts)

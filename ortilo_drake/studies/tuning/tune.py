@@ -152,8 +152,8 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
             f"{fit.tilted:.1%} of the ticks did not count: the hover model loses more than {LIFT_LOST:.0%} of the lift "
             f"to tilt, or did in the last {START:g} s"
         )
-    if any(gate is not None for gate in (scenario.handler.uwb_gate, scenario.handler.camera_gate)):
-        notes.append("the handler's gates hid the worst fixes from the fit: V comes out too small")
+    if scenario.estimator.gates:
+        notes.append("the gates hid the worst fixes from the fit: V comes out too small")
     fitted = with_seed(fit.scenario, 0).model_copy(update={"name": f"{scenario.name.removesuffix(_SUFFIX)}{_SUFFIX}"})
     fit = fit._replace(scenario=fitted)
     before, after = (filter_figures(s, scenario, flights) for s in (scenario, fitted))

@@ -23,7 +23,7 @@ from ortilo_drake.training.calibration.persistence import persistence
 from ortilo_drake.training.calibration.sightings import Sightings, detect_in_flight, sightings
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
 
-SCENARIO, GIVEN_ERRORS = "imu_uwb_yolo", ("camera=projected", "projected_camera.errors.kind=parametric")
+SCENARIO, GIVEN_ERRORS = "imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric")
 OWN_DETECTOR = Detector()
 LEAST_FOUND = 500  # landmarks found; fewer are too few for a calibration
 HEADER = """\
@@ -109,7 +109,7 @@ def calibrate(
     if not seeds:
         raise InputError("seeds: none given")
     scenario = load_scenario(SCENARIO, GIVEN_ERRORS)
-    room, every, width = scenario.load_room(), scenario.camera_link.every, scenario.rendered_camera.width
+    room, every, width = scenario.load_room(), scenario.every("camera"), scenario.camera.width
     camera = room.camera.scaled_to(width)
     size = camera.width, camera.height
     detect = load_detector(detector, room, size)

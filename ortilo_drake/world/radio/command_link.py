@@ -111,7 +111,7 @@ class CommandLink(SeededSystem):
     def __init__(self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float):
         super().__init__(seed)
         self.set_name("command_link")
-        self._loss, self._holds = loss_parameters(settings.loss), settings.when_lost == "hold"
+        self._loss, self._holds = loss_parameters(settings.loss, h), settings.when_lost == "hold"
         self._hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
         self._stream, self._h = stream_id("link/command"), h
         self._control = self.DeclareVectorInputPort("control", N_U)

@@ -22,7 +22,7 @@ def check_kept(every: int, longest: int, width: int, height: int) -> None:
     kept = (longest // every + 1) * width * height * 4
     if kept > MOST_KEPT:
         raise InputError(
-            f"camera_link.delay: {longest} ticks with random_delay: {kept / MIB:.0f} MiB of pictures of "
+            f"camera.link.delay: {longest} ticks with random_delay: {kept / MIB:.0f} MiB of pictures of "
             f"{width} x {height} px are then on the way, must not exceed {MOST_KEPT / MIB:.0f} MiB"
         )
 

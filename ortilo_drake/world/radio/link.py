@@ -121,8 +121,8 @@ class SensorLink(SeededSystem):
     def __init__(self, sensor: str, size: int, settings: Link, seed: int, h: float):
         super().__init__(seed)
         self.set_name(f"{sensor}_link")
-        self._every, self._delays = settings.every, (settings.delay, settings.random_delay)
-        self._loss, self._blackouts = loss_parameters(settings.loss), blackout_rows(settings, h)
+        self._every, self._delays = settings.every(h), (settings.delay, settings.random_delay)
+        self._loss, self._blackouts = loss_parameters(settings.loss, h), blackout_rows(settings, h)
         self._by_position = bool(np.any(self._blackouts[:, 0] != _TIME))
         self._nowhere = np.zeros(N_X)
         self._stream, self._h = stream_id(f"link/{sensor}"), h
@@ -130,7 +130,7 @@ class SensorLink(SeededSystem):
         self._state = self.DeclareVectorInputPort("state", N_X)
 
         self._chain = self._flying = None
-        if settings.loss.kind == "gilbert_elliott":
+        if settings.loss.kind in ("bursts", "gilbert_elliott"):
             self._chain = self.DeclareDiscreteState(1)
         most = sum(self._delays)
         if most:

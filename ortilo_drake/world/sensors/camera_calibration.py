@@ -151,7 +151,5 @@ def load_calibration(settings: MeasuredErrors) -> CameraCalibration:
     """
     path = CALIBRATION if settings.file == "rendered" else Path(settings.file)
     if not exists(path):
-        raise InputError(
-            f"projected_camera.errors.file: {path}: no such camera calibration (ortilo detector calibrate)"
-        )
+        raise InputError(f"camera.errors.file: {path}: no such camera calibration (ortilo detector calibrate)")
     return load_yaml(CameraCalibration, path)

@@ -20,7 +20,7 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
-from ortilo_drake.scenario import ProjectedCamera as ProjectedCameraSettings
+from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.world.noise import normals, stream_id, uniforms
 from ortilo_drake.world.seeded_system import SeededSystem
@@ -180,7 +180,7 @@ class ProjectedCamera(SeededSystem):
         InputError: if the file of measured errors is missing or wrong.
     """
 
-    def __init__(self, settings: ProjectedCameraSettings, room: Room, seed: int, h: float):
+    def __init__(self, settings: CameraSettings, room: Room, seed: int, h: float):
         super().__init__(seed)
         self.set_name("projected_camera")
         camera = room.camera.scaled_to(settings.width).constants

@@ -1,0 +1,128 @@
+"""The settings of a scenario as a JSON schema and as a table, with the meanings that the docstrings give them."""
+
+import inspect
+import json
+import re
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple, get_args
+
+from pydantic import BaseModel
+
+from ortilo_drake.scenario.scenario import Scenario
+
+_UNIT: Final = re.compile(r"\[(1|(?:1/)?[A-Za-z(][A-Za-z0-9 ^/()]*)\]")
+_SECTION: Final = "\nAttributes:\n"
+
+
+class Key(NamedTuple):
+    """One setting.
+
+    Attributes:
+        key: dotted, as `--set` takes it; '[]' stands for the entries of a list.
+        kind: of the group that it is in, '' where every kind has it.
+        allowed: its type and range.
+        unit: of its numbers, '' where it has none.
+        default: as YAML has it, 'needed' where there is none.
+        meaning: what it decides.
+    """
+
+    key: str
+    kind: str
+    allowed: str
+    unit: str
+    default: str
+    meaning: str
+
+
+def meanings(model: type[BaseModel]) -> dict[str, str]:
+    """Return what the Attributes section of a model's docstring says of each of its fields, one line each."""
+    _, _, section = (inspect.getdoc(model) or "").partition(_SECTION)
+    entries = re.split(r"^    (?=\w+: )", section, flags=re.MULTILINE)[1:]
+    return {name: " ".join(text.split()) for name, _, text in (entry.partition(": ") for entry in entries)}
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models that an annotation holds, with those of their fields; a model may come more than once."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+        for field in annotation.model_fields.values():
+            yield from models_in(field.annotation)
+    for part in get_args(annotation):
+        yield from models_in(part)
+
+
+def scenario_schema(model: type[BaseModel] = Scenario) -> dict[str, Any]:
+    """Return the JSON schema of a scenario, each setting with its meaning, each group with its first lines."""
+    schema = model.model_json_schema()
+    groups = {**schema["$defs"], model.__name__: schema}
+    for its in models_in(model):
+        group, described = groups[its.__name__], meanings(its)
+        group["description"] = (inspect.getdoc(its) or "").partition(_SECTION)[0].strip()
+        for name, field in group["properties"].items():
+            field.pop("title", None)
+            if name in described:
+                field["description"] = described[name]
+    # A file may say what it is laid over, see load.py.
+    base = {"type": "string", "description": "a ready-made scenario's name or a .yaml file that this one is laid over"}
+    return schema | {"properties": {"base": base} | schema["properties"]}
+
+
+def scenario_keys(prefix: str = "") -> list[Key]:
+    """Return every setting whose key is the prefix or begins with it and a point, those of all kinds, in order."""
+    schema = scenario_schema()
+    del schema["properties"]["base"]
+    found = _keys(schema, schema, "", Scenario().model_dump(mode="json"))
+    return [key for key in found if not prefix or f"{key.key}.".replace("[]", "").startswith(f"{prefix}.")]
+
+
+def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: Any, kind: str = "") -> Iterator[Key]:
+    for name, field in group["properties"].items():
+        if name == "kind" and kind:
+            continue  # the union has it
+        key, meaning = f"{above}{name}", field.get("description", "")
+        default = defaults[name] if isinstance(defaults, dict) and name in defaults else field.get("default")
+        shown = "needed" if name in group.get("required", ()) else _shown(default)
+        inner, suffix = (field["items"], "[].") if "items" in field else (field, ".")
+        inner = next((part for part in inner.get("anyOf", ()) if "oneOf" in part), inner)  # a group or a number
+        groups = [_resolved(schema, part) for part in inner.get("oneOf", [inner])]
+        if "properties" not in groups[0]:
+            units = dict.fromkeys(_UNIT.findall(meaning))
+            yield Key(key, kind, _allowed(schema, field), ", ".join(units), shown, meaning)
+            continue
+        if suffix == "[].":
+            yield Key(key, kind, "list of groups", "", shown, meaning)
+        if len(groups) == 1:
+            yield from _keys(schema, groups[0], key + suffix, default, kind)
+            continue
+        kinds = [part["properties"]["kind"]["const"] for part in groups]
+        chosen = default.get("kind") if isinstance(default, dict) else None
+        yield Key(f"{key}{suffix}kind", kind, " | ".join(kinds), "", chosen or "needed", meaning)
+        for its, part in zip(kinds, groups, strict=True):
+            yield from _keys(schema, part, key + suffix, default if its == chosen else None, its)
+
+
+def _shown(default: Any) -> str:
+    return default if isinstance(default, str) else json.dumps(default)
+
+
+def _resolved(schema: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = schema["$defs"][part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+    return found
+
+
+def _allowed(schema: dict[str, Any], field: dict[str, Any]) -> str:
+    """Return the type of a field and its range in words."""
+    if "anyOf" in field:
+        return " or ".join(_allowed(schema, part) for part in field["anyOf"])
+    if "enum" in field or "const" in field:
+        return " | ".join(map(str, field.get("enum", [field.get("const")])))
+    kind = field.get("type", "")
+    if kind == "array":
+        entries = field.get("prefixItems") or [field["items"]]
+        inner = ", ".join(dict.fromkeys(_allowed(schema, entry) for entry in entries))
+        return f"{len(entries)} x {inner}" if "prefixItems" in field else f"list of {inner}"
+    if kind == "object":
+        return f"mapping to {_allowed(schema, field['additionalProperties'])}"
+    signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+    limits = [f"{sign} {field[name]:g}" for name, sign in signs.items() if name in field]
+    return f"{ ({'string': 'text'}.get(kind, kind)) } {', '.join(limits)}".strip()

@@ -1,0 +1,110 @@
+"""Schema and table of the settings: every field has a meaning and a unit, the stored copy is what is printed."""
+
+import json
+import re
+from typing import Any
+
+import pytest
+import yaml
+from command_line import run
+from pydantic import BaseModel
+
+from ortilo_drake.commands import terminal
+from ortilo_drake.scenario import SCENARIO_FOLDER, Scenario, load_scenario, scenario_names
+from ortilo_drake.scenario.schema import meanings, models_in, scenario_keys, scenario_schema
+
+MODELS = list(dict.fromkeys(models_in(Scenario)))
+NO_QUANTITY = {"seed"}
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_every_field_has_a_meaning_and_every_meaning_a_field(model: type[BaseModel]) -> None:
+    assert list(meanings(model)) == list(model.model_fields)
+    assert all(meanings(model).values())
+
+
+def test_every_number_has_a_unit() -> None:
+    for key in scenario_keys():
+        is_number = "number" in key.allowed or "integer" in key.allowed
+        assert not is_number or key.unit or key.key in NO_QUANTITY, key.key
+
+
+def test_the_keys_are_those_of_the_default_scenario() -> None:
+    def leaves(data: Any, name: str = "") -> set[str]:
+        if not isinstance(data, dict) or not data:
+            return {name}
+        return set().union(*(leaves(value, f"{name}.{key}" if name else key) for key, value in data.items()))
+
+    listed = {key.key for key in scenario_keys()}
+    assert leaves(Scenario().model_dump(mode="json")) <= listed
+    default = {key.key: key.default for key in scenario_keys("camera")}
+    assert (default["camera.width"], default["camera.link.rate"]) == ("320", "10.0")
+    assert {key.default for key in scenario_keys("uwb.link.loss.mean_length")} == {"needed"}
+    assert [key.unit for key in scenario_keys("servo.weights.control")] == ["1/N^2, 1/(N m)^2"]
+
+
+def test_the_stored_schema_is_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scenario", "schema") == 0
+    printed = capsys.readouterr().out
+    stored = (SCENARIO_FOLDER / "scenario.schema.json").read_text(encoding="utf-8")
+    assert printed == stored, "ortilo scenario schema > diagrams/scenarios/scenario.schema.json"
+    assert json.loads(printed) == scenario_schema()
+
+
+def matches(schema: dict[str, Any], place: dict[str, Any], data: Any) -> bool:
+    """Whether data is of the shape that a JSON schema gives a place: the part of JSON Schema that ours uses."""
+    if "$ref" in place:
+        place = schema["$defs"][place["$ref"].rpartition("/")[2]]
+    for union in ("anyOf", "oneOf"):
+        if union in place and not any(matches(schema, part, data) for part in place[union]):
+            return False
+    if data not in place.get("enum", [place.get("const", data)]):
+        return False
+    types = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
+    if "type" in place and not isinstance(data, types[place["type"]]):
+        return False
+    if isinstance(data, int | float):
+        low, high = place.get("minimum", data), place.get("maximum", data)
+        return low <= data <= high and place.get("exclusiveMinimum", -1e99) < data < place.get("exclusiveMaximum", 1e99)
+    if isinstance(data, list) and "items" in place and place["items"] is not False:
+        return all(matches(schema, place["items"], entry) for entry in data)
+    if isinstance(data, dict) and "properties" in place:
+        known = place["properties"]
+        return set(data) <= set(known) and all(matches(schema, known[name], value) for name, value in data.items())
+    return True
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_ready_made_scenarios_name_the_schema_and_match_it(name: str) -> None:
+    text = (SCENARIO_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
+    assert text.startswith("# yaml-language-server: $schema=scenario.schema.json\n# ")
+    schema = scenario_schema()
+    assert matches(schema, schema, yaml.safe_load(text))
+    assert matches(schema, schema, load_scenario(name).model_dump(mode="json"))
+
+
+@pytest.mark.parametrize(
+    "data", [{"uwb": {"link": {"loss": 1.3}}}, {"seeds": 3}, {"camera": {"kind": "drawn"}}, {"seed": -1}]
+)
+def test_the_schema_refuses_what_is_wrong(data: dict[str, Any]) -> None:
+    schema = scenario_schema()
+    assert not matches(schema, schema, data)
+    assert matches(schema, schema, {"base": "imu_uwb", "uwb": {"link": {"loss": 0.3}}})
+
+
+def test_keys_are_plain_in_a_pipe_and_a_table_on_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run("scenario", "keys", "uwb.link") == 0
+    head, *rows = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
+    assert head == ["key", "allowed", "unit", "default", "meaning"]
+    assert rows[0][:4] == ["uwb.link.rate", "number >= 0.001 or null", "Hz", "10.0"]
+    assert all(row[0].startswith("uwb.link.") for row in rows)
+    monkeypatch.setattr(terminal.out, "_force_terminal", True)
+    assert run("scenario", "keys", "uwb.link.delay") == 0
+    assert re.search(r"uwb\.link\.delay.*ticks", capsys.readouterr().out)
+
+
+def test_an_unknown_prefix_is_refused_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scenario", "keys", "uwb.lnk") == 2
+    assert "uwb.lnk: no such setting, did you mean 'uwb.link'?" in capsys.readouterr().err
