@@ -12,7 +12,7 @@ from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.onboard.servo.lq_servo import LqServo_
+from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import Rotors_
@@ -44,7 +44,7 @@ def make_servo(scenario: Scenario) -> Diagram:
         control (4, output): u, f_T absolute.
     """
     builder = DiagramBuilder()
-    servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, scenario.h))
+    servo = builder.AddSystem(make_lq_servo(scenario.servo, scenario.vehicle, scenario.h))
     lends = servo.HasInputPort("velocity")
     parts = builder.AddSystem(Demultiplexer([N_XBAR, REFERENCE_SIZE] + [N_V] * lends))
     builder.Connect(parts.get_output_port(0), servo.GetInputPort("estimate"))
@@ -100,7 +100,7 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
     builder = DiagramBuilder()
     plant = builder.AddSystem(QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h))
     kalman = builder.AddNamedSystem("kalman_filter", make_frozen_filter(scenario, K, delta))
-    servo = builder.AddSystem(LqServo_[float](scenario.servo, scenario.vehicle, scenario.h))
+    servo = builder.AddSystem(make_lq_servo(scenario.servo, scenario.vehicle, scenario.h))
     sensors = builder.AddNamedSystem("sensors", MatrixGain(measurement.arrival_matrix(delta) @ measurement.layout.C))
     inputs = builder.AddSystem(Multiplexer([measurement.sizes["y"], N_U, REFERENCE_SIZE]))
     state = plant.GetOutputPort("state")

@@ -24,7 +24,7 @@ from ortilo_drake.model.signals import N_I, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planner import make_planner, plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.onboard.servo.lq_servo import LqServo_, resting_integral
+from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral
 from ortilo_drake.scenario import LqServo, Scenario
 
 
@@ -177,7 +177,7 @@ def _servo_of(scenario: Scenario, make: Callable[[Scenario], System] | None) -> 
     if make is None:
         found = find_part("servo", scenario.servo.kind) if not _is_built_in(scenario.servo) else None
         if found is None:
-            return LqServo_[float](scenario.servo, scenario.vehicle, scenario.h)
+            return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h)
         make = found.make
     return make(scenario)
 

@@ -23,7 +23,7 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.onboard.servo.lq_servo import LqServo_
+from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.scenario import Noise
@@ -72,7 +72,7 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(H, 4))
     handler = builder.AddSystem(MeasurementHandler({}, VARIANCES, H))
     kalman = builder.AddSystem(KalmanFilter(FILTER, M100, integrator, np.zeros(15), H))
-    servo = builder.AddSystem(LqServo_[float](ServoSettings(form=form), M100, H))
+    servo = builder.AddSystem(make_lq_servo(ServoSettings(form=form), M100, H))
     planner = builder.AddSystem(TrajectorySource(per_tick(reference())))
     for j, (name, first, size) in enumerate([("uwb", 0, 14), ("camera", 0, 14), ("imu", 3, 11)]):
         # message = [flag, stamp and payload], the payload's first three entries are x[first : first + 3].

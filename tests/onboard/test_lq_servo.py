@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from ortilo_drake.model.equations import small_angle_dynamics
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
-from ortilo_drake.onboard.servo.lq_servo import LqServo_, resting_integral, servo_control
+from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral, servo_control
 from ortilo_drake.scenario import LqServo as Settings
 from ortilo_drake.scenario import ServoWeights
 
@@ -86,7 +86,7 @@ def test_linear_loop_settles_at_the_reference_from_elsewhere(form: str) -> None:
 def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
     rng = np.random.default_rng(31)
     xbar, reference, v = rng.normal(size=15), rng.normal(size=9), rng.normal(size=6)
-    servo = LqServo_[float](Settings(form=form, velocities=velocities, yaw=0.1), M100, H)
+    servo = make_lq_servo(Settings(form=form, velocities=velocities, yaw=0.1), M100, H)
     context = servo.CreateDefaultContext()
     servo.GetInputPort("estimate").FixValue(context, xbar)
     servo.GetInputPort("reference").FixValue(context, reference)
@@ -95,4 +95,4 @@ def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
         servo.GetInputPort("velocity").FixValue(context, [1.0, 0.0, *v])
         known[6:12] = v
     expected = servo_control(known, reference, L, M100.mass, 0.1, form == "error")
-    np.testing.assert_array_equal(servo.get_output_port().Eval(context), expected)
+    np.testing.assert_allclose(servo.get_output_port().Eval(context), expected, rtol=1e-13, atol=1e-13)

@@ -65,7 +65,7 @@ class KalmanFilter(LeafSystem):
     ):
         super().__init__()
         self.set_name("kalman_filter")
-        self._model, self._layout, self._h = model, measurement.layout, h
+        self._model, self._layout, self._h = tuple(model), tuple(measurement.layout), h  # plain, see filter_loops.py
         self._hover = np.array([hover_thrust, 0.0, 0.0, 0.0])
         self._measurement = [self.DeclareVectorInputPort(name, size) for name, size in measurement.sizes.items()]
         self._control = self.DeclareVectorInputPort("control", N_U)

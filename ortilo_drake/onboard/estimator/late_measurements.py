@@ -131,7 +131,7 @@ def replay_step(
     for sensor in range(delta.size):
         j = tick_of(stamps[sensor], h)
         there = delta[sensor] != 0.0 and reaches_back(history, j, k)
-        if there and put_in(history[j % N], slot, y, V2, sensor, layout.first, layout.block):
+        if there and put_in(history[j % N], slot, y, V2, sensor, layout[3], layout[4]):
             first = min(first, j)
     out = np.empty(belief.size)
     for j in range(first, k + 1):

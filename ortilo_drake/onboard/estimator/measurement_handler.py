@@ -87,29 +87,30 @@ def stack_measurements(
         layout: of the measurement.
     """
     C, _, _, first, block, _ = layout
-    s, p, q = incoming.start.size, first[-1], block[-1]
+    start, V2, with_message, gates = incoming
+    s, p, q = start.size, first[-1], block[-1]
     out = np.zeros(p + s + q + s)
     delta, stamps = out[p : p + s], out[p + s + q :]
-    out[p + s : p + s + q] = incoming.V2
+    out[p + s : p + s + q] = V2
     for j in range(s):
-        if incoming.start[j] < 0:
+        if start[j] < 0:
             continue
-        message = messages[incoming.start[j] :]
+        message = messages[start[j] :]
         if message[0] == 0.0:
             continue
         m = first[j + 1] - first[j]
         V = out[p + s + block[j] : p + s + block[j + 1]]
-        if incoming.with_message[j]:
+        if with_message[j]:
             V[:] = message[2 + m : 2 + m + m * m]
         stamps[j] = message[1]
-        if not np.isinf(incoming.gates[j]):
+        if not np.isinf(gates[j]):
             e = np.empty(m)
             for i in range(m):
                 e[i] = message[2 + i]
                 for n in range(12):
                     if C[first[j] + i, n] != 0.0:
                         e[i] -= C[first[j] + i, n] * xhat[n]
-            if squared_distance(e, C[first[j] : first[j + 1]], P, V.reshape(m, m)) > incoming.gates[j]:
+            if squared_distance(e, C[first[j] : first[j + 1]], P, V.reshape(m, m)) > gates[j]:
                 continue
         if k != NEVER and k - tick_of(message[1], h) > MAX_AGE:
             continue
@@ -165,7 +166,7 @@ class MeasurementStack(LeafSystem):
     def __init__(self, size: int, incoming: Incoming, layout: Layout, h: float, drops: bool):
         super().__init__()
         self.set_name("measurement_stack")
-        self._incoming, self._layout, self._h = incoming, layout, h
+        self._incoming, self._layout, self._h = tuple(incoming), tuple(layout), h  # plain, see filter_loops.py
         self._messages = self.DeclareVectorInputPort("messages", size)
         needs = {self._messages.ticket()}
         sizes = N_XBAR, N_XBAR * N_XBAR

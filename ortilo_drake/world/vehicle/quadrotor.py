@@ -13,11 +13,6 @@ from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import M100, Vehicle
 
 
-def _symbols_may_raise_flags(T: type) -> Any:
-    """Return a context that hides the floating-point flags which Drake's symbols leave raised."""
-    return contextlib.nullcontext() if T is float else np.errstate(invalid="ignore")
-
-
 def _body_of(vehicle: Vehicle) -> list[float]:
     return [vehicle.mass, *vehicle.inertia]
 
@@ -65,7 +60,8 @@ def QuadrotorPlant_(T: type) -> type:
             self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
             if time_step:
                 state = self.DeclareDiscreteState(N_X)
-                self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+                update = self._update if T is float else self._update_symbols
+                self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, update)
             else:
                 state = self.DeclareContinuousState(6, 6, 0)
             self.DeclareStateOutputPort("state", state)
@@ -90,23 +86,20 @@ def QuadrotorPlant_(T: type) -> type:
             x = context.get_continuous_state_vector().CopyToVector()
             u, d = self._inputs(context)
             body = context.get_numeric_parameter(self._body).CopyToVector()
-            with _symbols_may_raise_flags(T):
+            with contextlib.nullcontext() if T is float else np.errstate(invalid="ignore"):  # as in _update_symbols
                 derivatives.SetFromVector(self._dynamics(x, u, d, body[0], body[1:4]))
 
         def _update(self, context: Any, values: Any) -> None:
-            x = context.get_discrete_state().value()
-            u, d = self._inputs(context)
-            body = context.get_numeric_parameter(self._body).CopyToVector()
-            with _symbols_may_raise_flags(T):
-                values.set_value(self._step(x, u, d, body[0], body[1:4], self._kind, self._time_step))
+            x, (u, d) = context.get_discrete_state_vector().value(), self._inputs(context)
+            body = context.get_numeric_parameter(self._body).value()
+            values.set_value(self._step(x, u, d, body[0], body[1:4], self._kind, self._time_step))
+
+        def _update_symbols(self, context: Any, values: Any) -> None:
+            with np.errstate(invalid="ignore"):  # Drake's symbols leave floating-point flags raised
+                self._update(context, values)
 
         def _inputs(self, context: Any) -> tuple[Any, Any]:
-            try:
-                d = self._disturbance.Eval(context)
-            except RuntimeError:  # not connected; asking first would cost every other call a tenth of its time
-                if self._disturbance.HasValue(context):
-                    raise
-                d = self._undisturbed
+            d = self._disturbance.Eval(context) if self._disturbance.HasValue(context) else self._undisturbed
             return self._control.Eval(context), d
 
     return Impl
