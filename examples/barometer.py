@@ -1,7 +1,7 @@
 """Fly a sensor of your own: a barometer, whose height drifts with the weather.
 
     python examples/barometer.py
-    ortilo fly imu_uwb --plugin examples/barometer.py --set 'sensors=[uwb, imu, barometer]'
+    ortilo --plugin examples/barometer.py fly imu_uwb --set 'sensors=[uwb, imu, barometer]'
 
 A sensor is one description: its settings, the System that is it in the world, what it tells the filter, and how well.
 Handler, filter, floor, tables, logs and hardware-in-the-loop take it from there.

@@ -1,5 +1,8 @@
 """The command line `ortilo`: all its commands, and their exit codes."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
 from ortilo_drake.commands.analyze import analyze
@@ -12,6 +15,7 @@ from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.tables import tables
 from ortilo_drake.commands.tune import tune
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.parts import load_plugin
 
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
@@ -19,6 +23,20 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def load_plugins(
+    plugin: Annotated[
+        list[Path] | None,
+        typer.Option(help="A Python file that registers parts of your own (examples/); it is run. May be repeated."),
+    ] = None,
+) -> None:
+    """Run the files that register parts, before the command reads a scenario that names them."""
+    for file in plugin or ():
+        load_plugin(file)
+
+
 for command in (fly, tables, diagram, analyze, tune, replay):
     app.command()(command)
 app.add_typer(scenario_app, name="scenario")

@@ -17,6 +17,7 @@ from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
 from ortilo_drake.flight.workers import run_all
+from ortilo_drake.model.parts import plugin_files
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import own_backend
 from ortilo_drake.scenario import Scenario
@@ -31,7 +32,7 @@ def flight_folder(out: Path, scenario: Scenario) -> Path:
     flights of different programs or settings.
     """
     text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
-    everything = "\n".join((text, scenario.load_room().model_dump_json(), _camera(scenario), _program()))
+    everything = "\n".join((text, scenario.load_room().model_dump_json(), _camera(scenario), _program(), _plugins()))
     return out / f"{scenario.name}-{hashlib.sha256(everything.encode()).hexdigest()[:8]}"
 
 
@@ -44,6 +45,14 @@ def _program() -> str:
         for path in sorted(folder.rglob("*.*")):
             if path.is_file() and "__pycache__" not in path.parts:
                 digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _plugins() -> str:
+    """Return a digest of the files that registered parts of one's own."""
+    digest = hashlib.sha256()
+    for file in plugin_files():
+        digest.update(Path(file).read_bytes())
     return digest.hexdigest()
 
 

@@ -15,6 +15,8 @@ from typing import Any
 
 from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
 
+from ortilo_drake.model.parts import load_plugin, plugin_files
+
 LOOPBACK = "127.0.0.1"
 
 
@@ -60,9 +62,20 @@ def run_all(
         return
     with ExitStack() as stack:
         client = _connect(workers, min(workers, len(jobs)), stack)
-        futures = {client.submit(function, *job, pure=False, retries=2): number for number, job in enumerate(jobs)}
+        files = plugin_files()
+        futures = {
+            client.submit(_with_plugins, files, function, *job, pure=False, retries=2): number
+            for number, job in enumerate(jobs)
+        }
         for future in as_completed(futures):
             take(futures[future], future.result())
+
+
+def _with_plugins(files: tuple[str, ...], function: Callable[..., Any], *job: Any) -> Any:
+    """Call a function in a worker that knows the parts which those files register."""
+    for file in files:
+        load_plugin(file)
+    return function(*job)
 
 
 def _connect(workers: int, needed: int, stack: ExitStack) -> Client:
