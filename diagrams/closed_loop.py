@@ -46,7 +46,7 @@ class ClosedLoop(Diagram):
         builder = DiagramBuilder()
         self._world = world = builder.AddSystem(World(scenario))
         onboard = builder.AddSystem(Onboard(scenario, trajectory, parts=parts))
-        self._onboard, self._yaw = onboard, getattr(scenario.servo, "yaw", 0.0)
+        self._onboard, self._yaw = onboard, scenario.yaw
         for k in range(onboard.num_input_ports()):
             port = onboard.get_input_port(k)
             if not world.HasOutputPort(port.get_name()):

@@ -46,7 +46,7 @@ def initial_estimate(scenario: Scenario, r_0: np.ndarray) -> np.ndarray:
     """Return xbar_0 (15): hovering at r_0, with the integral at rest."""
     xbar_0 = np.zeros(N_XBAR)
     xbar_0[0:3] = r_0
-    xbar_0[5] = scenario.servo.yaw if isinstance(scenario.servo, LqServo) else 0.0
+    xbar_0[5] = scenario.yaw
     if isinstance(scenario.servo, LqServo):
         L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
         xbar_0[12:15] = resting_integral(L, r_0, scenario.servo.form)

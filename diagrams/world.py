@@ -72,7 +72,7 @@ class World(Diagram):
                 builder.ExportOutput(
                     _add_link(builder, scenario, name, source, ports, latency), source.get_output_port().get_name()
                 )
-        if scenario.servo.velocities == "truth":
+        if scenario.lends_velocities:
             velocity = builder.AddSystem(TrueVelocity())
             builder.Connect(ports["state"], velocity.get_input_port())
             builder.ExportOutput(velocity.get_output_port(), "velocity")

@@ -56,8 +56,7 @@ class WorldHalf:
         fix_steps(self._simulator, scenario)
         trajectory = path_of(scenario)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
-        yaw = getattr(scenario.servo, "yaw", 0.0)
-        self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, yaw)
+        self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, scenario.yaw)
         self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
         self._simulator.Initialize()
 
@@ -115,7 +114,7 @@ class OnboardHalf:
             if port.get_data_type() == PortDataType.kVectorValued
         }
         self._outputs = {name: self._diagram.GetOutputPort(name) for name in output_sizes(scenario.measurement)}
-        self._h, self._k, self._yaw = scenario.h, 0, getattr(scenario.servo, "yaw", 0.0)
+        self._h, self._k, self._yaw = scenario.h, 0, scenario.yaw
         self.take({})
         if "image" in self._ports:
             self._ports["image"].FixValue(self._simulator.get_mutable_context(), AbstractValue.Make(ImageRgba8U()))

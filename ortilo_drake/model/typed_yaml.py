@@ -230,7 +230,7 @@ def validate(model: type[M], data: Any, source: str) -> M:
     """Return plain data as a typed model.
 
     Args:
-        model: the pydantic model.
+        model: the pydantic model; its classmethod model_for, where it has one, says which model the data is of.
         data: what parse_yaml returned.
         source: what to call the data in an error.
 
@@ -240,6 +240,7 @@ def validate(model: type[M], data: Any, source: str) -> M:
     problem = _find_not_plain(data)
     if problem:
         raise InputError(f"{source}: {problem}")
+    model = getattr(model, "model_for", lambda _: model)(data)
     try:
         # Through JSON, pydantic's strict mode takes YAML's lists for tuples and still refuses '1' for 1.
         return model.model_validate_json(json.dumps({} if data is None else data))

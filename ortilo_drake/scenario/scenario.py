@@ -94,6 +94,16 @@ class Scenario(Frozen):
         return 1.0 / self.control_rate
 
     @property
+    def yaw(self) -> float:
+        """The heading that is held [rad]; 0 with a servo of one's own that has no such setting."""
+        return float(getattr(self.servo, "yaw", 0.0))
+
+    @property
+    def lends_velocities(self) -> bool:
+        """Whether the servo is given the true velocities."""
+        return getattr(self.servo, "velocities", "estimate") == "truth"
+
+    @property
     def is_rendered(self) -> bool:
         """Whether there is a camera and it renders."""
         return self.camera.kind == "rendered" and "camera" in self.sensors
@@ -145,7 +155,7 @@ class Scenario(Frozen):
 
     @model_validator(mode="after")
     def _gated_sensors_fly(self) -> "Scenario":
-        for sensor in dict(self.estimator.gates):
+        for sensor in dict(getattr(self.estimator, "gates", ())):
             if sensor not in self.sensors:
                 raise ValueError(f"estimator.gates.{sensor}: does not fly, of sensors {list(self.sensors)}")
         return self
@@ -168,10 +178,16 @@ class Scenario(Frozen):
         return measurement_of(self.sensors)
 
     @classmethod
+    def model_for(cls, data: Any) -> type["Scenario"]:
+        """Return the model of data that may name registered parts."""
+        model: Any = model_for(cls, data)
+        return model  # type: ignore[no-any-return]
+
+    @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
         """Return a scenario from JSON, which may name registered parts."""
         try:
-            model: Any = model_for(cls, json.loads(json_data))
+            model: Any = cls.model_for(json.loads(json_data))
         except ValueError:  # no JSON, which pydantic says better
             model = cls
         return super(Scenario, model).model_validate_json(json_data, **options)

@@ -94,7 +94,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     alpha = float(np.max((u[1:] + SIGMAS * disturbance.torque_sd) / vehicle.inertia))
     rate = math.sqrt(2.0 * alpha * 2.0 * math.pi) + alpha * h
     tilt = MAX_TILT + rate * h
-    angles = np.array([tilt, tilt, abs(scenario.servo.yaw) + 2.0 * math.pi + rate * h])
+    angles = np.array([tilt, tilt, abs(scenario.yaw) + 2.0 * math.pi + rate * h])
     euler_rates = 4.0 * rate * np.ones(3)  # at MAX_TILT, Euler rates are at most 4 times the body's
 
     def oldest(sensor: str) -> int:

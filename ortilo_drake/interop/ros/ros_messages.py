@@ -97,7 +97,7 @@ def tick_messages(
         if state is None:
             sent.append(tf_message(t, outputs["estimate"]))
     if "reference" in outputs:
-        sent.append(reference_message(t, outputs["reference"], scenario.servo.yaw))
+        sent.append(reference_message(t, outputs["reference"], scenario.yaw))
     if "goal" in messages:
         sent.append(goal_message(t, messages["goal"]))
     return sent + sensor_messages(t, messages, scenario, room)
@@ -125,5 +125,5 @@ def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list
     return [
         (SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(description)}),
         fixed_frames_message(room),
-        path_message(trajectory, scenario.servo.yaw),
+        path_message(trajectory, scenario.yaw),
     ]

@@ -1,0 +1,140 @@
+"""The examples of parts of one's own: each flies as a user would run it, and does what it says."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+from scipy.stats import chi2
+
+import ortilo_drake as od
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.vehicle import M100
+
+FOLDER = Path(__file__).parents[2] / "examples"
+SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 3.0}
+
+
+def example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
+    files = sorted(FOLDER.glob("*.py"))
+    assert {file.stem for file in files} >= {"alpha_beta", "barometer", "five_anchors", "hexarotor", "mpc_servo"}
+    for file in files:
+        lines = file.read_text().splitlines()
+        assert len(lines) <= 80, file
+        assert not [line for line in lines if "import" in line and "._" in line], file
+
+
+def test_an_own_estimator_flies_to_the_goal_and_gets_the_integral_that_the_servo_wants(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    flight = example("alpha_beta").main(seed=1, **SHORT)
+    assert "reached its end" in capsys.readouterr().out
+    np.testing.assert_allclose(flight.data["truth"].values[-1, :3], [1.2, 0.6, 1.5], atol=0.2)
+    estimate, r = flight.data["estimate"].values, flight.data["reference"].values
+    i = np.vstack([np.zeros(3), np.cumsum(r - estimate[:, :3], axis=0)[:-1]])
+    np.testing.assert_allclose(estimate[:, 12:], i, atol=1e-9)
+    P = flight.data["covariance"].values
+    assert not P[:, 12:].any()
+    np.testing.assert_allclose(P[5, :12, :12], np.diag(np.repeat([0.1, 0.01, 0.1, 0.05], 3) ** 2), atol=1e-15)
+    assert not flight.data["arrival"].values.any()  # it does not tell
+    # A quarter of the ranges' noise reaches the estimate: over 10 s of hover its error is far below a range's own.
+    assert np.sqrt((flight.error**2).sum("axis").mean().item()) < 0.15
+
+
+def test_an_own_sensor_has_the_noise_it_says_and_makes_the_height_known() -> None:
+    module = example("barometer")
+    flight = module.main(seed=2, barometer={"drift": 0.0, "sd": 0.2})
+    data = flight.data
+    error = data["measurement"].sel(output="z_baro").values - data["truth"].sel(state="z").values
+    n = len(error)
+    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], n) / n
+    assert low < np.mean(error**2) / 0.2**2 < high
+    assert abs(np.corrcoef(error[:-1], error[1:])[0, 1]) < 5.0 / np.sqrt(n)
+    plain = od.fly("imu_uwb", seed=2)
+    np.testing.assert_array_equal(  # the other sensors' noise is what it was before it was there
+        data["measurement"].sel(output="phi_imu").values[:1] - data["truth"].sel(state="phi").values[:1],
+        plain.data["measurement"].sel(output="phi_imu").values[:1] - plain.data["truth"].sel(state="phi").values[:1],
+    )
+    z = [f.error.sel(axis="z").values for f in (flight, plain)]
+    assert np.mean(z[0] ** 2) < np.mean(z[1] ** 2)
+    assert flight.summary()["floor"]["z"] < plain.summary()["floor"]["z"]
+
+
+def test_mpc_without_limits_in_its_way_is_the_lq_regulator_and_with_them_keeps_within() -> None:
+    module = example("mpc_servo")
+    scenario = od.load_scenario("imu_uwb_yolo", camera__kind="projected", **SHORT)
+    servo = module.MpcServo(scenario)
+    K, _ = DiscreteTimeLinearQuadraticRegulator(*discretize(hover_A(), hover_B(M100), scenario.h), module.Q, module.R)
+    context = servo.CreateDefaultContext()
+    rng = np.random.default_rng(0)
+    servo.GetInputPort("reference").FixValue(context, np.zeros(9))
+    for size in (0.01, 10.0):
+        x = size * rng.normal(size=12)
+        servo.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(3)]))
+        u = servo.GetOutputPort("control").Eval(context) - [M100.hover_thrust, 0.0, 0.0, 0.0]
+        if size < 1.0:
+            np.testing.assert_allclose(u, -K @ x, rtol=0.05, atol=2e-3)  # OSQP's own tolerance is 1e-3
+        else:
+            assert (np.abs(K @ x) > module.LIMITS).any()
+            assert (np.abs(u) <= module.LIMITS).all()
+    flight = module.main(seed=1, **SHORT)
+    np.testing.assert_allclose(flight.data["truth"].values[-1, :3], [1.2, 0.6, 1.5], atol=0.15)
+
+
+def test_a_room_of_ones_own_is_flown_through_and_its_shelves_are_not() -> None:
+    flight = example("five_anchors").main(seed=1, settle=1.0)
+    assert flight.lost is None
+    p = flight.data["truth"].values[:, :2]
+    gap = np.linalg.norm(np.maximum(np.abs(p - [5.0, 4.0]) - 0.5, 0.0), axis=1)
+    assert gap.min() > flight.scenario.vehicle.radius
+    assert flight.scenario.load_room().anchor_positions.shape == (5, 3)
+    np.testing.assert_allclose(flight.data["truth"].values[-1, :2], [8.5, 6.5], atol=0.3)
+
+
+@pytest.mark.processes
+def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> None:
+    plugin, out = FOLDER / "barometer.py", tmp_path / "flights"
+    settings = ["--set", "sensors=[uwb, imu, barometer]", "--set", "planner={kind: hover, duration: 1.0}"]
+    command = [sys.executable, "-m", "ortilo_drake.cli", "--plugin", str(plugin), "fly", "imu_uwb", *settings]
+    done = subprocess.run(
+        [*command, "--out", str(out / "one.nc")], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "barometer 100.0%" in done.stdout
+    refused = subprocess.run(
+        [*command[:3], "fly", "imu_uwb", *settings], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert refused.returncode == 2
+    assert "sensors.2: 'barometer' is not one of 'uwb', 'camera', 'imu', 'altimeter', 'flow'" in refused.stderr
+    script = (
+        "import sys\n"
+        "sys.argv = ['x']\n"
+        "import ortilo_drake as od\n"
+        "from ortilo_drake.model.parts import load_plugin\n"
+        f"load_plugin({str(plugin)!r})\n"
+        "settings = dict(sensors=['uwb', 'imu', 'barometer'], planner={'kind': 'hover', 'duration': 1.0})\n"
+        "if __name__ == '__main__':\n"
+        "    one = od.fly_many('imu_uwb', range(3), **settings)\n"
+        "    two = od.fly_many('imu_uwb', range(3), workers=2, **settings)\n"
+        "    for a, b in zip(one, two, strict=True):\n"
+        "        assert (a.data['estimate'].values == b.data['estimate'].values).all()\n"
+        "        assert 'z_baro' in a.data['output']\n"
+        "    print('same')\n"
+    )
+    file = tmp_path / "many.py"
+    file.write_text(script)
+    done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=300, check=False)
+    assert done.stdout == "same\n", done.stderr
