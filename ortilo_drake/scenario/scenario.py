@@ -119,9 +119,12 @@ class Scenario(Frozen):
 
     def link_of(self, sensor: str) -> Link:
         """Return the link of a sensor."""
-        built_in = {"uwb": self.uwb.link, "camera": self.camera.link, "imu": self.imu.link}
-        link: Link = built_in[sensor] if sensor in built_in else self.settings_of(sensor).link
+        link: Link = self.group_of(sensor).link
         return link
+
+    def group_of(self, sensor: str) -> Any:
+        """Return the settings of a sensor, built-in or registered."""
+        return getattr(self, sensor) if sensor in SENSORS else self.settings_of(sensor)
 
     def every(self, sensor: str) -> int:
         """Return how many ticks lie from one message of a sensor to the next."""

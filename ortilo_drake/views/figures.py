@@ -112,15 +112,18 @@ def draw_flight(flight: xr.Dataset) -> Figure:
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
-    """Draw a mark where each position fix was used, and a faint one where a due fix is missing."""
-    time = flight["time"].values
-    for row, sensor in enumerate(("camera", "uwb")):
+    """Draw a mark where each sensor's value but the imu's was used, and a faint one where a due one is missing."""
+    time, own = flight["time"].values, [s for s in flight["sensor"].values if s not in ("uwb", "camera", "imu")]
+    sensors = (*own, "camera", "uwb")
+    for row, sensor in enumerate(sensors):
         due = flight["due"].sel(sensor=sensor).values
         used = flight["arrival"].sel(sensor=sensor).values
         axes.eventplot(time[due & ~used], lineoffsets=row, linelengths=0.25, colors="0.75", linewidths=0.6)
-        axes.eventplot(time[used], lineoffsets=row, linelengths=0.8, colors=COLOR[sensor], linewidths=0.6)
-    axes.set_yticks([0, 1], ["camera", "UWB"])
-    axes.set_ylim(-0.6, 1.6)
+        axes.eventplot(
+            time[used], lineoffsets=row, linelengths=0.8, colors=COLOR.get(sensor, "#009E73"), linewidths=0.6
+        )
+    axes.set_yticks(range(len(sensors)), [*own, "camera", "UWB"])
+    axes.set_ylim(-0.6, len(sensors) - 0.4)
     axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
 
 

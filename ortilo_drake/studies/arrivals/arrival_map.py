@@ -115,7 +115,12 @@ def independent_chain(uwb: float, camera: float) -> ArrivalChain:
 
 
 def riccati_map(
-    W: np.ndarray, V: np.ndarray, h: float, rates_uwb: Sequence[float], rates_camera: Sequence[float]
+    W: np.ndarray,
+    V: np.ndarray,
+    h: float,
+    rates_uwb: Sequence[float],
+    rates_camera: Sequence[float],
+    C: np.ndarray | None = None,
 ) -> ArrivalMap:
     """Return the bounds over the arrival rates per tick of uwb (rows) and camera (columns), drawn independently.
 
@@ -123,17 +128,18 @@ def riccati_map(
 
     Args:
         W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu (9 x 9).
+        V: measurement noise of uwb, camera, imu and what else flies (p x p), which arrives in every tick.
         h: tick [s].
         rates_uwb: in [0, 1] (n).
         rates_camera: in [0, 1] (m).
+        C: rows of y over the states (p x 12); by default those of the paper's three sensors.
 
     Raises:
         InputError: if a rate lies outside [0, 1], or W or V is no covariance.
     """
     uwb = [check_rate(rate, "arrival rate of uwb") for rate in rates_uwb]
     camera = [check_rate(rate, "arrival rate of camera") for rate in rates_camera]
-    return _grid(uwb, camera, vehicle_model(W, V, h), independent_chain)
+    return _grid(uwb, camera, vehicle_model(W, V, h, C), independent_chain)
 
 
 def burst_map(
@@ -153,7 +159,7 @@ def burst_map(
 
     Args:
         W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu (9 x 9).
+        V: measurement noise of uwb, camera, imu and what else flies (p x p), which arrives in every tick.
         h: tick [s].
         rates: arrival rates per tick, in [0, 1] (n).
         bursts: mean lengths [s], at least a tick (m).

@@ -12,14 +12,19 @@ from ortilo_drake.theory.arrivals.expected_riccati import vehicle_model
 
 
 def arrival_report(
-    W: np.ndarray, V: np.ndarray, h: float, rates_uwb: Sequence[float], rates_camera: Sequence[float]
+    W: np.ndarray,
+    V: np.ndarray,
+    h: float,
+    rates_uwb: Sequence[float],
+    rates_camera: Sequence[float],
+    C: np.ndarray | None = None,
 ) -> dict[str, object]:
     """Return riccati_map as plain lists for JSON, with the classical critical rate; unbounded variances are None.
 
     Arguments and errors as riccati_map.
     """
-    grid = riccati_map(W, V, h, rates_uwb, rates_camera)
-    model = vehicle_model(W, V, h)
+    grid = riccati_map(W, V, h, rates_uwb, rates_camera, C)
+    model = vehicle_model(W, V, h, C)
     unseen = never_seen(model, pattern_probabilities(0.0, 0.0))
 
     def plain(variances: np.ndarray) -> list[object]:

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from ortilo_drake.flight.ensemble import flights_of, fly_many
 from ortilo_drake.flight.metrics import reference_distance
-from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
@@ -25,7 +25,7 @@ WARM_UP = 10.0  # a flight starts without error; from here on it counts as stead
 
 
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
-    """Return V (9 x 9) of uwb, camera and imu as the filter is told it at a point, hovering.
+    """Return V (p x p) as the filter is told it at a point, hovering.
 
     Raises:
         InputError: if a sensor that flies would give no measurement there.
@@ -33,10 +33,10 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
     x = np.zeros(N_X)
     x[:3] = p_WB
     noise = fix_noise(scenario, x)
-    silent = [s for s, there in zip(SENSORS, noise.there, strict=True) if s in scenario.sensors and not there]
+    silent = [s for s in scenario.sensors if not noise.there[s]]
     if silent:
         raise InputError(f"point: {p_WB}: no measurement of {', '.join(silent)} there")
-    return np.asarray(block_diag(*noise.V))
+    return np.asarray(block_diag(*noise.V.values()))
 
 
 def command_cases(

@@ -15,9 +15,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
+from ortilo_drake.model.signals import N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, hover_loop, open_loop
 from ortilo_drake.theory.modes.modes import unseen_modes
@@ -44,15 +43,16 @@ class CommandedLoop(NamedTuple):
 
 
 def schedule(scenario: Scenario) -> np.ndarray:
-    """Return delta of each tick of a period (T, 3): what is due by the rates of the sensors that fly, nothing lost."""
-    every = [scenario.every(s) if s in scenario.sensors else 1 for s in SENSORS]
-    there = arrivals_of(scenario.sensors)
+    """Return delta of each tick of a period (T, s): what is due by the rates of the sensors that fly, nothing lost."""
+    sensors = scenario.measurement.sensors
+    every = [scenario.every(s) if s in scenario.sensors else 1 for s in sensors]
+    there = arrivals_of(scenario.sensors, scenario.measurement)
     T = math.lcm(*every)
-    return np.array([[there[s] * (k % every[s] == 0) for s in range(len(SENSORS))] for k in range(T)])
+    return np.array([[there[s] * (k % every[s] == 0) for s in range(len(sensors))] for k in range(T)])
 
 
 def periodic_predictor(
-    Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, deltas: np.ndarray
+    Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return K_k (T, n, p) and P_k (T, n, n) of the steady one-step predictor over a period of arrivals.
 
@@ -60,19 +60,25 @@ def periodic_predictor(
     "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is detectable over the period. The columns
     of what does not arrive are 0.
 
+    Args:
+        Phi: dynamics (n, n).
+        C: output (p, n).
+        W: covariance of the process noise (n, n).
+        V: covariance of the measurements (p, p).
+        there: which rows of C arrive in each tick of the period (T, p).
+
     Raises:
         InputError: if it does not settle; so it is where an unstable state stays unseen.
     """
-    n = len(Phi)
-    P, Ks, Ps = np.trace(W) * np.eye(n), np.zeros((len(deltas), n, len(C))), np.zeros((len(deltas), n, n))
-    rows = [np.flatnonzero(np.repeat(delta, len(C) // len(delta))) for delta in deltas]
+    n, rows = len(Phi), [np.flatnonzero(arrived) for arrived in there]
+    P, Ks, Ps = np.trace(W) * np.eye(n), np.zeros((len(rows), n, len(C))), np.zeros((len(rows), n, n))
     for _ in range(20_000):
         before = P
-        for k, there in enumerate(rows):
+        for k, seen in enumerate(rows):
             Ps[k] = P
-            H = C[there]
-            Ks[k][:, there] = np.linalg.solve(H @ P @ H.T + V[np.ix_(there, there)], H @ P @ Phi.T).T
-            P = Phi @ P @ Phi.T + W - Ks[k][:, there] @ H @ P @ Phi.T
+            H = C[seen]
+            Ks[k][:, seen] = np.linalg.solve(H @ P @ H.T + V[np.ix_(seen, seen)], H @ P @ Phi.T).T
+            P = Phi @ P @ Phi.T + W - Ks[k][:, seen] @ H @ P @ Phi.T
             P = (P + P.T) / 2.0
         if np.max(np.abs(P - before)) <= SETTLED * np.max(np.abs(P)):
             return Ks, Ps
@@ -86,19 +92,19 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
 
     Args:
         scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
-        V: covariance of the measurements uwb, camera, imu (9 x 9).
-        deltas: arrivals of uwb, camera and imu at each tick of a period (T, 3); by default what is due.
+        V: covariance of the measurements (p x p).
+        deltas: arrivals of the sensors at each tick of a period (T, s); by default what is due.
 
     Raises:
         InputError: naming the modes of the vehicle that the sensors leave unseen.
     """
     loop = hover_loop(scenario)
     deltas = schedule(scenario) if deltas is None else deltas
-    unseen = unseen_modes(loop.Phi, loop.C[np.repeat(deltas.any(axis=0), 3)], STATE_NAMES)
+    unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(deltas.any(axis=0))], STATE_NAMES)
     if unseen:
         states = ", ".join(f"eigenvalue {mode.eigenvalue.real:g} of {' '.join(mode.states)}" for mode in unseen)
         raise InputError(f"sensors: {', '.join(scenario.sensors) or 'none'}: leave unseen {states}")
-    Ks, _ = periodic_predictor(loop.Phi, loop.C, loop.W, V, deltas)
+    Ks, _ = periodic_predictor(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(deltas))
     ticks = [open_loop(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]
     F = np.array([tick.A for tick in ticks])
     N = np.array([_noise(loop, K, delta, V) for K, delta in zip(Ks, deltas, strict=True)])
@@ -108,9 +114,9 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
 def _noise(loop: HoverLoop, K: np.ndarray, delta: np.ndarray, V: np.ndarray) -> np.ndarray:
     """Return the covariance (27 x 27) of n = [w; K Delta v; -E v], without the last with the integrator 'estimate'."""
     from_v = np.zeros((N_LOOP, len(V)))
-    from_v[N_X : 2 * N_X] = K @ arrival_matrix(delta)
+    from_v[N_X : 2 * N_X] = K @ loop.measurement.arrival_matrix(delta)
     if loop.integrator != "estimate":
-        from_v[2 * N_X :] = -selection_matrix(delta)
+        from_v[2 * N_X :] = -loop.measurement.selection_matrix(delta)
     N = from_v @ V @ from_v.T
     N[:N_X, :N_X] += loop.W
     return N

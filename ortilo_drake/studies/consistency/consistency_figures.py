@@ -26,8 +26,8 @@ _STYLE: Any = {
     "figure.dpi": 130,
 }
 _BLUE, _ORANGE, _GREEN, _SKY = "#0072B2", "#D55E00", "#009E73", "#56B4E9"
-_SENSOR = {"uwb": "UWB", "camera": "camera", "imu": "IMU"}
-_COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}
+_SENSOR = {"uwb": "UWB", "camera": "camera", "imu": "IMU"}  # others are called by their names
+_COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}  # others are numbered
 
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
@@ -82,7 +82,7 @@ def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
         reports: what consistency_report returned, by scenario.
         path: the image file.
     """
-    sensors = [s for s in _SENSOR if any(report["whiteness"].get(s) for report in reports.values())]
+    sensors = list(dict.fromkeys(s for report in reports.values() for s in report["whiteness"]))
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
         grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
@@ -94,15 +94,18 @@ def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
                     continue
                 lagged = found["lag_arrivals"]
                 lags = np.arange(1, len(lagged["r"]) + 1)
-                r = np.array([value if value is not None else [np.nan] * 3 for value in lagged["r"]], dtype=float)
+                m = max(len(value) for value in lagged["r"] if value is not None)
+                r = np.array([value if value is not None else [np.nan] * m for value in lagged["r"]], dtype=float)
                 band = np.array([np.nan if b is None else b for b in lagged["band"]], dtype=float)
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
-                for i, colour in enumerate((_BLUE, _ORANGE, _GREEN)):
-                    label = _COMPONENTS[sensor][i]
+                for i, colour in zip(range(m), (_BLUE, _ORANGE, _GREEN), strict=False):
+                    label = _COMPONENTS.get(sensor, "123")[i]
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
                 axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
-                axes.set_title(f"{TITLE.get(name, name)}: {_SENSOR[sensor]}, p = {lagged['p_value']:.2g}", fontsize=8)
+                axes.set_title(
+                    f"{TITLE.get(name, name)}: {_SENSOR.get(sensor, sensor)}, p = {lagged['p_value']:.2g}", fontsize=8
+                )
         for axes in grid[-1]:
             axes.set_xlabel("lag [arrivals]")
         for row in grid:

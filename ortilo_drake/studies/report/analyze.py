@@ -40,7 +40,7 @@ def theory(scenario: Scenario) -> dict[str, Any]:
         "linearization": linearization_report(scenario, V=V),
         "riccati": riccati_report(scenario, V),
         "margins": margins_report(scenario, V),
-        "arrivals": arrival_report(loop.W, V, scenario.h, *rates),
+        "arrivals": arrival_report(loop.W, V, scenario.h, *rates, loop.C),
         "commands": command_report(scenario, V),
     }
 

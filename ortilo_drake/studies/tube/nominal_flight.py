@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_U, N_X, SENSORS
+from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.planner.planner import plan
@@ -24,8 +24,8 @@ class NominalFlight(NamedTuple):
         r: reference position [m] (n, 3).
         x_ref: state that the servo aims at, 0 in the paper's form (n, 12).
         u_ff: control fed forward, less hover (n, 4).
-        V: covariances of what arrives in this tick, of uwb, camera and imu (n, 3, 3, 3).
-        there: whether a message of the three can arrive in this tick, if none is lost at random (n, 3).
+        V: covariances of what arrives in this tick, of each sensor in the corner of an M x M block (n, s, M, M).
+        there: whether a message of each sensor can arrive in this tick, if none is lost at random (n, s).
     """
 
     time: np.ndarray
@@ -84,8 +84,10 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     x_ref, u_ff = aim(scenario, reference)
     poses = np.zeros((n, N_X))
     poses[:, :3], poses[:, 3:6] = reference[:, :3], x_ref[:, 3:6]
-    V, there = np.tile(np.eye(3), (n, 3, 1, 1)), np.zeros((n, 3), dtype=np.bool_)
-    flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(SENSORS) if sensor in scenario.sensors]
+    sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)
+    V = np.tile(np.eye(max(sizes)), (n, len(sensors), 1, 1))
+    there = np.zeros((n, len(sensors)), dtype=np.bool_)
+    flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(sensors) if sensor in scenario.sensors]
     delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
     V_imu = np.diag(scenario.estimator.V.imu)
     for k in range(n):
@@ -100,7 +102,7 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
                 V[arrival, s], there[arrival, s] = V_imu, True
                 continue
             noise = fix_noise(scenario, poses[k]) if noise is None else noise
-            V[arrival, s], there[arrival, s] = noise.V[s], noise.there[s]
+            V[arrival, s, : sizes[s], : sizes[s]], there[arrival, s] = noise.V[sensor], noise.there[sensor]
     return NominalFlight(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
 
 

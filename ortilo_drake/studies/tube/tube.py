@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.estimator.kalman_filter import initial_covariance
@@ -76,7 +75,7 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
     x_ref, u_ff = nominal.x_ref, nominal.u_ff
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])
-    loss = np.array([loss_parameters(scenario.link_of(s).loss, scenario.h) for s in SENSORS])
+    loss = np.array([loss_parameters(scenario.link_of(s).loss, scenario.h) for s in scenario.measurement.sensors])
     means, moments, errors = propagate(
         loop.Phi,
         loop.Gamma,

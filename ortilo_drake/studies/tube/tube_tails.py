@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.scenario import Camera, Imu, NoLoss, Scenario, Uwb
+from ortilo_drake.scenario import NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, outside_discs
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, delay_of
@@ -40,11 +39,11 @@ class Mixture(NamedTuple):
 
 
 def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> np.ndarray:
-    """Return which messages of the three arrive in each tick (n, 3) with that seed's losses, on the planned path."""
-    n = len(nominal.time)
-    arrives = np.zeros((n, 3), dtype=np.bool_)
+    """Return which messages arrive in each tick (n, s) with that seed's losses, on the planned path."""
+    n, sensors = len(nominal.time), scenario.measurement.sensors
+    arrives = np.zeros((n, len(sensors)), dtype=np.bool_)
     no_blackouts = np.empty((0, 3))  # the nominal flight holds them
-    for s, sensor in enumerate(SENSORS):
+    for s, sensor in enumerate(sensors):
         if sensor not in scenario.sensors:
             continue
         loss, bad = loss_parameters(scenario.link_of(sensor).loss, scenario.h), False
@@ -60,11 +59,11 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
 
 def without_losses(scenario: Scenario) -> Scenario:
     """Return the scenario with links that lose nothing at random."""
-    sensors: dict[str, Uwb | Camera | Imu] = {"uwb": scenario.uwb, "camera": scenario.camera, "imu": scenario.imu}
+    groups = {name: scenario.group_of(name) for name in scenario.sensors}
     return scenario.model_copy(
         update={
-            name: sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})
-            for name, sensor in sensors.items()
+            name: group.model_copy(update={"link": group.link.model_copy(update={"loss": NoLoss()})})
+            for name, group in groups.items()
         }
     )
 

@@ -1,7 +1,7 @@
 """Patterns of the sensors that arrive in a tick: rows of C with probabilities.
 
 Pattern p keeps the rows `rows[p]` of (C, V): C_p = C[rows], V_p = V[rows, rows]. For the vehicle the rows are uwb,
-camera and imu, and the imu arrives in every tick.
+camera, imu and whatever else flies; the imu and what follows it arrive in every tick.
 """
 
 from typing import NamedTuple
@@ -14,6 +14,11 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
 # Rows of y by pattern: none, uwb, camera, both, each with the imu (4 x 9).
 PATTERN_ROWS = np.array([[u] * 3 + [c] * 3 + [True] * 3 for c in (False, True) for u in (False, True)])
+
+
+def pattern_rows(p: int) -> np.ndarray:
+    """Return the patterns for p rows of y (4 x p): PATTERN_ROWS, and the sensors behind it in every one."""
+    return np.hstack([PATTERN_ROWS, np.ones((len(PATTERN_ROWS), p - PATTERN_ROWS.shape[1]), dtype=bool)])
 
 
 class Model(NamedTuple):

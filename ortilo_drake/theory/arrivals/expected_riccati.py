@@ -16,7 +16,7 @@ import numpy as np
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.theory.arrivals.arrivals import PATTERN_ROWS, Model, check_arrivals, check_model, check_rate
+from ortilo_drake.theory.arrivals.arrivals import Model, check_arrivals, check_model, check_rate, pattern_rows
 from ortilo_drake.theory.arrivals.coupled_fixed_point import DIVERGED, SETTLED, coupled_fixed_point
 from ortilo_drake.theory.modes.modes import unseen_modes
 
@@ -27,19 +27,21 @@ TRANSLATION = np.array([0, 1, 2, 6, 7, 8])  # position and velocity among the tw
 ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates
 
 
-def vehicle_model(W: np.ndarray, V: np.ndarray, h: float) -> Model:
+def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None = None) -> Model:
     """Return the vehicle's filter model at hover; patterns as arrivals.PATTERN_ROWS.
 
     Args:
         W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu (9 x 9).
+        V: measurement noise of uwb, camera, imu and what else flies (p x p).
         h: tick [s].
+        C: rows of y over the states (p x 12), uwb and camera first; by default those of the paper's three sensors.
 
     Raises:
         InputError: if a matrix has a wrong shape or sign.
     """
+    C = output_C() if C is None else C
     Phi, _ = discretize(hover_A(), hover_B(M100), h)  # Phi is the same for every vehicle
-    return check_model(Model(Phi, output_C(), W, V, PATTERN_ROWS))
+    return check_model(Model(Phi, C, W, V, pattern_rows(len(C))))
 
 
 def solve_coupled(
