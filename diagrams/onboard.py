@@ -22,6 +22,7 @@ from ortilo_drake.diagrams.estimator import IntermittentEstimator
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.path_player import PathPlayer
 from ortilo_drake.onboard.planner.planner import make_planner, plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral
@@ -60,6 +61,7 @@ class Onboard(Diagram):
         uwb, detections, imu, ...: messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
         velocity: the true velocities, only where the scenario lends them to the servo.
+        path (object): the path to fly, see onboard/planner/path_player.py; only if takes_paths.
         control (4, output): u_k, f_T absolute.
         estimate (15, output): xhat_{k|k-1}.
         covariance (225, output): P_k row by row.
@@ -72,6 +74,7 @@ class Onboard(Diagram):
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
         detects: whether the pictures of a rendered camera come here; if not, detections do.
         parts: in place of the scenario's.
+        takes_paths: whether the path is an input, for a half that is given others in flight.
 
     Raises:
         InputError: if there is no path or no servo gain, if the detector's files are wrong, or if a part of one's own
@@ -84,13 +87,16 @@ class Onboard(Diagram):
         trajectory: Trajectory | None = None,
         detects: bool = True,
         parts: Parts = NO_PARTS,
+        takes_paths: bool = False,
     ):
         super().__init__()
         trajectory = trajectory or path_of(scenario, parts.planner)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
         builder = DiagramBuilder()
-        planner = builder.AddSystem(make_planner(trajectory))
-        self._planner, reference = planner, planner.get_output_port()
+        planner = builder.AddSystem(PathPlayer() if takes_paths else make_planner(trajectory))
+        reference = planner.get_output_port()
+        if takes_paths:
+            builder.ExportInput(planner.GetInputPort("path"), "path")
 
         xbar_0 = initial_estimate(scenario, r_0)
         estimator = builder.AddSystem(_estimator_of(scenario, xbar_0, detects, parts.estimator))
@@ -122,10 +128,6 @@ class Onboard(Diagram):
         builder.ExportOutput(reference, "reference")
         builder.BuildInto(self)
         self.set_name("onboard")
-
-    def SetPath(self, trajectory: Trajectory) -> None:
-        """Fly another path (3 rows, W)."""
-        self._planner.UpdateTrajectory(trajectory)
 
     def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
         """Set the estimator's estimate (15) and covariance (15 x 15); the context is the root's.
@@ -233,6 +235,7 @@ def make_onboard(
     trajectory: Trajectory | None = None,
     detects: bool = True,
     parts: Parts = NO_PARTS,
+    takes_paths: bool = False,
 ) -> Onboard:
     """Return the onboard half of a scenario; arguments and errors as Onboard's."""
-    return Onboard(scenario, trajectory, detects, parts)
+    return Onboard(scenario, trajectory, detects, parts, takes_paths)

@@ -22,6 +22,7 @@ from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
+from ortilo_drake.onboard.planner.path_player import path_value
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.failsafe import MODES
 
@@ -104,7 +105,7 @@ class OnboardHalf:
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True):
         self._path = trajectory or path_of(scenario)
-        self._diagram = make_onboard(scenario, self._path, detects)
+        self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True)
         self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
         self._ports = {port.get_name(): port for port in ports}
@@ -116,6 +117,7 @@ class OnboardHalf:
         self._outputs = {name: self._diagram.GetOutputPort(name) for name in output_sizes(scenario.measurement)}
         self._h, self._k, self._yaw = scenario.h, 0, scenario.yaw
         self.take({})
+        self._ports["path"].FixValue(self._simulator.get_mutable_context(), path_value(self._path))
         if "image" in self._ports:
             self._ports["image"].FixValue(self._simulator.get_mutable_context(), AbstractValue.Make(ImageRgba8U()))
         self._simulator.Initialize()
@@ -138,9 +140,7 @@ class OnboardHalf:
     def fly_path(self, path: Trajectory) -> None:
         """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call it before this tick's take."""
         self._path = path
-        self._diagram.SetPath(path)
-        context = self._simulator.get_mutable_context()
-        context.SetTime(context.get_time())  # has Drake compute anew what it took from the old path
+        self._ports["path"].FixValue(self._simulator.get_mutable_context(), path_value(path))
 
     def take(self, messages: Signals) -> None:
         """Put this tick's messages on the input ports."""

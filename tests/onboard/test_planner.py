@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.planner.path_player import PathPlayer, path_value
 from ortilo_drake.onboard.planner.planner import make_planner, plan, waypoint_path
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner
 
@@ -178,3 +179,19 @@ def test_a_goal_walled_in_is_refused() -> None:
     room = Room.model_validate(ROOM.model_dump() | {"walls": ROOM.walls + around})
     with pytest.raises(InputError, match=r"planner\.goal: .* no free way leads there from \(0\.0, 0\.0\)"):
         plan(gcs(goal=(10.0, -1.0)), room, M100)
+
+
+@pytest.mark.parametrize("t", [-1.0, 0.0, 0.37, 1.0, 2.5, 7.0])
+def test_a_path_at_an_input_is_played_as_drakes_own_source_plays_it(t: float) -> None:
+    points = np.array([[0.0, 1.0, 4.0], [0.0, 2.0, 1.0], [1.0, 1.5, 2.0]])
+    path = PiecewisePolynomial.CubicShapePreserving([0.0, 1.0, 2.5], points, True)
+    player, source = PathPlayer(), make_planner(path)
+    context, its_context = player.CreateDefaultContext(), source.CreateDefaultContext()
+    player.GetInputPort("path").FixValue(context, path_value(path))
+    for each in (context, its_context):
+        each.SetTime(t)
+    played = player.get_output_port().Eval(context)
+    np.testing.assert_array_equal(played, source.get_output_port().Eval(its_context))
+    other = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], np.full((3, 2), 0.5))
+    player.GetInputPort("path").FixValue(context, path_value(other))
+    np.testing.assert_array_equal(player.get_output_port().Eval(context), [0.5] * 3 + [0.0] * 6)

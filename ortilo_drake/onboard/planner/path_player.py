@@ -1,0 +1,48 @@
+"""The planner of a half that may be given other paths in flight: the path is an input."""
+
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.model.signals import REFERENCE_SIZE
+
+
+class Path(NamedTuple):
+    """A path p_WB(t) (3 rows) [m] with its derivatives, as a value of the port."""
+
+    position: Trajectory
+    velocity: Trajectory
+    acceleration: Trajectory
+
+
+def path_value(trajectory: Trajectory) -> Value:
+    """Return a trajectory p_WB(t) (3 rows) [m] as a value of the player's port."""
+    return Value[object](Path(trajectory, trajectory.MakeDerivative(1), trajectory.MakeDerivative(2)))
+
+
+class PathPlayer(LeafSystem):
+    """Plays the path at its input and then stays at its end; Drake's TrajectorySource, bit for bit.
+
+    Ports:
+        path (object): of path_value.
+        y0 (9, output): r, r_dot and r_ddot in W, see model/signals.py.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.set_name("planner")
+        self._path = self.DeclareAbstractInputPort("path", Value[object](None))
+        needs = {self._path.ticket(), self.time_ticket()}
+        self.DeclareVectorOutputPort("y0", REFERENCE_SIZE, self._calc_reference, prerequisites_of_calc=needs)
+
+    def _calc_reference(self, context: Context, output: BasicVector) -> None:
+        path, t = self._path.Eval(context), context.get_time()
+        start, end = path.position.start_time(), path.position.end_time()
+        reference = np.zeros(REFERENCE_SIZE)
+        reference[0:3] = path.position.value(min(max(t, start), end))[:, 0]
+        if start <= t <= end:
+            reference[3:6], reference[6:9] = path.velocity.value(t)[:, 0], path.acceleration.value(t)[:, 0]
+        output.SetFromVector(reference)
