@@ -63,7 +63,7 @@ def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> N
     words = (f"room={room}", "uwb.link.loss=0.3", "planner={kind: hover, point: [8.0, 1.0, 1.5]}")
     assert found == load_scenario("imu_uwb", words, 3)
     assert od.load_scenario("imu_uwb", uwb=found.uwb).uwb == found.uwb
-    assert od.load_scenario("imu_uwb", filter__W__force_sd=1e-7).filter.W.force_sd == 1e-7
+    assert od.load_scenario("imu_uwb", estimator__W__force_sd=1e-7).estimator.W.force_sd == 1e-7
 
 
 @pytest.mark.parametrize(

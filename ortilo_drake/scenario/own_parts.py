@@ -1,5 +1,6 @@
 """Scenarios with parts that are not built in: a scenario's model with fields for the parts that its data names."""
 
+import inspect
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
@@ -49,6 +50,13 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
     return _model(base, sensors, tuple(parts)) if sensors or parts else base
 
 
+def model_of_all(base: type[BaseModel]) -> type[BaseModel]:
+    """Return base with fields for every part that is registered: what any scenario may hold here."""
+    sensors = tuple(s for name in known_sensors() if name not in SENSORS and (s := find_sensor(name)))
+    parts = tuple((role, p) for role in KINDS for kind in known_kinds(role) if (p := find_part(role, kind)))
+    return _model(base, sensors, parts)
+
+
 @lru_cache(maxsize=256)
 def _built_in_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
     annotation: Any = base.model_fields[role].annotation
@@ -61,7 +69,10 @@ def _built_in_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
 
 @lru_cache(maxsize=64)
 def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tuple[str, Part], ...]) -> type[BaseModel]:
-    fields: dict[str, Any] = {sensor.name: (sensor.settings, sensor.settings()) for sensor in sensors}
+    fields: dict[str, Any] = {
+        sensor.name: (sensor.settings, Field(sensor.settings(), description=_first_line(sensor.settings)))
+        for sensor in sensors
+    }
     names = (*SENSORS, *(sensor.name for sensor in sensors))
     fields["sensors"] = (tuple[Literal[names], ...], base.model_fields["sensors"].default)  # type: ignore[valid-type]
     for role in {role for role, _ in parts}:
@@ -70,3 +81,7 @@ def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tupl
             field = field | part.settings if its_role == role else field
         fields[role] = (Annotated[field, Field(discriminator="kind")], base.model_fields[role].default)
     return create_model(base.__name__, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **fields)
+
+
+def _first_line(settings: type[BaseModel]) -> str:
+    return (inspect.getdoc(settings) or "").partition("\n")[0]

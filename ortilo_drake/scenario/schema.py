@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple, get_args
 
 from pydantic import BaseModel
 
+from ortilo_drake.scenario.own_parts import model_of_all
 from ortilo_drake.scenario.scenario import Scenario
 
 _UNIT: Final = re.compile(r"\[(1|(?:1/)?[A-Za-z(][A-Za-z0-9 ^/()]*)\]")
@@ -51,12 +52,18 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from models_in(part)
 
 
-def scenario_schema(model: type[BaseModel] = Scenario) -> dict[str, Any]:
-    """Return the JSON schema of a scenario, each setting with its meaning, each group with its first lines."""
+def scenario_schema() -> dict[str, Any]:
+    """Return the JSON schema of a scenario, each setting with its meaning, each group with its first lines.
+
+    Settings of registered parts are in it.
+    """
+    model = model_of_all(Scenario)
     schema = model.model_json_schema()
     groups = {**schema["$defs"], model.__name__: schema}
     for its in models_in(model):
-        group, described = groups[its.__name__], meanings(its)
+        # What pydantic calls it where two have one name:
+        in_full = re.sub(r"[^A-Za-z0-9_.-]", "_", f"{its.__module__}.{its.__qualname__}").replace(".", "__")
+        group, described = groups[its.__name__ if its.__name__ in groups else in_full], meanings(its)
         group["description"] = (inspect.getdoc(its) or "").partition(_SECTION)[0].strip()
         for name, field in group["properties"].items():
             field.pop("title", None)
@@ -71,7 +78,7 @@ def scenario_keys(prefix: str = "") -> list[Key]:
     """Return every setting whose key is the prefix or begins with it and a point, those of all kinds, in order."""
     schema = scenario_schema()
     del schema["properties"]["base"]
-    found = _keys(schema, schema, "", Scenario().model_dump(mode="json"))
+    found = _keys(schema, schema, "", model_of_all(Scenario)().model_dump(mode="json"))
     return [key for key in found if not prefix or f"{key.key}.".replace("[]", "").startswith(f"{prefix}.")]
 
 

@@ -37,12 +37,12 @@ class Flow(SensorSettings):
     """An optical-flow sensor; by default of the kind sold for small multirotors, figures ours.
 
     Attributes:
+        link: how its messages reach the vehicle.
         flow_sd: noise of each component at quality 1 [rad/s].
         gyro_sd: noise of its gyro's rates [rad/s].
         far: distance at which the quality is one half [m].
         near: least distance [m].
         max_flow: fastest flow that it can follow [rad/s].
-        link: how its messages reach the vehicle.
     """
 
     flow_sd: Positive = 0.02

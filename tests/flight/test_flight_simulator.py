@@ -71,8 +71,8 @@ def test_many_seeds_are_flown_with_one_diagram(tmp_path: Path, monkeypatch: pyte
         built.append(original(*arguments, **options))
         return built[-1]
 
-    original = flight_module.make_closed_loop
-    monkeypatch.setattr(flight_module, "make_closed_loop", make)
+    original = flight_module.ClosedLoop
+    monkeypatch.setattr(flight_module, "ClosedLoop", make)
     scenario = load_scenario("imu_uwb", HOVER)
     fly_many(scenario, range(4), tmp_path)
     assert len(built) == 1

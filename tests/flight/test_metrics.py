@@ -1,6 +1,7 @@
 """Metrics of a flight, against plain loops and closed forms on made-up flights."""
 
 import json
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from ortilo_drake.flight.metrics import (
     summary,
 )
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario.old_keys import FORMAT
 
 SENSORS = ["uwb", "camera", "imu"]
 STATES_SEEN = {"uwb": (0, 1, 2), "camera": (0, 1, 2), "imu": (3, 4, 5)}
@@ -49,6 +51,7 @@ def made_up_flight(n: int = 60, seed: int = 0) -> xr.Dataset:
         coords={"sensor": SENSORS},
         attrs={
             "scenario": load_scenario("imu_uwb").model_dump_json(),
+            "format": FORMAT,
             "seed": 0,
             "lost": "null",
             "real_time_factor": 1.0,
@@ -80,6 +83,7 @@ def test_fix_errors_are_the_distances_of_the_fixes_that_were_used() -> None:
             "arrival": (("tick", "sensor"), arrival),
         },
         coords={"sensor": ["uwb", "camera", "imu"]},
+        attrs={"scenario": load_scenario("imu_uwb").model_dump_json(), "format": FORMAT},
     )
     found = fix_errors(flight)
     for k, sensor in enumerate(("uwb", "camera")):
@@ -113,6 +117,31 @@ def test_position_nees_and_nis_equal_plain_loops() -> None:
             H = np.eye(15)[list(STATES_SEEN[sensor])]
             e = flight["innovation"].values[k, 3 * s : 3 * s + 3]
             assert value == pytest.approx(e @ np.linalg.inv(H @ P[k] @ H.T + V[k, s]) @ e, rel=1e-9)
+
+
+def test_nis_of_sensors_of_fewer_rows_equals_plain_loops(flown: Callable[..., xr.Dataset]) -> None:
+    """An altimeter sees z, optical flow the velocities x and y; their covariances stand padded in the flight."""
+    flight = flown("flow", ("settle=0", "planner={kind: hover, duration: 1.0}"))
+    columns = {"altimeter": [9], "flow": [10, 11]}
+    states = {"altimeter": [2], "flow": [6, 7]}
+    P, y, xhat = flight["covariance"].values, flight["measurement"].values, flight["estimate"].values
+    for sensor, column in columns.items():
+        m, H = len(column), np.eye(15)[states[sensor]]
+        V = flight["measurement_covariance"].sel(sensor=sensor).values
+        assert np.isfinite(V[:, :m, :m]).all()
+        assert np.isnan(V[:, m:]).all()
+        assert np.isnan(V[:, :, m:]).all()
+        rows = np.flatnonzero(flight["arrival"].sel(sensor=sensor).values)
+        found = nis(flight, sensor)
+        assert len(found) == len(rows) > 5
+        for k, value in zip(rows, found, strict=True):
+            e = y[k, column] - H @ xhat[k]
+            np.testing.assert_allclose(flight["innovation"].values[k, column], e, rtol=1e-9)
+            assert value == pytest.approx(e @ np.linalg.inv(H @ P[k] @ H.T + V[k, :m, :m]) @ e, rel=1e-9)
+    assert set(fix_errors(flight)) == {"uwb"}  # of the sensors that flew, the only one that gives a position
+    found = summary(flight)
+    assert set(found["nis"]) == {"uwb", "imu", *columns}
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
 
 
 def test_nees_of_errors_drawn_from_the_covariance_is_chi_square_with_three_degrees() -> None:

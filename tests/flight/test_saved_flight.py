@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.flight import flight_dataset, fly, scenario_of
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -200,8 +200,9 @@ def other_seed(flight: xr.Dataset) -> xr.Dataset:
 
 
 FOREIGN: dict[str, tuple[Callable[[xr.Dataset], xr.Dataset], str]] = {
-    "another's": (lambda f: xr.Dataset({"t2m": ("station", [1.0])}), "truth: is missing"),
-    "nothing": (lambda f: xr.Dataset(), "truth: is missing"),
+    "another's": (lambda f: xr.Dataset({"t2m": ("station", [1.0])}), "scenario: is 'None', must be text"),
+    "nothing": (lambda f: xr.Dataset(), "scenario: is 'None', must be text"),
+    "another's variables": (lambda f: xr.Dataset({"t2m": ("station", [1.0])}, attrs=f.attrs), "truth: is missing"),
     "no truth": (without("truth"), "truth: is missing"),
     "no arrival": (without("arrival"), "arrival: is missing"),
     "no time": (without("time"), "time: is missing"),
@@ -247,6 +248,19 @@ def test_a_foreign_dataset_is_refused_by_what_is_wrong(tmp_path: Path, kind: str
     change, expected = FOREIGN[kind]
     sealed(tmp_path / "foreign.nc", change(made_up()))
     assert expected in refusal(tmp_path / "foreign.nc")
+
+
+def test_a_flight_with_registered_sensors_is_read_back(tmp_path: Path) -> None:
+    flight = fly(load_scenario("flow", ("settle=0", "planner={kind: hover, duration: 0.5}"), 3))
+    save_flight(flight, tmp_path / "flow.nc")
+    found = load_flight(tmp_path / "flow.nc")
+    xr.testing.assert_identical(found, flight)
+    assert found["sensor"].values.tolist() == ["uwb", "camera", "imu", "altimeter", "flow"]
+    assert found["output"].values.tolist()[9:] == ["z_alt", "x_dot_flow", "y_dot_flow"]
+    assert scenario_of(found) == load_scenario("flow", ("settle=0", "planner={kind: hover, duration: 0.5}"), 3)
+    fewer = flight.isel(sensor=slice(0, 4))
+    sealed(tmp_path / "fewer.nc", fewer)
+    assert "measurement_covariance: is " in refusal(tmp_path / "fewer.nc")
 
 
 def test_more_than_a_flight_needs_is_kept(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def random_rows(rng: np.random.Generator, ticks: int, count: int, slow: int = 0)
     """Return rows at random ticks, some with one of that many slow errors in them."""
     rows = rows_of(
         rng.integers(0, ticks, count),
-        np.pad(rng.normal(size=(count, 6)), ((0, 0), (0, 6))),
+        rng.normal(size=(count, 12)),
         rng.uniform(1e-4, 1e-2, count),
     )
     rows[:, SLOW] = rng.integers(-1, slow, count) if slow else -1.0
@@ -75,12 +75,12 @@ def dense_bound(rows: np.ndarray, ticks: int, spacing: int, slow: int, P_0: np.n
         if k in COMPARED:
             bounds.append(A[k] @ np.linalg.solve(J, A[k].T))
         for row in rows[rows[:, 0] == k]:
-            h = row[GRADIENT] @ A[k, :6]
-            if row[8] >= 0:
+            h = row[GRADIENT] @ A[k]
+            if row[SLOW] >= 0:
                 a = (k % spacing) / spacing
-                first = 12 + 6 * ticks + int(row[8]) * nodes + k // spacing
-                h[first : first + 2] += row[9] * np.array([1.0 - a, a]) / np.hypot(1.0 - a, a)
-            J += np.outer(h, h) / row[7]
+                first = 12 + 6 * ticks + int(row[SLOW]) * nodes + k // spacing
+                h[first : first + 2] += row[AMPLITUDE] * np.array([1.0 - a, a]) / np.hypot(1.0 - a, a)
+            J += np.outer(h, h) / row[VARIANCE]
             at += 1
     assert at == len(rows)
     return np.array(bounds)
@@ -285,11 +285,11 @@ def test_box_gradients_agree_with_differences_of_projections() -> None:
     rows = rows[rows[:, SLOW] >= 0]  # these are numbered
     assert len(rows) > 20
     for row in rows:
-        i, axis = divmod(int(row[8]), 2)
+        i, axis = divmod(int(row[SLOW]), 2)
         x = truth[int(row[0])]
         numeric = [
             (centers_seen(room, 320, x + e)[i, axis] - centers_seen(room, 320, x - e)[i, axis]) / 2e-6
-            for e in 1e-6 * np.eye(12)[:6]
+            for e in 1e-6 * np.eye(12)
         ]
         np.testing.assert_allclose(row[GRADIENT], numeric, rtol=1e-5, atol=1e-3)
 
@@ -301,7 +301,7 @@ def test_a_box_of_given_noise_tells_by_its_edges_variance_and_its_rate() -> None
     rare = rows_seen(parametric(edge_sd=1.3, miss_base=0.75, miss_per_metre=0.0), truth)
     assert len(sure) > 4
     assert np.all(sure[:, SLOW] == -1.0)
-    J = [sum(np.outer(r[GRADIENT], r[GRADIENT]) / r[7] for r in rows) for rows in (sure, rare)]
+    J = [sum(np.outer(r[GRADIENT], r[GRADIENT]) / r[VARIANCE] for r in rows) for rows in (sure, rare)]
     edges = sum(np.outer(r[GRADIENT], r[GRADIENT]) for r in sure) / (1.3**2 / 2.0)
     np.testing.assert_allclose(J[0], edges, rtol=1e-5, atol=1e-5 * np.abs(edges).max())
     np.testing.assert_allclose(J[1], J[0] / 4.0, rtol=1e-9)

@@ -1,18 +1,13 @@
 """The profile of the onboard half: what it looks at, and that evaluating block by block changes no value."""
 
+import re
+
 import numpy as np
 import pytest
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.real_time.profile import (
-    REST,
-    WHOLE,
-    dataflow_order,
-    profile_onboard,
-    rows_of,
-    time_blocks,
-    updating_systems,
-)
+from ortilo_drake.hil.real_time.dataflow import block_names, dataflow_order, leaves, updating_systems
+from ortilo_drake.hil.real_time.profile import REST, WHOLE, profile_onboard, rows_of, time_blocks
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -26,20 +21,36 @@ def scenario_of(*settings: str) -> Scenario:
 @pytest.mark.parametrize("settings", [("camera.kind=projected",), LATE])
 def test_every_output_comes_after_what_it_depends_on(settings: tuple[str, ...]) -> None:
     """Evaluating in the order, each port is the only one whose calculation Drake has still to do."""
-    onboard = OnboardHalf(scenario_of(*settings))
-    order = [(port.get_system().get_name(), port.get_name()) for port in dataflow_order(onboard.diagram)]
-    every = [(s.get_name(), s.get_output_port(j).get_name()) for s in onboard.diagram.GetSystems() for j in
+    onboard = OnboardHalf(scenario_of(*settings)).diagram
+    names = block_names(onboard)
+    order = [(names[port.get_system().GetSystemPathname()], port.get_name()) for port in dataflow_order(onboard)]
+    every = [(names[s.GetSystemPathname()], s.get_output_port(j).get_name()) for s in leaves(onboard) for j in
              range(s.num_output_ports())]  # fmt: skip
-    assert sorted(order) == sorted(every)
-    chain = [("multilateration", "fix"), ("measurement_handler", "measurement")]
-    assert [key for key in order if key in chain] == chain
-    assert order.index(("landmark_fix", "fix")) < order.index(("measurement_handler", "measurement"))
-    assert order.index(("planner", "y0")) < order.index(("lq_servo", "control"))
-    assert order.index(("kalman_filter", "estimate")) < order.index(("lq_servo", "control"))
-    assert [system.get_name() for system in updating_systems(onboard.diagram)] == ["kalman_filter"]
-    if "past_estimate_camera" in dict(order):
-        assert order.index(("kalman_filter", "history")) < order.index(("past_estimate_camera", "estimate"))
-        assert order.index(("past_estimate_camera", "covariance")) < order.index(("landmark_fix", "fix"))
+    assert sorted(order) == sorted(set(every))
+
+    def comes(*chain: tuple[str, str]) -> bool:
+        return [key for key in order if key in chain] == list(chain)
+
+    measurement = ("measurement_stack", "measurement")
+    assert comes(("multilateration", "fix"), ("Multiplexer", "y0"), measurement)
+    assert comes(("landmark_fix", "fix"), ("Multiplexer", "y0"), measurement)
+    assert comes(("planner", "y0"), ("lq_servo", "control"))
+    assert comes(("kalman_filter", "belief"), ("Demultiplexer", "y0"), ("lq_servo", "control"))
+    assert [names[system.GetSystemPathname()] for system in updating_systems(onboard)] == ["kalman_filter"]
+    if settings == LATE:  # a fix starts from the belief of when its message was true
+        of_camera = "Demultiplexer 3"
+        assert comes(("kalman_filter", "belief_camera"), (of_camera, "y0"), (of_camera, "y1"), ("landmark_fix", "fix"))
+
+
+@pytest.mark.parametrize("scenario", [scenario_of(*LATE), load_scenario("flow")], ids=["late", "flow"])
+def test_every_leaf_is_a_block_with_a_name_of_its_own(scenario: Scenario) -> None:
+    """As many as Drake draws in a picture of the Diagram."""
+    onboard = OnboardHalf(scenario).diagram
+    drawn = re.findall(r"^s\d+ \[shape=none, border=0", onboard.GetGraphvizString(), re.MULTILINE)
+    names = block_names(onboard)
+    assert len(set(names.values())) == len(names) == len(leaves(onboard)) == len(drawn)
+    fixes = {f"{sensor}_fix" for sensor in scenario.own_sensors}
+    assert {"planner", "lq_servo", "kalman_filter", "measurement_stack"} | fixes <= set(names.values())
 
 
 def test_block_by_block_the_flight_is_the_same() -> None:
@@ -72,7 +83,7 @@ def test_a_profile_finds_the_tick_in_its_blocks() -> None:
     """No limit in time: only that every block was timed, and that the shares make up the tick timed whole."""
     scenario = scenario_of("camera.kind=projected")
     rows = {row["block"]: row for row in profile_onboard(scenario, 60)}
-    blocks = {system.get_name() for system in OnboardHalf(scenario).diagram.GetSystems()}
+    blocks = set(block_names(OnboardHalf(scenario).diagram).values())
     assert set(rows) == blocks | {REST, WHOLE}
     assert sum(row["share"] for name, row in rows.items() if name != WHOLE) == pytest.approx(1.0)
     assert all(row["median_us"] > 0.0 for name, row in rows.items() if name in blocks)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import ortilo_drake as od
-from ortilo_drake.diagrams.closed_loop import LOGGED
 from ortilo_drake.flight.flight import flight_dataset, scenario_of
 from ortilo_drake.flight.saved_flight import load_flight, save_flight
 from ortilo_drake.model.typed_yaml import InputError
@@ -87,7 +86,9 @@ def test_a_scenario_of_the_old_format_is_read() -> None:
 
 
 def test_a_flight_saved_in_the_old_format_is_read(tmp_path: Path) -> None:
-    flight = flight_dataset(NEW, NEW.h * np.arange(3), np.zeros((3, sum(LOGGED.values()))), None)
+    flight = flight_dataset(
+        NEW, NEW.h * np.arange(3), np.zeros((3, sum(NEW.measurement.logged_sizes().values()))), None
+    )
     assert flight.attrs["format"] == FORMAT
     flight.attrs["scenario"] = OLD.strip()
     del flight.attrs["format"]

@@ -2,7 +2,8 @@
 
 import json
 import re
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import pytest
 import yaml
@@ -10,11 +11,28 @@ from command_line import run
 from pydantic import BaseModel
 
 from ortilo_drake.commands import terminal
+from ortilo_drake.model import parts
+from ortilo_drake.model.parts import find_sensor, known_sensors
+from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.scenario import SCENARIO_FOLDER, Scenario, load_scenario, scenario_names
+from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.scenario.schema import meanings, models_in, scenario_keys, scenario_schema
 
-MODELS = list(dict.fromkeys(models_in(Scenario)))
+
+def is_ours(sensor: parts.Sensor) -> bool:
+    return sensor.settings.__module__.startswith("ortilo_drake.")
+
+
+OWN = tuple(sensor for sensor in map(find_sensor, known_sensors()) if sensor and is_ours(sensor))
+MODELS = list(dict.fromkeys((*models_in(Scenario), *(model for sensor in OWN for model in models_in(sensor.settings)))))
 NO_QUANTITY = {"seed"}
+
+
+@pytest.fixture(autouse=True)
+def no_parts_of_other_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only what the package itself registers: the stored schema is of that."""
+    monkeypatch.setattr(parts, "_SENSORS", {sensor.name: sensor for sensor in OWN})
+    monkeypatch.setattr(parts, "_PARTS", {})
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
@@ -37,6 +55,7 @@ def test_the_keys_are_those_of_the_default_scenario() -> None:
 
     listed = {key.key for key in scenario_keys()}
     assert leaves(Scenario().model_dump(mode="json")) <= listed
+    assert leaves(load_scenario("flow").model_dump(mode="json")) <= listed
     default = {key.key: key.default for key in scenario_keys("camera")}
     assert (default["camera.width"], default["camera.link.rate"]) == ("320", "10.0")
     assert {key.default for key in scenario_keys("uwb.link.loss.mean_length")} == {"needed"}
@@ -49,6 +68,35 @@ def test_the_stored_schema_is_what_is_printed(capsys: pytest.CaptureFixture[str]
     stored = (SCENARIO_FOLDER / "scenario.schema.json").read_text(encoding="utf-8")
     assert printed == stored, "ortilo scenario schema > diagrams/scenarios/scenario.schema.json"
     assert json.loads(printed) == scenario_schema()
+
+
+def test_registered_parts_are_in_it_also_where_two_models_have_one_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Imu(SensorSettings):
+        """A second one.
+
+        Attributes:
+            link: how its messages reach the vehicle.
+            sd: noise [rad].
+        """
+
+        sd: float = 0.5
+
+    class Still(Frozen):
+        """A servo that does nothing."""
+
+        kind: Literal["still"] = "still"
+
+    second = replace(OWN[0], name="second_imu", settings=Imu)
+    monkeypatch.setattr(parts, "_SENSORS", {"second_imu": second})
+    monkeypatch.setattr(parts, "_PARTS", {("servo", "still"): parts.Part("still", Still, lambda scenario: None)})
+    properties = scenario_schema()["properties"]
+    assert properties["second_imu"]["description"] == "A second one."
+    assert properties["sensors"]["items"]["enum"] == ["uwb", "camera", "imu", "second_imu"]
+    assert [(key.key, key.unit, key.default) for key in scenario_keys("second_imu.sd")] == [
+        ("second_imu.sd", "rad", "0.5")
+    ]
+    assert [key.allowed for key in scenario_keys("servo.kind")] == ["lq | still"]
+    assert [key.key for key in scenario_keys("imu.angle_sd")] == ["imu.angle_sd"]
 
 
 def matches(schema: dict[str, Any], place: dict[str, Any], data: Any) -> bool:

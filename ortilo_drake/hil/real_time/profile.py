@@ -2,21 +2,24 @@
 
 Two onboard halves take the same messages, tick by tick, in lockstep with a world. One does its tick as in flight, timed
 as a whole. In the other every output port is evaluated on its own, in dataflow order, and then every block's discrete
-update: Drake keeps what is evaluated already, so each time is that block's alone. What the whole took beyond the sum of
-its blocks is Drake's: putting the messages (and a picture) on the input ports, events, caches, the context.
+update: Drake keeps what is evaluated already, so each time is that block's alone. A block is a leaf of the onboard
+Diagram or of a Diagram in it, such as the estimator. What the whole took beyond the sum of its blocks is Drake's:
+putting the messages (and a picture) on the input ports, events, caches, the context.
 
 The world and its pictures are not timed, nor is the link. A detector is timed as a block here, on the tick; in flight
 in real time it has its own thread (hil/real_time/detector_thread.py).
 """
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, OutputPort, System
+from pydrake.systems.framework import Context, OutputPort, System
 
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
+from ortilo_drake.hil.real_time.dataflow import block_names, dataflow_order, updating_systems
 from ortilo_drake.hil.real_time.warm_up import TICKS, warm_up
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -26,50 +29,16 @@ PROFILE_TICKS = 600  # that the command times
 WHOLE, REST = "whole tick", "Drake"  # the two rows that are not blocks
 
 
-def dataflow_order(diagram: Diagram) -> list[OutputPort]:
-    """Return the output ports of a Diagram's systems, each after those that its value depends on."""
-    sources = {
-        (to.get_name(), int(i)): (of.get_name(), int(j)) for (to, i), (of, j) in diagram.connection_map().items()
-    }
-    systems = {system.get_name(): system for system in diagram.GetSystems()}
-    ports = {(name, j): s.get_output_port(j) for name, s in systems.items() for j in range(s.num_output_ports())}
-    order: dict[tuple[str, int], OutputPort] = {}
-
-    def append(key: tuple[str, int]) -> None:
-        if key in order:
-            return
-        system = systems[key[0]]
-        for i in range(system.num_input_ports()):
-            if (key[0], i) in sources and system.HasDirectFeedthrough(i, key[1]):
-                append(sources[key[0], i])
-        order[key] = ports[key]
-
-    for key in ports:  # the recursion ends, as Drake refuses algebraic loops
-        append(key)
-    return list(order.values())
-
-
-def updating_systems(diagram: Diagram) -> list[System]:
-    """Return the systems of a Diagram that have a discrete update."""
-    return [s for s in diagram.GetSystems() if s.GetUniquePeriodicDiscreteUpdateAttribute() is not None]
-
-
 def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[System]) -> dict[str, float]:
-    """Evaluate block by block a tick whose messages were taken; return the time of each block [s]."""
-    context = onboard.context
-    spent = dict.fromkeys((port.get_system().get_name() for port in ports), 0.0)
-    of_ports = [(port, port.get_system().GetMyContextFromRoot(context)) for port in ports]
-    of_systems: list[tuple[System, Context]] = [(system, system.GetMyContextFromRoot(context)) for system in updating]
-    for port, its_context in of_ports:
-        name = port.get_system().get_name()
+    """Evaluate block by block a tick whose messages were taken; return the time of each block [s] by its path."""
+    work: list[tuple[System, Callable[[Context], Any]]] = [(port.get_system(), port.Eval) for port in ports]
+    work += [(system, system.EvalUniquePeriodicDiscreteUpdate) for system in updating]
+    spent = {system.GetSystemPathname(): 0.0 for system, _ in work}
+    for system, evaluate in work:
+        path, its_context = system.GetSystemPathname(), system.GetMyContextFromRoot(onboard.context)
         begin = time.perf_counter()
-        port.Eval(its_context)
-        spent[name] += time.perf_counter() - begin
-    for system, its_context in of_systems:
-        name = system.get_name()
-        begin = time.perf_counter()
-        system.EvalUniquePeriodicDiscreteUpdate(its_context)
-        spent[name] = spent.get(name, 0.0) + time.perf_counter() - begin
+        evaluate(its_context)
+        spent[path] += time.perf_counter() - begin
     return spent
 
 
@@ -133,5 +102,6 @@ def profile_onboard(scenario: Scenario, ticks: int) -> list[Row]:
         timed.advance()
         wholes.append(whole)
         world.advance(outputs["control"])
-    spent = {name: np.array([block[name] for block in blocks[TICKS:]]) for name in blocks[0]}
+    names = block_names(timed.diagram)
+    spent = {names[path]: np.array([block[path] for block in blocks[TICKS:]]) for path in blocks[0]}
     return rows_of(spent, np.array(wholes[TICKS:]))
