@@ -68,7 +68,7 @@ def main() -> None:
                 tracks[key] = track(flight)
             print(key, digests[key])
     kept["digests"][this_platform()] = digests
-    kept.setdefault("tracks", tracks)
+    kept["tracks"] = tracks | kept.get("tracks", {})  # those that are kept stay: flights are held to them
     FILE.write_text(json.dumps(kept, indent=0) + "\n")
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
 
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room

@@ -1,14 +1,13 @@
-"""The LQ servo (paper, section IV-A): its law, and the system that flies it.
+"""The LQ servo (paper, section IV-A)."""
 
-The law is affine in estimate and reference, u = u_0 + D [xhat; i; r; r_dot; r_ddot], so the system is made of Drake's
-own blocks: they cost a twentieth of a call into Python, and Drake differentiates them.
-"""
+import sys
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import AffineSystem, Multiplexer
+from pydrake.systems.framework import LeafSystem, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
@@ -75,53 +74,63 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
     return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
 
 
-def servo_matrices(L: np.ndarray, mass: float, yaw: float, error_form: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return u_0 (4) and D (4 x 24) of servo_control: u = u_0 + D [xbar; reference]."""
-    x_ref = np.zeros((N_X, REFERENCE_SIZE))  # x_ref = x_ref [r; r_dot; r_ddot] + psi_r e_6
-    u_ff = np.zeros((N_U, REFERENCE_SIZE))
-    u_0 = np.array([mass * GRAVITY, 0.0, 0.0, 0.0])
-    if error_form:
-        x_ref[0:3, 0:3] = x_ref[6:9, 3:6] = np.eye(3)
-        x_ref[3, 6:8] = np.sin(yaw) / GRAVITY, -np.cos(yaw) / GRAVITY
-        x_ref[4, 6:8] = np.cos(yaw) / GRAVITY, np.sin(yaw) / GRAVITY
-        u_ff[0, 8] = mass
-        u_0 = u_0 + L[:, 5] * yaw
-    return u_0, np.hstack([-L, u_ff + L[:, :N_X] @ x_ref])
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("LqServo_", scope=sys.modules[__name__])
+def LqServo_(T: type) -> type:
+    """Return the servo for a scalar type: float, AutoDiffXd or Expression."""
+
+    class Impl(LeafSystem_[T]):
+        """u_k from the estimate and the reference.
+
+        Ports:
+            estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
+            reference (9): r, r_dot, r_ddot.
+            velocity (8): velocity message; only where the scenario lends the servo the truth.
+            control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
+
+        Memoryless. The equations are those of servo_control: floats run through numba, other scalars through the same
+        source in Python.
+
+        Args:
+            settings: form, yaw and whether velocities are lent.
+            mass: m [kg] of the model.
+            L: servo gain (4, 15), see lq_gain.
+        """
+
+        def _construct(self, settings: ServoSettings, mass: float, L: np.ndarray, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("lq_servo")
+            self._settings, self._mass, self._L = settings, mass, L
+            self._servo_control = servo_control if T is float else servo_control.py_func
+            self._yaw, self._error_form = settings.yaw, settings.form == "error"
+            self._borrows_truth = settings.velocities == "truth"
+            self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+            self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
+            needs = {self._estimate.ticket(), self._reference.ticket()}
+            if self._borrows_truth:
+                self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
+                needs.add(self._velocity.ticket())
+            self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other._settings, other._mass, other._L, converter=converter)
+
+        def _calc_control(self, context: Any, output: Any) -> None:
+            xbar = self._estimate.Eval(context)
+            if self._borrows_truth:
+                xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
+            reference = self._reference.Eval(context)
+            output.SetFromVector(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
+
+    return Impl
 
 
-def make_lq_servo(settings: ServoSettings, vehicle: Vehicle, h: float) -> Diagram:
-    """Return u_k from the estimate and the reference; memoryless.
-
-    Ports:
-        estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
-        reference (9): r, r_dot, r_ddot.
-        velocity (8): velocity message; only where the scenario lends the servo the truth.
-        control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
+def make_lq_servo(settings: ServoSettings, vehicle: Vehicle, h: float) -> LeafSystem:
+    """Return the servo of a scenario; InputError if there is no gain.
 
     Args:
         settings: form, yaw and weights.
         vehicle: mass and inertia of the model.
         h: tick [s].
-
-    Raises:
-        InputError: if there is no gain, see lq_gain.
     """
-    L = servo_gain(vehicle, settings.weights, h)
-    u_0, D = servo_matrices(L, vehicle.mass, settings.yaw, settings.form == "error")
-    sizes = {"estimate": N_XBAR, "reference": REFERENCE_SIZE}
-    if settings.velocities == "truth":
-        sizes["velocity"] = VELOCITY_SIZE
-        D = np.hstack([D, np.zeros((N_U, VELOCITY_SIZE))])
-        lent, believed = slice(-VELOCITY_SIZE + PAYLOAD, None), slice(N_X // 2, N_X)
-        D[:, lent], D[:, believed] = D[:, believed].copy(), 0.0
-    builder = DiagramBuilder()
-    inputs = builder.AddSystem(Multiplexer(list(sizes.values())))
-    n, none = D.shape[1], np.zeros((0, 0))
-    law = builder.AddNamedSystem("law", AffineSystem(none, np.zeros((0, n)), np.zeros(0), np.zeros((N_U, 0)), D, u_0))
-    builder.Connect(inputs.get_output_port(), law.get_input_port())
-    for i, name in enumerate(sizes):
-        builder.ExportInput(inputs.get_input_port(i), name)
-    builder.ExportOutput(law.get_output_port(), "control")
-    servo = builder.Build()
-    servo.set_name("lq_servo")
-    return servo
+    return LqServo_[float](settings, vehicle.mass, servo_gain(vehicle, settings.weights, h))
