@@ -17,7 +17,7 @@ from ortilo_drake.hil.wire.greeter import Greeter
 from ortilo_drake.hil.wire.handshake import draw, flight_of, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import PORTS, Goal, Hello
+from ortilo_drake.hil.wire.packets import Goal, Hello, ports
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -94,7 +94,7 @@ class PlayedWorld:
 def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
     """Be the onboard half of one flight in lockstep, beside the caller; yield how many ticks it will have answered."""
     joined = open_bus(bus)
-    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *PORTS), KEY), OnboardHalf(scenario)
+    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *ports()), KEY), OnboardHalf(scenario)
 
     def answer() -> int:
         flight = meet_world(joined, inbox, scenario, KEY, HANGS).flight

@@ -78,6 +78,12 @@ class Part:
     make: Callable[..., Any]
 
 
+# Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.
+_TAKEN: Final = frozenset(
+    (*SENSORS, "detections", "shutter", "image", "velocity", "state", "control", "disturbance", "reference")
+    + ("estimate", "covariance", "measurement", "y", "delta", "v2", "scenario")
+    + ("tick", "command", "telemetry", "hello", "goal")
+)
 _SENSORS: dict[str, Sensor] = {}
 _PARTS: dict[tuple[str, str], Part] = {}
 _FILES: list[str] = []  # where parts came from, for worker processes
@@ -89,7 +95,7 @@ def register_sensor(sensor: Sensor) -> None:
     Raises:
         InputError: if its name is a built-in sensor's or no plain word, or its settings have no link.
     """
-    if not sensor.name.isidentifier() or sensor.name in (*SENSORS, "detections", "shutter", "image", "velocity"):
+    if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
         raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
     if "link" not in sensor.settings.model_fields:
         raise InputError(f"sensor: {sensor.name}: its settings need a field 'link: Link'")

@@ -14,6 +14,7 @@ from ortilo_drake.hil.wire.inbox import GOAL_AGE, Inbox
 from ortilo_drake.hil.wire.packets import KINDS, TELEMETRY, Goal, Hello, channel_of, encode_command, encode_vector
 from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
+from ortilo_drake.model.measurement import make_measurement
 
 FLIGHT = flight_for_packets()
 HELLO = Hello("world", 16 * "a", 77, nonce=5)
@@ -105,7 +106,7 @@ def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str,
 
 def test_what_was_there_is_not_taken_again() -> None:
     inbox, outbox = inbox_and_outbox("imu", "tick", "command", "telemetry")
-    outputs = {name: np.zeros(size) for name, size in TELEMETRY.items()}
+    outputs = {name: np.zeros(size) for name, size in (make_measurement().sizes | TELEMETRY).items()}
     for _ in range(3):  # the same bytes
         outbox.send("imu", imu(5))
         publish_messages(outbox, 5, {})

@@ -30,6 +30,7 @@ SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)
 SCENARIO = load_scenario("imu_uwb_yolo", SETTINGS)
 FLIGHT = flight_of(SCENARIO, 7, FLIGHT_KEY)
 TICK = 300
+OUTPUTS = SCENARIO.measurement.sizes | TELEMETRY
 
 
 def verdict(name: str, body: bytes, flight: Flight = FLIGHT) -> str:
@@ -75,12 +76,12 @@ def test_both_sides_of_each_bound_of_a_command_and_of_a_goal() -> None:
             assert verdict("goal", encode_goal(Goal(7, TICK, 1, "user", x, y))) == expected
 
 
-@pytest.mark.parametrize("name", TELEMETRY)
+@pytest.mark.parametrize("name", OUTPUTS)
 def test_both_sides_of_each_bound_of_telemetry(name: str) -> None:
     limits = FLIGHT.limits[name]
     for i, at, beyond in bounds(limits.low, limits.high):
         for value, expected in ((at, "accepted"), (beyond, "value")):
-            outputs = {key: np.zeros(size) for key, size in TELEMETRY.items()}
+            outputs = {key: np.zeros(size) for key, size in OUTPUTS.items()}
             outputs["reference"][:3] = SCENARIO.load_room().interior.min
             outputs[name][i] = value
             assert verdict("telemetry", encode_telemetry(7, TICK, outputs)) == expected
@@ -109,7 +110,11 @@ def test_the_limits_are_what_they_say() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name != "imu_uwb_yolo")) for name in scenario_names()]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name not in ("imu_uwb_yolo", "flow")))
+        for name in scenario_names()
+    ],
 )
 def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     """The whole flight, but for rendered pictures, through the bytes."""

@@ -80,8 +80,13 @@ def test_signals_are_the_datasets_bits(decoded):
         assert np.prod([d.size for d in dims]) == found[0][1].layout.dim[0].stride == len(found[0][1].data)
     reference = np.array([m.data for _, m in decoded["/ortilo/reference"]])
     np.testing.assert_array_equal(reference[:, 3:6], data.reference_velocity)
-    measurement = np.array([m.data for _, m in decoded["/ortilo/measurement"]])
-    np.testing.assert_array_equal(measurement[:, 9:12] > 0, data.arrival)
+    y, delta, V2 = (np.array([m.data for _, m in decoded[f"/ortilo/{name}"]]) for name in ("y", "delta", "V2"))
+    np.testing.assert_array_equal(delta > 0, data.arrival)
+    there = np.repeat(data.arrival.values, 3, axis=1)
+    np.testing.assert_array_equal(y[there], data.measurement.values[there])
+    np.testing.assert_array_equal(V2, data.measurement_covariance.values.reshape(len(V2), -1))
+    assert len(decoded["/ortilo/y"][0][1].layout.dim) == 1
+    assert "/ortilo/measurement" not in decoded  # of format 1
 
 
 def test_sensor_vectors_are_the_messages_bits(decoded):

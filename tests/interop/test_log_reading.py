@@ -19,14 +19,20 @@ from mcap.writer import Writer
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.interop.log import reader as log_reader
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.mcap_records import read_logged
 from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_messages, read_ticks
+from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter
-from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC
+from ortilo_drake.interop.ros import ros_messages
+from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC, STRING_TYPE
 from ortilo_drake.interop.ros.ros_sensors import image_message, image_of
 from ortilo_drake.interop.ros.ros_types import definition, from_cdr, message_maker, to_cdr, typestore
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
+
+FROM_OUTSIDE = ("goal", "shutter", "image")  # put into the ticks by hand: the onboard half has no ports for them
 
 
 def write(path, flown=None, sent=None):
@@ -98,6 +104,7 @@ sys.path.insert(0, {tests!r})
 from pathlib import Path
 from logged_flights import SETTINGS
 import numpy as np
+from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.scenario import load_scenario
 scenario = load_scenario("imu_uwb_yolo", SETTINGS)
@@ -251,8 +258,8 @@ def test_foreign_files_are_refused(tmp_path):
     for data in ("no json", "{}", "[1]", '{"format": 1, "scenario": 3, "software": ""}'):
         with pytest.raises(InputError, match="not a log of ortilo-drake"):
             read_log(foreign(tmp_path / "a.mcap", SCENARIO_TOPIC, string, {"data": data}))
-    about = {"format": 2, "scenario": "{}", "software": "ortilo-drake 9"}
-    with pytest.raises(InputError, match="format 2, this version reads 1"):
+    about = {"format": 3, "scenario": "{}", "software": "ortilo-drake 9"}
+    with pytest.raises(InputError, match="format 3, this version reads 1 to 2"):
         read_log(foreign(tmp_path / "b.mcap", SCENARIO_TOPIC, string, {"data": json.dumps(about)}))
     about |= {"format": 1, "scenario_format": 2, "scenario": '{"seed": -1}'}
     with pytest.raises(InputError, match="seed"):
@@ -268,6 +275,51 @@ def test_a_log_of_the_old_scenario_format_is_read(tmp_path):
     path = foreign(tmp_path / "new.mcap", SCENARIO_TOPIC, "std_msgs/msg/String", {"data": json.dumps(about)})
     with pytest.raises(InputError, match=r"new\.mcap: is of format 3, this version reads formats 1 to 2"):
         log_scenario(path)
+
+
+def as_in_format_1(tick):
+    """Return a tick as it was logged then: y (9), delta (3) and V2 (27) in one signal of 39 numbers."""
+    outputs = dict(tick.outputs)
+    measurement = np.concatenate([outputs.pop(name) for name in ("y", "delta", "V2")])
+    assert measurement.shape == (39,)
+    return tick._replace(outputs=outputs | {"measurement": measurement})
+
+
+def test_a_log_of_format_1_is_read_and_replayed(tmp_path, monkeypatch):
+    monkeypatch.setattr(ros_messages, "FORMAT", 1)
+    path = write(tmp_path / "log", sent=[as_in_format_1(tick) for tick in ticks()])
+    topics = {message.topic for message in read_logged(log_file(path), lambda topic: True)}
+    assert "/ortilo/measurement" in topics
+    assert topics.isdisjoint({"/ortilo/y", "/ortilo/delta", "/ortilo/V2"})
+    assert (
+        json.loads(from_cdr(STRING_TYPE, next(read_logged(log_file(path), lambda topic: True)).data).data)["format"]
+        == 1
+    )
+    xr.testing.assert_identical(read_log(path), without_speed(flight()))
+    for (_, messages, outputs), tick in zip(read_messages(path), ticks(), strict=True):
+        assert_same(messages, tick.messages)
+        assert_same({name: outputs[name] for name in tick.outputs}, tick.outputs)
+    plain = [
+        tick._replace(messages={n: m for n, m in tick.messages.items() if n not in FROM_OUTSIDE}) for tick in ticks()
+    ]
+    replayed = replay_log(write(tmp_path / "plain", sent=map(as_in_format_1, plain)))
+    assert (replayed["ticks"], replayed["identical"]) == (len(ticks()), True)
+    short = [
+        t._replace(outputs=t.outputs | {"measurement": t.outputs["measurement"][:-1]})
+        for t in map(as_in_format_1, plain)
+    ]
+    with pytest.raises(InputError, match="V2: has 26 numbers, not 27"):
+        read_log(write(tmp_path / "short", sent=short))
+
+
+def test_the_log_of_registered_sensors_is_their_flight(tmp_path):
+    flown = fly_logged(load_scenario("flow", ("settle=0", "planner={kind: hover, duration: 1}")), tmp_path / "log")
+    xr.testing.assert_identical(read_log(tmp_path / "log"), without_speed(flown))
+    assert log_scenario(tmp_path / "log").own_sensors == ("altimeter", "flow")
+    sizes = {name: value.size for tick in read_ticks(tmp_path / "log") for name, value in tick.messages.items()}
+    assert {name: sizes[name] for name in ("altimeter", "flow")} == {"altimeter": 2 + 1, "flow": 2 + 5}
+    outputs = next(read_ticks(tmp_path / "log")).outputs
+    assert [outputs[name].size for name in ("y", "delta", "V2")] == [12, 5, 32]
 
 
 def test_ticks_must_ascend(tmp_path):

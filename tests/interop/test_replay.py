@@ -23,7 +23,6 @@ from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
 from ortilo_drake.interop.log.replay import path_through, replay_log
 from ortilo_drake.interop.log.writer import LogWriter
-from ortilo_drake.model.signals import MEASUREMENT_DELTA
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import brake, join_paths
 from ortilo_drake.onboard.planner.planner import plan
@@ -153,7 +152,7 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
             messages = world.sample()
             onboard.take(messages)
             outputs = onboard.outputs()
-            fixes += outputs["measurement"][MEASUREMENT_DELTA][1]
+            fixes += outputs["delta"][1]
             writer.write_tick(k, None, messages, outputs)
             onboard.advance()
             world.advance(outputs["control"])
@@ -166,6 +165,8 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
     [
         ("imu_uwb", ()),
         ("imu_uwb_yolo", ("camera.kind=projected", "estimator.delay=replay")),
+        ("flow", ()),
+        ("flow", ("estimator.delay=replay", "altimeter.link.delay=1", "flow.link={delay: 2, loss: 0.3}")),
         pytest.param("imu_uwb_yolo", (), marks=pytest.mark.egl),
     ],
 )

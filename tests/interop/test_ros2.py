@@ -33,6 +33,7 @@ from ortilo_drake.hil.wire.packets import FINISHED, TELEMETRY
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import publish_command, publish_goal, publish_messages, publish_telemetry
 from ortilo_drake.interop.ros.ros2 import Ros2Bridge, fill
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -128,7 +129,7 @@ def test_without_rclpy_one_line_says_what_to_install(monkeypatch: pytest.MonkeyP
 
 
 def outputs_of(k: int) -> Signals:
-    return {name: np.full(size, float(k)) for name, size in TELEMETRY.items()}
+    return {name: np.full(size, float(k)) for name, size in (make_measurement().sizes | TELEMETRY).items()}
 
 
 def put_tick(ticks: TickCollector, k: int, with_telemetry: bool = True) -> None:
