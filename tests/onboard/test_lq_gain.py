@@ -8,9 +8,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import solve_discrete_are
 
 from ortilo_drake.model.hover import output_C
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100, Vehicle
-from ortilo_drake.onboard.estimator.measurement_handler import selection_matrix
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, is_detectable, lq_gain, servo_gain, weight_matrices
 from ortilo_drake.scenario import ServoWeights
 
@@ -24,7 +24,7 @@ def scaled_gap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def test_augmented_pair_is_the_papers_with_uwb_for_the_position() -> None:
-    E = selection_matrix(np.ones(3))
+    E = make_measurement().selection_matrix(np.ones(3))
     np.testing.assert_array_equal(PHIBAR[12:, :12], -E @ output_C())
     np.testing.assert_array_equal(PHIBAR[12:, 12:], np.eye(3))
     np.testing.assert_array_equal(PHIBAR[:12, 12:], np.zeros((12, 3)))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, solve_discrete_lyapunov
 
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
-from ortilo_drake.onboard.estimator.measurement_handler import arrival_matrix, selection_matrix
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.loop.hover_loop import HoverLoop, closed_loop_matrix, hover_loop, steady_predictor
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, aim, nominal_flight
@@ -17,6 +17,7 @@ from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_recursion import propagate
 
 V_PRINTED = np.array([0.05 * np.eye(3), 0.08 * np.eye(3), 0.01 * np.eye(3)])
+MEASUREMENT = make_measurement()
 ALWAYS = np.zeros((3, 4))
 
 
@@ -29,9 +30,11 @@ def run(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     X_0 = block_diag(0.02 * np.eye(12), np.zeros((3, 3)))
     kind = INTEGRATORS[loop.integrator]
-    return propagate(
-        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there, loss, X_0, d, r, r, kind
+    layout = tuple(MEASUREMENT.layout)
+    mean, covariance, X = propagate(
+        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there, loss, X_0, d, r, r, kind, layout
     )  # fmt: skip
+    return mean, covariance + mean[:, :, None] * mean[:, None, :], X
 
 
 def at_rest(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -69,7 +72,7 @@ def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) 
     noise = np.zeros((27, 9))  # how v enters [x; xhat; i]
     noise[12:24] = K
     if integrator != "estimate":
-        noise[24:27] = -selection_matrix(everything)
+        noise[24:27] = -MEASUREMENT.selection_matrix(everything)
     Q = noise @ V @ noise.T
     Q[:12, :12] += loop.W
     expected = solve_discrete_lyapunov(A, Q)[:12, :12]
@@ -141,7 +144,9 @@ def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str)
             if integrator == "estimate":
                 i_next[who] += r[k] - xhat[who, :3]
             elif integrator == "literal" or key[1] or key[2]:
-                i_next[who] += r[k] - y[who] @ (selection_matrix(delta) @ arrival_matrix(delta)).T
+                i_next[who] += (
+                    r[k] - y[who] @ (MEASUREMENT.selection_matrix(delta) @ MEASUREMENT.arrival_matrix(delta)).T
+                )
         state = np.where(rng.random(runs) < chain[state, 1], 1, 0)
         x, xhat, i = x_next, xhat_next, i_next
     deviation = (x - x_ref[n - 1])[:, :9]

@@ -143,6 +143,3 @@ def intermittent_step(
     for a in range(m):
         gain[:, arrived[a]] = K[:, a]
     return xhat_next, (P_next + P_next.T) / 2.0, gain
-
-
-STATE_OF_ROW = np.array([0, 1, 2, 0, 1, 2, 3, 4, 5])  # SHIM

@@ -240,8 +240,3 @@ class MeasurementHandler(Diagram):
             builder.ExportOutput(parts.get_output_port(i), name)
         builder.BuildInto(self)
         self.set_name("measurement_handler")
-
-
-from ortilo_drake.model.measurement import make_measurement  # noqa: E402  SHIM
-
-arrival_matrix, selection_matrix = make_measurement().arrival_matrix, make_measurement().selection_matrix  # SHIM

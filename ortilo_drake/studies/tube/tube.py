@@ -76,7 +76,7 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])
     loss = np.array([loss_parameters(scenario.link_of(s).loss, scenario.h) for s in scenario.measurement.sensors])
-    means, moments, errors = propagate(
+    means, covariances, errors = propagate(
         loop.Phi,
         loop.Gamma,
         loop.L,
@@ -89,7 +89,8 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
         nominal.r,
         np.ascontiguousarray(x_ref[:, :3]),
         INTEGRATORS[loop.integrator],
+        tuple(loop.measurement.layout),
     )
     X = errors[:, :3, :3]
     mean = means[:, :3] + x_ref[:, :3] - nominal.r
-    return mean, moments[:, :3, :3] - means[:, :3, None] * means[:, None, :3] + X, X
+    return mean, covariances[:, :3, :3] + X, X

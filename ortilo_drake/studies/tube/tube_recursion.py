@@ -34,6 +34,18 @@ E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T 
 
 and since x - x_ref = e + (xhat - x_ref), its second moment is X + M (12 x 12) and its mean m.
 
+**How it is computed.** With C_j = M_j - m_j m_j^T and U_p = X_i - X_i C_p^T S_p^-1 C_p X_i, the X of the vehicle's part
+after the measurements,
+
+    F X_i F^T + W + K_p V_p K_p^T = Phi U_p Phi^T + W,   K_p S_p K_p^T = Phi (X_i - U_p) Phi^T      (12 rows)
+
+and U_p is updated sensor by sensor. A_p and the integral's rows of K_p, -E_p, depend only on whether a position arrives.
+The chance of that is c. With J = [0; I] (15 x 15, a 1 in row 12 + a, column a) and A that of no arrival,
+
+    sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T).
+
+So a tick takes three products of sparse matrices a mode, however many patterns there are.
+
 **What is approximate.** The vehicle is linear, at hover, and W and V are the filter's own. V_p, the possible fixes and
 the blackouts are those on the planned path. Errors of successive fixes are taken as independent. A late measurement
 enters as if it were current, in the filter and here. The filter that flies knows its arrivals, so its error is less
@@ -43,73 +55,153 @@ its tails are longer than those of the Gaussian that gives the tube.
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
-from ortilo_drake.onboard.estimator.intermittent_filter import (
-    INTEGRATOR_ESTIMATE,
-    INTEGRATOR_LITERAL,
-    STATE_OF_ROW,
-    augmented_dynamics,
-    integrated_sensor,
-    joseph,
-    transposed_gain,
-)
-
-N_MODES = 8  # bit s of a mode: the chain of sensor s is bad
+from ortilo_drake.model.measurement import Layout
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import forward_in_place
 
 
-@njit(cache=True)
-def transition(i: int, j: int, loss: np.ndarray) -> float:
-    """Return pi_ij of the three chains together; loss (3, 4) as link.loss_parameters."""
-    chance = 1.0
-    for s in range(3):
-        bad, after = (i >> s) & 1, (j >> s) & 1
-        leaves = loss[s, 1] if bad else loss[s, 0]
-        chance *= leaves if bad != after else 1.0 - leaves
-    return chance
+@register_jitable
+def transitions(loss: np.ndarray) -> np.ndarray:
+    """Return pi (2^s, 2^s) of the chains together; bit q of a mode: that of sensor q is bad. loss as propagate's."""
+    sensors = loss.shape[0]
+    pi = np.ones((2**sensors, 2**sensors))
+    for i in range(2**sensors):
+        for j in range(2**sensors):
+            for s in range(sensors):
+                bad, after = (i >> s) & 1, (j >> s) & 1
+                leaves = loss[s, 1] if bad else loss[s, 0]
+                pi[i, j] *= leaves if bad != after else 1.0 - leaves
+    return pi
 
 
-@njit(cache=True)
-def pattern_chance(p: int, i: int, there: np.ndarray, loss: np.ndarray) -> float:
-    """Return Pr(p | i); bit s of p: sensor s arrives, which it cannot where it is not there (3)."""
-    chance = 1.0
-    for s in range(3):
-        arrives = 1.0 - loss[s, 3 if (i >> s) & 1 else 2] if there[s] else 0.0
-        chance *= arrives if (p >> s) & 1 else 1.0 - arrives
-    return chance
+@register_jitable
+def sparse_times(A: np.ndarray, M: np.ndarray, out: np.ndarray) -> None:
+    """Write A M to out; zeros of A cost nothing."""
+    out[:] = 0.0
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            if A[i, k] != 0.0:
+                for j in range(M.shape[1]):
+                    out[i, j] += A[i, k] * M[k, j]
 
 
-@njit(cache=True)
-def add_driven(M: np.ndarray, X: np.ndarray, KT: np.ndarray, V2: np.ndarray, rows: np.ndarray) -> None:
-    """Add K S K^T to M (15, 15), S = C X C^T + V of the rows that arrived. Arguments as transposed_gain."""
-    m = rows.shape[0]
+@register_jitable
+def sandwich(A: np.ndarray, M: np.ndarray, AM: np.ndarray, MA: np.ndarray, out: np.ndarray) -> None:
+    """Write A M, its transpose and A M A^T to the last three, M symmetric."""
+    sparse_times(A, M, AM)
+    for i in range(A.shape[0]):
+        for j in range(A.shape[0]):
+            MA[j, i] = AM[i, j]
+    sparse_times(A, MA, out)
+
+
+@register_jitable
+def update(P: np.ndarray, V: np.ndarray, s: int, layout: Layout, S: np.ndarray, Y: np.ndarray) -> None:
+    """Take a measurement of sensor s of covariance V into P (12, 12); S and Y are room to work in."""
+    _, states, weights, first, _, _ = layout
+    m = first[s + 1] - first[s]
+    Y[:m] = 0.0
+    for a in range(m):
+        for w in range(states.shape[1]):
+            state, c = states[first[s] + a, w], weights[first[s] + a, w]
+            for j in range(12):
+                Y[a, j] += c * P[state, j]
     for a in range(m):
         for b in range(m):
-            S = X[STATE_OF_ROW[rows[a]], STATE_OF_ROW[rows[b]]]
-            if rows[a] // 3 == rows[b] // 3:
-                S += V2[rows[a] // 3, rows[a] % 3, rows[b] % 3]
-            for i in range(15):
-                for j in range(15):
-                    M[i, j] += KT[a, i] * S * KT[b, j]
+            S[a, b] = V[a, b]
+            for w in range(states.shape[1]):
+                S[a, b] += weights[first[s] + b, w] * Y[a, states[first[s] + b, w]]
+    forward_in_place(S, Y, m)
+    for i in range(12):
+        for j in range(12):
+            for a in range(m):
+                P[i, j] -= Y[a, i] * Y[a, j]
 
 
-@njit(cache=True)
-def sandwich(A: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return A M A^T (15, 15), exactly symmetric, of a symmetric M."""
-    AM, out = np.zeros((15, 15)), np.zeros((15, 15))
-    for i in range(15):
-        for k in range(15):
-            if A[i, k] != 0.0:
-                for j in range(15):
-                    AM[i, j] += A[i, k] * M[k, j]
-    for i in range(15):
-        for j in range(i, 15):
-            for k in range(15):
-                out[i, j] += AM[i, k] * A[j, k]
-            out[j, i] = out[i, j]
-    return out
+@register_jitable
+def mean_update(
+    X: np.ndarray,
+    V: np.ndarray,
+    arrives: np.ndarray,
+    layout: Layout,
+    U: np.ndarray,
+    P: np.ndarray,
+    S: np.ndarray,
+    Y: np.ndarray,
+) -> None:
+    """Write sum_p Pr(p) U_p to U (12, 12).
+
+    Args:
+        X: (12, 12).
+        V: covariances of the sensors, each in the corner of a block (s, M, M).
+        arrives: chance that a message of each arrives (s).
+        layout: of the measurement.
+        U: what is written (12, 12).
+        P: room to work in (12, 12).
+        S: likewise (M, M).
+        Y: likewise (M, 12).
+    """
+    U[:] = 0.0
+    for p in range(2**arrives.size):
+        chance = 1.0
+        for s in range(arrives.size):
+            chance *= arrives[s] if (p >> s) & 1 else 1.0 - arrives[s]
+        if chance == 0.0:
+            continue
+        P[:] = X
+        for s in range(arrives.size):
+            if (p >> s) & 1:
+                update(P, V[s], s, layout, S, Y)
+        for i in range(12):
+            for j in range(12):
+                U[i, j] += chance * P[i, j]
 
 
-@njit(cache=True)
+@register_jitable
+def mixture_moments(
+    weights: np.ndarray,
+    m: np.ndarray,
+    C: np.ndarray,
+    X: np.ndarray,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    error: np.ndarray,
+) -> None:
+    """Write mean (15) and covariance (15, 15) of the modes' mixture, and their mean X (12, 12), exactly symmetric."""
+    mean[:], covariance[:], error[:] = 0.0, 0.0, 0.0
+    for i in range(weights.size):
+        if weights[i] > 0.0:
+            mean += weights[i] * m[i]
+    for i in range(weights.size):
+        if weights[i] > 0.0:
+            for a in range(15):
+                strays = m[i, a] - mean[a]
+                for b in range(a, 15):
+                    covariance[a, b] += weights[i] * (C[i, a, b] + strays * (m[i, b] - mean[b]))
+            for a in range(12):
+                for b in range(a, 12):
+                    error[a, b] += weights[i] * X[i, a, b]
+    for a in range(15):
+        for b in range(a):
+            covariance[a, b] = covariance[b, a]
+            if a < 12:
+                error[a, b] = error[b, a]
+
+
+@register_jitable
+def position_chances(arrives: np.ndarray, is_position: np.ndarray) -> np.ndarray:
+    """Return the chance that the integral takes the position of each sensor (s): the first that arrives."""
+    chances, none_before = np.zeros(arrives.size), 1.0
+    for s in range(arrives.size):
+        if is_position[s]:
+            chances[s] = none_before * arrives[s]
+            none_before *= 1.0 - arrives[s]
+    return chances
+
+
+@njit(cache=True, nogil=True)
 def propagate(
     Phi: np.ndarray,
     Gamma: np.ndarray,
@@ -123,88 +215,83 @@ def propagate(
     r: np.ndarray,
     r_servo: np.ndarray,
     integrator: int,
+    layout: Layout,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return E[s] (n, 15), E[s s^T] (n, 15, 15) and X = E[e e^T] (n, 12, 12) at every tick, the modes averaged.
+    """Return mean (n, 15) and covariance (n, 15, 15) of s and X = E[e e^T] (n, 12, 12) at every tick, over all modes.
 
     Args:
         Phi: (12, 12).
         Gamma: (12, 4).
         L: servo gain (4, 15).
         W: (12, 12).
-        V: covariances of the three sensors at every tick (n, 3, 3, 3).
-        there: whether a sensor's message can arrive in a tick (n, 3).
-        loss: parameters of the three links' chains (3, 4).
+        V: covariances of the sensors at every tick, each in the corner of a block (n, s, M, M).
+        there: whether a sensor's message can arrive in a tick (n, s).
+        loss: parameters of the links' chains (s, 4).
         X_0: (15, 15), its integrator block 0.
         d: Phi x_ref + Gamma u_ff - x_ref+ (n, 12).
         r: reference position, which the integral takes (n, 3).
         r_servo: the position in x_ref: r, or 0 in the paper's form of the servo (n, 3).
         integrator: one of INTEGRATORS.
+        layout: of the measurement.
     """
-    n = V.shape[0]
-    means, moments, errors = np.zeros((n, 15)), np.zeros((n, 15, 15)), np.zeros((n, 12, 12))
-    mu, m = np.zeros(N_MODES), np.zeros((N_MODES, 15))
-    X, M = np.zeros((N_MODES, 15, 15)), np.zeros((N_MODES, 15, 15))
-    mu[0], X[0] = 1.0, X_0
-    GammaL = np.zeros((15, 15))
-    GammaL[:12] = Gamma @ L
-    delta, d_p = np.empty(3), np.zeros(15)
+    n, sensors, most = V.shape[:3]
+    modes = 2**sensors
+    means, covariances, errors = np.zeros((n, 15)), np.zeros((n, 15, 15)), np.zeros((n, 12, 12))
+    mu, pi = np.zeros(modes), transitions(loss)
+    m, C, X = np.zeros((modes, 15)), np.zeros((modes, 15, 15)), np.zeros((modes, 12, 12))
+    m_next, C_next, X_next = np.zeros_like(m), np.zeros_like(C), np.zeros_like(X)
+    mu[0], X[0] = 1.0, X_0[:12, :12]
+    measured = integrator != INTEGRATOR_ESTIMATE  # whether the integral takes the measured position
+    A = np.eye(15)
+    A[:12, :12] = Phi
+    A[:12] -= Gamma @ L
+    if not measured:
+        A[12:, :3] = -np.eye(3)
+    AC, CA, PhiX, XPhi, driven = A.copy(), A.copy(), Phi.copy(), Phi.copy(), Phi.copy()
+    U, P, S, Y = Phi.copy(), Phi.copy(), np.empty((most, most)), np.empty((most, 12))
+    arrives, without, change = np.empty(sensors), np.zeros(3), np.zeros(3)
     for k in range(n):
-        mu_next, m_next = np.zeros(N_MODES), np.zeros((N_MODES, 15))
-        X_next, M_next = np.zeros((N_MODES, 15, 15)), np.zeros((N_MODES, 15, 15))
-        for i in range(N_MODES):
+        mixture_moments(mu, m, C, X, means[k], covariances[k], errors[k])
+        for a in range(3):  # d_p of the integral without an arrival, and what an arrival changes of it
+            with_one = r[k, a] - r_servo[k, a]
+            without[a] = r[k, a] if integrator == INTEGRATOR_LITERAL else (0.0 if measured else with_one)
+            change[a] = with_one - without[a]
+        for i in range(modes):
             if mu[i] == 0.0:
                 continue
-            means[k] += mu[i] * m[i]
-            moments[k] += mu[i] * M[i]
-            errors[k] += mu[i] * X[i, :12, :12]
-            X_i, M_i, m_i = np.zeros((15, 15)), np.zeros((15, 15)), np.zeros(15)
-            for p in range(8):
-                chance = pattern_chance(p, i, there[k], loss)
-                if chance == 0.0:
-                    continue
-                count = 0
-                for s in range(3):
-                    delta[s] = float((p >> s) & 1)
-                    count += 3 * ((p >> s) & 1)
-                rows = np.empty(count, dtype=np.int64)
-                at = 0
-                for row in range(9):
-                    if delta[row // 3] != 0.0:
-                        rows[at] = row
-                        at += 1
-                chosen = integrated_sensor(delta, integrator)
-                Phibar = augmented_dynamics(Phi, chosen)
-                KT = transposed_gain(X[i], Phibar, V[k], rows, chosen)
-                X_i += chance * joseph(X[i], Phibar, KT, W, V[k], rows, chosen)
-                A = Phibar - GammaL
-                d_p[:12] = d[k]
+            for s in range(sensors):
+                arrives[s] = 1.0 - loss[s, 3 if (i >> s) & 1 else 2] if there[k, s] else 0.0
+            mean_update(X[i], V[k], arrives, layout, U, P, S, Y)
+            sandwich(A, C[i], AC, CA, C_next[i])
+            m_next[i] = A @ m[i]
+            m_next[i, :12] += d[k]
+            m_next[i, 12:] += without
+            sandwich(Phi, U, PhiX, XPhi, X_next[i])
+            X_next[i] += W
+            U[:] = X[i] - U
+            sandwich(Phi, U, PhiX, XPhi, driven)
+            C_next[i, :12, :12] += driven
+            if measured:
+                sparse_times(Phi, X[i], PhiX)
+                chances = position_chances(arrives, layout[5])
+                c = chances.sum()
                 for a in range(3):
-                    if integrator == INTEGRATOR_ESTIMATE:
-                        A[12 + a, a] = -1.0
-                    d_p[12 + a] = 0.0
-                    if integrator == INTEGRATOR_ESTIMATE or chosen >= 0:
-                        d_p[12 + a] = r[k, a] - r_servo[k, a]
-                    elif integrator == INTEGRATOR_LITERAL:
-                        d_p[12 + a] = r[k, a]
-                M_p = sandwich(A, M[i])
-                Am = A @ m[i]
-                for a in range(15):
-                    for b in range(15):
-                        M_p[a, b] += Am[a] * d_p[b] + d_p[a] * Am[b] + d_p[a] * d_p[b]
-                add_driven(M_p, X[i], KT, V[k], rows)
-                M_i += chance * M_p
-                m_i += chance * (Am + d_p)
-            for j in range(N_MODES):
-                weight = mu[i] * transition(i, j, loss)
-                if weight > 0.0:
-                    mu_next[j] += weight
-                    m_next[j] += weight * m_i
-                    X_next[j] += weight * X_i
-                    M_next[j] += weight * M_i
-        for j in range(N_MODES):
+                    jump = change[a] - m[i, a]  # what an arrival adds to the integral's mean
+                    m_next[i, 12 + a] += c * jump
+                    for b in range(12):
+                        cross = c * (AC[b, a] + PhiX[b, a])
+                        C_next[i, b, 12 + a] -= cross
+                        C_next[i, 12 + a, b] -= cross
+                    for b in range(3):
+                        noise = c * (1.0 - c) * jump * (change[b] - m[i, b])
+                        for s in range(sensors):
+                            noise += chances[s] * V[k, s, a, b] if chances[s] > 0.0 else 0.0
+                        C_next[i, 12 + a, 12 + b] += (
+                            c * (C[i, a, b] + X[i, a, b] - AC[12 + a, b] - AC[12 + b, a]) + noise
+                        )
+        mu_next = mu @ pi
+        for j in range(modes):
             if mu_next[j] > 0.0:
-                m_next[j] /= mu_next[j]
-                X_next[j] = 0.5 * (X_next[j] + X_next[j].T) / mu_next[j]
-                M_next[j] = 0.5 * (M_next[j] + M_next[j].T) / mu_next[j]
-        mu, m, X, M = mu_next, m_next, X_next, M_next
-    return means, moments, errors
+                mixture_moments(mu * pi[:, j] / mu_next[j], m_next, C_next, X_next, m[j], C[j], X[j])
+        mu = mu_next
+    return means, covariances, errors
