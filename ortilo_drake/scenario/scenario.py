@@ -184,7 +184,7 @@ class Scenario(Frozen):
     def model_for(cls, data: Any) -> type["Scenario"]:
         """Return the model of data that may name registered parts."""
         model: Any = model_for(cls, data)
-        return model  # type: ignore[no-any-return]
+        return model
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
@@ -193,7 +193,8 @@ class Scenario(Frozen):
             model: Any = cls.model_for(json.loads(json_data))
         except ValueError:  # no JSON, which pydantic says better
             model = cls
-        return super(Scenario, model).model_validate_json(json_data, **options)
+        scenario: Self = super(Scenario, model).model_validate_json(json_data, **options)
+        return scenario
 
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
         """Pickle as JSON: a model with registered parts has no name to be found by."""

@@ -100,7 +100,7 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
     """
     loop = hover_loop(scenario)
     deltas = schedule(scenario) if deltas is None else deltas
-    unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(deltas.any(axis=0))], STATE_NAMES)
+    unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(np.any(deltas, axis=0))], STATE_NAMES)
     if unseen:
         states = ", ".join(f"eigenvalue {mode.eigenvalue.real:g} of {' '.join(mode.states)}" for mode in unseen)
         raise InputError(f"sensors: {', '.join(scenario.sensors) or 'none'}: leave unseen {states}")

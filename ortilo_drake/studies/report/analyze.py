@@ -34,13 +34,13 @@ def theory(scenario: Scenario) -> dict[str, Any]:
     """
     check_sensors(scenario)
     V, loop = hover_V(scenario), hover_loop(scenario)
-    rates = [RATES.tolist() if sensor in scenario.sensors else [0.0] for sensor in ("uwb", "camera")]
+    uwb, camera = (RATES.tolist() if sensor in scenario.sensors else [0.0] for sensor in ("uwb", "camera"))
     return {
         "scenario": scenario.name,
         "linearization": linearization_report(scenario, V=V),
         "riccati": riccati_report(scenario, V),
         "margins": margins_report(scenario, V),
-        "arrivals": arrival_report(loop.W, V, scenario.h, *rates, loop.C),
+        "arrivals": arrival_report(loop.W, V, scenario.h, uwb, camera, loop.C),
         "commands": command_report(scenario, V),
     }
 

@@ -39,8 +39,8 @@ after the measurements,
 
     F X_i F^T + W + K_p V_p K_p^T = Phi U_p Phi^T + W,   K_p S_p K_p^T = Phi (X_i - U_p) Phi^T      (12 rows)
 
-and U_p is updated sensor by sensor. A_p and the integral's rows of K_p, -E_p, depend only on whether a position arrives.
-The chance of that is c. With J = [0; I] (15 x 15, a 1 in row 12 + a, column a) and A that of no arrival,
+and U_p is updated sensor by sensor. A_p and the integral's rows of K_p, -E_p, depend only on whether a position
+arrives. The chance of that is c. With J = [0; I] (15 x 15, a 1 in row 12 + a, column a) and A that of no arrival,
 
     sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T).
 
