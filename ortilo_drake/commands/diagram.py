@@ -15,7 +15,7 @@ def diagram(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     svg: Annotated[Path, typer.Option(help="The image file.")] = Path("diagram.svg"),
     settings: SetOption = None,
-    depth: Annotated[int, typer.Option(min=0, max=3, help="How far to open nested diagrams.")] = 2,
+    depth: Annotated[int, typer.Option(min=0, max=4, help="How far to open nested diagrams.")] = 3,
 ) -> None:
     """Draw the closed loop's block diagram."""
     chosen = load_scenario(scenario, tuple(settings or ()))

@@ -193,8 +193,8 @@ class Scenario(Frozen):
             model: Any = cls.model_for(json.loads(json_data))
         except ValueError:  # no JSON, which pydantic says better
             model = cls
-        scenario: Self = super(Scenario, model).model_validate_json(json_data, **options)
-        return scenario
+        scenario: Any = super(Scenario, model).model_validate_json(json_data, **options)
+        return scenario  # type: ignore[no-any-return]
 
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
         """Pickle as JSON: a model with registered parts has no name to be found by."""

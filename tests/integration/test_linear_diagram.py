@@ -9,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import (
     AffineSystem,
     ConstantVectorSource,
+    Demultiplexer,
     Multiplexer,
     TrajectorySource,
     VectorLogSink,
@@ -19,8 +20,9 @@ from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
 
 from ortilo_drake.model.hover import disturbance_W, hover_A, hover_B
+from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter, filter_model, initial_covariance
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
@@ -33,6 +35,7 @@ H = 1.0 / 30.0
 TICKS = 400
 VARIANCES = Noise(uwb=(0.01, 0.02, 0.03), camera=(0.02, 0.01, 0.04), imu=(1e-4, 2e-4, 3e-4))
 FILTER = FilterSettings(V=VARIANCES)
+MEASUREMENT = make_measurement()
 HOVER = np.array([2.7 * 9.81, 0.0, 0.0, 0.0])
 X_0 = np.array([0.1, -0.2, 0.15, 0.02, -0.03, 0.05, 0.1, 0.0, -0.1, 0.01, 0.02, -0.01])
 R_1 = np.array([0.8, -0.5, 0.4])  # the reference steps there from 0
@@ -70,8 +73,13 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
     builder = DiagramBuilder()
     plant = builder.AddSystem(QuadrotorPlant_[float](vehicle=M100, kinematics="linear"))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(H, 4))
-    handler = builder.AddSystem(MeasurementHandler({}, VARIANCES, H))
-    kalman = builder.AddSystem(KalmanFilter(FILTER, M100, integrator, np.zeros(15), H))
+    V: dict[str, np.ndarray | None] = {name: np.diag(variances) for name, variances in VARIANCES}
+    handler = builder.AddSystem(MeasurementHandler(MEASUREMENT, {"uwb": 14, "camera": 14, "imu": 11}, V, {}, H))
+    model, P_0 = filter_model(FILTER, M100, integrator, H), initial_covariance(FILTER)
+    kalman = builder.AddSystem(KalmanFilter(model, MEASUREMENT, M100.hover_thrust, np.zeros(15), P_0, H))
+    belief = builder.AddSystem(Demultiplexer([15, 225]))
+    builder.Connect(kalman.GetOutputPort("belief"), belief.get_input_port())
+    estimate, covariance = belief.get_output_port(0), belief.get_output_port(1)
     servo = builder.AddSystem(make_lq_servo(ServoSettings(form=form), M100, H))
     planner = builder.AddSystem(TrajectorySource(per_tick(reference())))
     for j, (name, first, size) in enumerate([("uwb", 0, 14), ("camera", 0, 14), ("imu", 3, 11)]):
@@ -90,20 +98,21 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
     calm = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
     log = builder.AddNamedSystem("log", VectorLogSink(sum(LOGGED.values()), H))
     logged = builder.AddNamedSystem("logged", Multiplexer(list(LOGGED.values())))
-    for source, system, port in [
+    for block, system, port in [
         (calm, plant, "disturbance"),
         (hold, plant, "control"),
-        (handler, kalman, "measurement"),
         (servo, kalman, "control"),
         (planner, kalman, "reference"),
         (planner, servo, "reference"),
     ]:
-        builder.Connect(source.get_output_port(), system.GetInputPort(port))
-    builder.Connect(kalman.GetOutputPort("estimate"), servo.GetInputPort("estimate"))
+        builder.Connect(block.get_output_port(), system.GetInputPort(port))
+    for name in MEASUREMENT.sizes:
+        builder.Connect(handler.GetOutputPort(name), kalman.GetInputPort(name))
+    builder.Connect(estimate, servo.GetInputPort("estimate"))
     builder.Connect(servo.get_output_port(), hold.get_input_port())
-    sources = {"state": plant, "estimate": kalman, "control": servo, "covariance": kalman}
-    for k, name in enumerate(LOGGED):
-        builder.Connect(sources[name].GetOutputPort(name), logged.get_input_port(k))
+    sources = plant.GetOutputPort("state"), estimate, servo.get_output_port(), covariance
+    for k, source in enumerate(sources):
+        builder.Connect(source, logged.get_input_port(k))
     builder.Connect(logged.get_output_port(), log.get_input_port())
     return builder.Build()
 

@@ -37,7 +37,8 @@ def test_the_papers_scenarios_are_among_the_ready_made_ones() -> None:
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: str) -> None:
     assert load_scenario(name).name == name
-    first = (SCENARIO_FOLDER / f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
+    of_editors, first, *_ = (SCENARIO_FOLDER / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    assert of_editors == "# yaml-language-server: $schema=scenario.schema.json"
     assert first.startswith("# ")
     assert first.endswith(".")
 
@@ -63,7 +64,7 @@ def test_what_show_prints_loads_again_as_the_same_scenario(
     again = load_scenario(tmp_path / "again.yaml")
     assert again == load_scenario(which, ("seed=5",))
     assert again.seed == 5
-    assert set(yaml.safe_load(printed.out)) == set(Scenario.model_fields)  # every default filled in
+    assert set(yaml.safe_load(printed.out)) == {*Scenario.model_fields, *again.own_sensors}  # every default filled in
 
 
 @pytest.mark.parametrize("name", scenario_names())

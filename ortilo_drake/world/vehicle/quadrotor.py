@@ -90,8 +90,8 @@ def QuadrotorPlant_(T: type) -> type:
                 derivatives.SetFromVector(self._dynamics(x, u, d, body[0], body[1:4]))
 
         def _update(self, context: Any, values: Any) -> None:
-            x, (u, d) = context.get_discrete_state_vector().value(), self._inputs(context)
-            body = context.get_numeric_parameter(self._body).value()
+            x, (u, d) = context.get_discrete_state_vector().CopyToVector(), self._inputs(context)
+            body = context.get_numeric_parameter(self._body).CopyToVector()
             values.set_value(self._step(x, u, d, body[0], body[1:4], self._kind, self._time_step))
 
         def _update_symbols(self, context: Any, values: Any) -> None:
