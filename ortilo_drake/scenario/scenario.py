@@ -194,7 +194,7 @@ class Scenario(Frozen):
         except ValueError:  # no JSON, which pydantic says better
             model = cls
         scenario: Any = super(Scenario, model).model_validate_json(json_data, **options)
-        return scenario  # type: ignore[no-any-return]
+        return scenario
 
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
         """Pickle as JSON: a model with registered parts has no name to be found by."""

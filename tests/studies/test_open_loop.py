@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer
 
 from ortilo_drake.diagrams.linear_loop import make_frozen_filter
-from ortilo_drake.scenario import LqServo, Scenario
+from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario
 from ortilo_drake.studies.linearization.linearize import differentiate_tick
 from ortilo_drake.studies.loop.hover_loop import VELOCITIES, hover_loop, open_loop
 
@@ -17,7 +17,8 @@ K = np.random.default_rng(1).normal(size=(12, 9))
 @pytest.mark.parametrize("velocities", ["estimate", "truth"])
 @pytest.mark.parametrize("integrator", ["literal", "hold", "estimate"])
 def test_open_loop_is_that_of_drakes_blocks(integrator: str, velocities: str, delta: tuple[float, ...]) -> None:
-    scenario = Scenario(servo=LqServo(integrator=integrator, velocities=velocities))
+    estimator = IntermittentFilter(integrator=integrator)
+    scenario = Scenario(estimator=estimator, servo=LqServo(velocities=velocities))
     loop, arrived = hover_loop(scenario), np.repeat(delta, 3)
     assert loop.true_states == (VELOCITIES if velocities == "truth" else ())
     true = np.isin(np.arange(12), loop.true_states).astype(float)
