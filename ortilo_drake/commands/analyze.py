@@ -49,13 +49,15 @@ def analyze(
         chosen = chosen.projected()
     with progress_bar() as progress, kept_workers():
         task = progress.add_task("theory", total=None)
-        data, figures = analyze_scenario(
-            chosen,
-            flights,
-            out_folder,
-            workers or os.cpu_count() or 1,
-            lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
-        )
+        begun: list[str] = []
+
+        def step(what: str, done: int, total: int) -> None:
+            if what not in begun:
+                begun.append(what)
+                err.print(f"{what} ...", highlight=False)
+            progress.update(task, description=what, completed=done, total=total)
+
+        data, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
     text = analysis_text(data)
     write_text(report, text)
     write_json(json_file, data)

@@ -30,11 +30,12 @@ def run(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     X_0 = block_diag(0.02 * np.eye(12), np.zeros((3, 3)))
     kind = INTEGRATORS[loop.integrator]
-    layout = tuple(MEASUREMENT.layout)
     mean, covariance, X = propagate(
-        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there, loss, X_0, d, r, r, kind, layout
+        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there[..., None], loss[..., None], X_0, d, r, r,
+        kind, tuple(MEASUREMENT.layout), 15,
     )  # fmt: skip
-    return mean, covariance + mean[:, :, None] * mean[:, None, :], X
+    mean, covariance = mean[..., 0], covariance[..., 0]
+    return mean, covariance + mean[:, :, None] * mean[:, None, :], X[..., 0]
 
 
 def at_rest(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

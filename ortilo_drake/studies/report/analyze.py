@@ -1,5 +1,6 @@
 """The work of `ortilo analyze`: the theory of a scenario, and the flights that check it."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,12 @@ LOSSES, DELAYS = (0.2, 0.5, 0.8), (1, 2, 3, 4, 5)  # of commands, flown
 COMMAND_SEEDS = range(4)
 
 
-def theory(scenario: Scenario) -> dict[str, Any]:
+def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> dict[str, Any]:
     """Return all that needs no flight: linearisation, Riccati equations, margins, arrival rates, commands.
+
+    Args:
+        scenario: the scenario.
+        step: called with what is being done, how far and of how much.
 
     Raises:
         InputError: naming the modes, if the sensors leave some undetected, or naming what else is wrong.
@@ -35,14 +40,18 @@ def theory(scenario: Scenario) -> dict[str, Any]:
     check_sensors(scenario)
     V, loop = hover_V(scenario), hover_loop(scenario)
     uwb, camera = (RATES.tolist() if sensor in scenario.sensors else [0.0] for sensor in ("uwb", "camera"))
-    return {
-        "scenario": scenario.name,
-        "linearization": linearization_report(scenario, V=V),
-        "riccati": riccati_report(scenario, V),
-        "margins": margins_report(scenario, V),
-        "arrivals": arrival_report(loop.W, V, scenario.h, uwb, camera, loop.C),
-        "commands": command_report(scenario, V),
+    parts: dict[str, Callable[[], Any]] = {
+        "linearization": lambda: linearization_report(scenario, V=V),
+        "riccati": lambda: riccati_report(scenario, V),
+        "margins": lambda: margins_report(scenario, V),
+        "arrivals": lambda: arrival_report(loop.W, V, scenario.h, uwb, camera, loop.C),
+        "commands": lambda: command_report(scenario, V),
     }
+    data: dict[str, Any] = {"scenario": scenario.name}
+    for k, (name, part) in enumerate(parts.items()):
+        step(name, k, len(parts))
+        data[name] = part()
+    return data
 
 
 def honesty_section(
@@ -83,8 +92,7 @@ def analyze(
     Raises:
         InputError: as theory.
     """
-    step("theory", 0, 1)
-    data, figures = theory(scenario), []
+    data, figures = theory(scenario, step), []
     data["flights"] = flights
     if flights:
         links = command_cases(LOSSES, ("hold", "zero"), DELAYS)

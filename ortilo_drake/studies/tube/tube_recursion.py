@@ -11,12 +11,11 @@ Hence
 
     e+ = (Phi - K_p C_p) e + w - K_p v_p,       s+ = A_p s + K_p nu_p + d_p,   A_p = Phibar_p - Gammabar L,
 
-where d_p holds the error of the plan itself, Phi x_ref + Gamma u_ff - x_ref+, and the reference, which the integrator
-'literal' adds also without a fix. With the integrator 'estimate', A_p has the row -[I 0 0] of i and K_p none.
+where d_p holds what the plan itself does wrong, Phi x_ref + Gamma u_ff - x_ref+, and the reference that
+integrates without a fix ('literal'). With the integrator 'estimate', A_p has the row -[I 0 0] of i and K_p none.
 
-**The gains.** The filter's own P_k depends on the arrivals' history. Its gains are replaced by those of the expected
-Riccati recursion, with one X_j for each state j of the links' Markov chains (pi their transitions, mu_j the chance
-of j):
+**The gains.** The filter's own P_k depends on the arrivals' history. In their place stand gains of the expected
+Riccati recursion, one X_j for each state j of the links' Markov chains (pi their transitions, mu_j the chance of j):
 
     X_j+ = sum_i mu_i pi_ij sum_p Pr(p | i) [F X_i F^T + W + K_p V_p K_p^T] / mu_j+,   F = Phi - K_p C_p,
     K_p = Phi X_i C_p^T S_p^-1,   S_p = C_p X_i C_p^T + V_p.
@@ -26,7 +25,7 @@ intermittent observations", IEEE TAC, 2004); with Markov losses these are the co
 Marques, "Discrete-Time Markov Jump Linear Systems", 2005, chapter 5. For a filter with these gains, linear in
 the measurements, X_j = E[e e^T | j] exactly.
 
-**The split.** With these gains E[e s^T | j] stays 0, because its driving term is
+**The split.** With these very gains E[e s^T | j] = 0 stays 0, for its driving term is
 E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T = 0. So
 
     M_j+ = sum_i mu_i pi_ij sum_p Pr(p | i) [A_p M_i A_p^T + A_p m_i d_p^T + d_p m_i^T A_p^T + d_p d_p^T
@@ -34,23 +33,24 @@ E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T 
 
 and since x - x_ref = e + (xhat - x_ref), its second moment is X + M (12 x 12) and its mean m.
 
-**How it is computed.** With C_j = M_j - m_j m_j^T and U_p = X_i - X_i C_p^T S_p^-1 C_p X_i, the X of the vehicle's part
+**How it is computed.** With C_j = M_j - m_j m_j^T and U_p = X_i - X_i C_p^T S_p^-1 C_p X_i, X of the vehicle's part
 after the measurements,
 
     F X_i F^T + W + K_p V_p K_p^T = Phi U_p Phi^T + W,   K_p S_p K_p^T = Phi (X_i - U_p) Phi^T      (12 rows)
 
-and U_p is updated sensor by sensor. A_p and the integral's rows of K_p, -E_p, depend only on whether a position
-arrives. The chance of that is c. With J = [0; I] (15 x 15, a 1 in row 12 + a, column a) and A that of no arrival,
+and U_p comes sensor by sensor, three rows at a time. A_p and the integral's rows of K_p, -E_p, depend on nothing but
+whether a position arrives, which has the chance c: with J = [0; I] (15 x 15, a 1 in row 12 + a, column a),
 
-    sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T).
+    sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T),   A that of no arrival.
 
-So a tick takes three products of sparse matrices a mode, however many patterns there are.
+So a tick takes three products of sparse matrices a mode, however many patterns there are. Cases that differ in their
+losses or arrivals go through it together, side by side in the last axis of every array (tube_kernel.py).
 
-**What is approximate.** The vehicle is linear, at hover, and W and V are the filter's own. V_p, the possible fixes and
-the blackouts are those on the planned path. Errors of successive fixes are taken as independent. A late measurement
-enters as if it were current, in the filter and here. The filter that flies knows its arrivals, so its error is less
-than X. The vehicle's deviation given its arrivals is wider at some times and narrower at others: it is a mixture, and
-its tails are longer than those of the Gaussian that gives the tube.
+**What is approximate.** The vehicle is linear, at hover, and W and V are what the filter believes of both. V_p is that
+of fixes on the planned path, and a fix is there where it would be there; blackouts likewise. Errors of successive fixes
+are taken as independent. A measurement that comes late enters as if current, in the filter and here. The filter that
+flies knows its arrivals and so does better than X, but the vehicle's deviation, given its arrivals, is wider at
+times and narrower at others: a mixture, whose tails are longer than the Gaussian's that the tube is drawn from.
 """
 
 import numpy as np
@@ -59,11 +59,10 @@ from numba import njit
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL
 from ortilo_drake.studies.tube.tube_kernel import (
+    add_measured,
     mean_update,
     mixture_moments,
-    position_chances,
     sandwich,
-    sparse_times,
     transitions,
 )
 
@@ -83,8 +82,9 @@ def propagate(
     r_servo: np.ndarray,
     integrator: int,
     layout: Layout,
+    kept: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean (n, 15) and covariance (n, 15, 15) of s and X = E[e e^T] (n, 12, 12) at every tick, over all modes.
+    """Return mean (n, m, B) and covariance (n, m, m, B) of s and X = E[e e^T] (n, m, m, B) at every tick in B cases.
 
     Args:
         Phi: (12, 12).
@@ -92,73 +92,80 @@ def propagate(
         L: servo gain (4, 15).
         W: (12, 12).
         V: covariances of the sensors at every tick, each in the corner of a block (n, s, M, M).
-        there: whether a sensor's message can arrive in a tick (n, s).
-        loss: parameters of the links' chains (s, 4).
+        there: whether a sensor's message can arrive in a tick (n, s, B).
+        loss: parameters of the links' chains (s, 4, B).
         X_0: (15, 15), its integrator block 0.
         d: Phi x_ref + Gamma u_ff - x_ref+ (n, 12).
         r: reference position, which the integral takes (n, 3).
         r_servo: the position in x_ref: r, or 0 in the paper's form of the servo (n, 3).
         integrator: one of INTEGRATORS.
         layout: of the measurement.
+        kept: m, of how many of the first states mean and covariances are returned.
     """
-    n, sensors, most = V.shape[:3]
-    modes = 2**sensors
-    means, covariances, errors = np.zeros((n, 15)), np.zeros((n, 15, 15)), np.zeros((n, 12, 12))
-    mu, pi = np.zeros(modes), transitions(loss)
-    m, C, X = np.zeros((modes, 15)), np.zeros((modes, 15, 15)), np.zeros((modes, 12, 12))
-    m_next, C_next, X_next = np.zeros_like(m), np.zeros_like(C), np.zeros_like(X)
-    mu[0], X[0] = 1.0, X_0[:12, :12]
+    n, B = V.shape[0], loss.shape[2]
     measured = integrator != INTEGRATOR_ESTIMATE  # whether the integral takes the measured position
-    A = np.eye(15)
-    A[:12, :12] = Phi
-    A[:12] -= Gamma @ L
+    D_Phi, D_A = Phi - np.eye(12), np.zeros((15, 15))  # Phi and A less I
+    D_A[:12, :12] = D_Phi
+    D_A[:12] -= Gamma @ L
     if not measured:
-        A[12:, :3] = -np.eye(3)
-    AC, CA, PhiX, XPhi, driven = A.copy(), A.copy(), Phi.copy(), Phi.copy(), Phi.copy()
-    U, P, S, Y = Phi.copy(), Phi.copy(), np.empty((most, most)), np.empty((most, 12))
-    arrives, without, change = np.empty(sensors), np.zeros(3), np.zeros(3)
+        D_A[12:, :3] = -np.eye(3)
+    in_Phi, in_A, pi = np.nonzero(D_Phi), np.nonzero(D_A), transitions(loss)
+    means, covs, errors = (
+        np.empty((n, kept, B)),
+        np.empty((n, kept, kept, B)),
+        np.empty((n, min(kept, 12), min(kept, 12), B)),
+    )
+    modes = pi.shape[0]
+    mu, weights = np.zeros((modes, B)), np.zeros((modes, B))
+    m, C, X = np.zeros((modes, 15, B)), np.zeros((modes, 15, 15, B)), np.zeros((modes, 12, 12, B))
+    m_next, C_next, X_next = np.zeros_like(m), np.zeros_like(C), np.zeros_like(X)
+    AC, CA, PhiX, XPhi, driven, U = C[0].copy(), C[0].copy(), X[0].copy(), X[0].copy(), X[0].copy(), X[0].copy()
+    is_position = layout[5]
+    one_mode = np.all(pi[0, 0] == 1.0)  # no chain leaves its good state
+    change = np.empty(3)
+    mu[0] = 1.0
+    for q in range(B):
+        X[0, :, :, q] = X_0[:12, :12]
     for k in range(n):
-        mixture_moments(mu, m, C, X, means[k], covariances[k], errors[k])
-        for a in range(3):  # d_p of the integral without an arrival, and what an arrival changes of it
-            with_one = r[k, a] - r_servo[k, a]
-            without[a] = r[k, a] if integrator == INTEGRATOR_LITERAL else (0.0 if measured else with_one)
-            change[a] = with_one - without[a]
+        mixture_moments(mu, m, C, X, means[k], covs[k], errors[k])
         for i in range(modes):
-            if mu[i] == 0.0:
+            if not np.any(mu[i]):
                 continue
-            for s in range(sensors):
-                arrives[s] = 1.0 - loss[s, 3 if (i >> s) & 1 else 2] if there[k, s] else 0.0
-            mean_update(X[i], V[k], arrives, layout, U, P, S, Y)
-            sandwich(A, C[i], AC, CA, C_next[i])
-            m_next[i] = A @ m[i]
-            m_next[i, :12] += d[k]
-            m_next[i, 12:] += without
-            sandwich(Phi, U, PhiX, XPhi, X_next[i])
-            X_next[i] += W
-            U[:] = X[i] - U
-            sandwich(Phi, U, PhiX, XPhi, driven)
-            C_next[i, :12, :12] += driven
+            mean_update(X[i], V[k], i, there[k], loss, layout, U, XPhi)
+            sandwich(D_Phi, *in_Phi, U, PhiX, XPhi, X_next[i])
+            sandwich(D_Phi, *in_Phi, X[i], PhiX, XPhi, driven)
+            sandwich(D_A, *in_A, C[i], AC, CA, C_next[i])
+            m_next[i] = m[i]
+            for e in range(in_A[0].shape[0]):
+                m_next[i, in_A[0][e]] += D_A[in_A[0][e], in_A[1][e]] * m[i, in_A[1][e]]
+            for a in range(12):
+                m_next[i, a] += d[k, a]
+                for b in range(12):
+                    for q in range(B):
+                        C_next[i, a, b, q] += driven[a, b, q] - X_next[i, a, b, q]
+                        X_next[i, a, b, q] += W[a, b]
+            for a in range(3):  # d_p of the integral without an arrival, and what an arrival changes of it
+                with_one = r[k, a] - r_servo[k, a]
+                without = r[k, a] if integrator == INTEGRATOR_LITERAL else (0.0 if measured else with_one)
+                m_next[i, 12 + a] += without
+                change[a] = with_one - without
             if measured:
-                sparse_times(Phi, X[i], PhiX)
-                chances = position_chances(arrives, layout[5])
-                c = chances.sum()
-                for a in range(3):
-                    jump = change[a] - m[i, a]  # what an arrival adds to the integral's mean
-                    m_next[i, 12 + a] += c * jump
-                    for b in range(12):
-                        cross = c * (AC[b, a] + PhiX[b, a])
-                        C_next[i, b, 12 + a] -= cross
-                        C_next[i, 12 + a, b] -= cross
-                    for b in range(3):
-                        noise = c * (1.0 - c) * jump * (change[b] - m[i, b])
-                        for s in range(sensors):
-                            noise += chances[s] * V[k, s, a, b] if chances[s] > 0.0 else 0.0
-                        C_next[i, 12 + a, 12 + b] += (
-                            c * (C[i, a, b] + X[i, a, b] - AC[12 + a, b] - AC[12 + b, a]) + noise
-                        )
-        mu_next = mu @ pi
+                add_measured(
+                    m[i], C[i], X[i], AC, PhiX, V[k], i, there[k], loss, is_position, change, m_next[i], C_next[i]
+                )
+        if one_mode:
+            m, C, X, m_next, C_next, X_next = m_next, C_next, X_next, m, C, X
+            continue
+        before = mu.copy()
+        mu[:] = 0.0
         for j in range(modes):
-            if mu_next[j] > 0.0:
-                mixture_moments(mu * pi[:, j] / mu_next[j], m_next, C_next, X_next, m[j], C[j], X[j])
-        mu = mu_next
-    return means, covariances, errors
+            for i in range(modes):
+                mu[j] += before[i] * pi[i, j]
+        for j in range(modes):
+            if not np.any(mu[j]):
+                continue
+            for i in range(modes):
+                for q in range(B):
+                    weights[i, q] = before[i, q] * pi[i, j, q] / mu[j, q] if mu[j, q] > 0.0 else 0.0
+            mixture_moments(weights, m_next, C_next, X_next, m[j], C[j], X[j])
+    return means, covs, errors
