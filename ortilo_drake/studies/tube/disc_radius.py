@@ -101,6 +101,34 @@ def disc_radii(means: np.ndarray, covariances: np.ndarray, outside: float) -> np
     return radii
 
 
+@njit(cache=True, nogil=True)
+def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarray, outside: float) -> float:
+    """Return the least of corridor_k - R_k, R of disc_radii, finding R_k only where it may be the least.
+
+    Since |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), R <= |m| + s_1 sqrt(-2 ln outside). And R_k
+    leaves no less than the margin found so far, b, where Q(corridor_k - b) <= outside.
+
+    Args:
+        corridor: (n).
+        means: m_k (n, 2).
+        covariances: C_k (n, 2, 2), symmetric, not negative.
+        outside: in (0, 1).
+    """
+    n, reach = corridor.shape[0], math.sqrt(-2.0 * math.log(outside))
+    m, s, at_least = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
+    for k in range(n):
+        m[k], s[k] = principal(means[k], covariances[k])
+        at_least[k] = corridor[k] - math.hypot(m[k, 0], m[k, 1]) - reach * s[k, 0]
+    least = np.inf
+    for k in np.argsort(at_least):
+        if at_least[k] > least:
+            break
+        left = corridor[k] - least
+        if left <= 0.0 or s[k, 0] == 0.0 or outside_disc(left, m[k], s[k]) > outside:
+            least = min(least, corridor[k] - _radius(m[k], s[k], outside))
+    return least
+
+
 @njit(cache=True)
 def outside_discs(radii: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Return the probability (n) with which N(m_k, C_k) leaves the disc of R_k > 0 about 0. Arguments as disc_radii."""

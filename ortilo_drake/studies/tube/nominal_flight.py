@@ -1,5 +1,6 @@
 """The planned path tick by tick: what the servo aims at, and what would be measured there."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -75,6 +76,7 @@ def planned_reference(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return time, np.hstack([path.vector_values(inside).T, *rates])
 
 
+@lru_cache(maxsize=4)
 def nominal_flight(scenario: Scenario) -> NominalFlight:
     """Return the nominal flight of a scenario: its path, and where along it a message of each sensor can arrive.
 

@@ -3,6 +3,8 @@
 The equations, and what is approximate in them, are in tube_recursion.py; the radius is in disc_radius.py.
 """
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,8 @@ from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, disc_radii
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube_recursion import propagate
+
+AT_ONCE = 32  # cases side by side; more do not fit into a processor's nearest memory
 
 
 class Tube(NamedTuple):
@@ -45,7 +49,12 @@ class Tube(NamedTuple):
 def horizontal_and_vertical(mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a tube's radius and height (n) from means (n, 3) and covariances (n, 3, 3) of the deviation."""
     plane = np.ascontiguousarray(mean[:, :2]), np.ascontiguousarray(covariance[:, :2, :2])
-    return disc_radii(*plane, THREE_SIGMA), np.abs(mean[:, 2]) + 3.0 * np.sqrt(covariance[:, 2, 2])
+    return disc_radii(*plane, THREE_SIGMA), tube_height(mean, covariance)
+
+
+def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return |mean| and 3 sigma (...) of the vertical deviation, from means (..., 3) and covariances (..., 3, 3)."""
+    return np.asarray(np.abs(mean[..., 2]) + 3.0 * np.sqrt(covariance[..., 2, 2]))
 
 
 def predict_tube(scenario: Scenario, nominal: NominalFlight | None = None) -> Tube:
@@ -60,15 +69,31 @@ def predict_tube(scenario: Scenario, nominal: NominalFlight | None = None) -> Tu
             no gain.
     """
     nominal = nominal_flight(scenario) if nominal is None else nominal
-    mean, covariance, X = deviation(scenario, nominal)
+    mean, covariance, X = (part[0] for part in deviations(scenario, nominal, losses_of(scenario)[None]))
     return Tube(nominal.time, nominal.r, mean, covariance, X, *horizontal_and_vertical(mean, covariance))
 
 
-def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean (n, 3) and covariance (n, 3, 3) of the position's deviation from r_k, and X of the position.
+def losses_of(scenario: Scenario) -> np.ndarray:
+    """Return the parameters of the losses on the links of uwb, camera and imu (3, 4), see loss_parameters."""
+    return np.array([loss_parameters(scenario.link_of(s).loss) for s in SENSORS])
 
-    Where nothing is lost at random, so that the arrivals are those of the nominal flight, X is the filter's own P_k.
-    Arguments and errors as in predict_tube.
+
+def deviations(
+    scenario: Scenario, nominal: NominalFlight, losses: np.ndarray, there: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean (B, n, 3) and covariance (B, n, 3, 3) of the position's deviation from r_k, and X of the position.
+
+    Where nothing is lost at random, so that the arrivals are those that are there, X is the filter's own P_k. Cases go
+    through the recursion side by side, and some of them on each of the machine's cores.
+
+    Args:
+        scenario: the scenario; its own losses do not count.
+        nominal: its nominal flight.
+        losses: of the links in each case (B, 3, 4), see losses_of.
+        there: whether a message can arrive in each case (B, n, 3); by default that of the nominal flight.
+
+    Raises:
+        InputError: as predict_tube.
     """
     if scenario.servo.velocities == "truth":
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")
@@ -76,21 +101,19 @@ def deviation(scenario: Scenario, nominal: NominalFlight) -> tuple[np.ndarray, n
     x_ref, u_ff = nominal.x_ref, nominal.u_ff
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])
-    loss = np.array([loss_parameters(scenario.link_of(s).loss) for s in SENSORS])
-    means, moments, errors = propagate(
-        loop.Phi,
-        loop.Gamma,
-        loop.L,
-        loop.W,
-        nominal.V,
-        nominal.there,
-        loss,
-        initial_covariance(scenario.filter),
-        d,
-        nominal.r,
-        np.ascontiguousarray(x_ref[:, :3]),
-        INTEGRATORS[loop.integrator],
-    )
-    X = errors[:, :3, :3]
-    mean = means[:, :3] + x_ref[:, :3] - nominal.r
-    return mean, moments[:, :3, :3] - means[:, :3, None] * means[:, None, :3] + X, X
+    r_servo, X_0 = np.ascontiguousarray(x_ref[:, :3]), initial_covariance(scenario.filter)
+    there = np.broadcast_to(nominal.there, (len(losses), *nominal.there.shape)) if there is None else there
+
+    def some(first: int) -> tuple[np.ndarray, ...]:
+        cases = slice(first, first + AT_ONCE)
+        arrives, loss = (np.ascontiguousarray(np.moveaxis(part[cases], 0, -1)) for part in (there, losses))
+        found = propagate(
+            loop.Phi, loop.Gamma, loop.L, loop.W, nominal.V, arrives, loss, X_0, d, nominal.r, r_servo,
+            INTEGRATORS[loop.integrator], 3,
+        )  # fmt: skip
+        return tuple(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in found)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the recursion runs without the interpreter's lock
+        parts = list(threads.map(some, range(0, len(losses), AT_ONCE)))
+    means, covariances, X = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return means + (x_ref[:, :3] - nominal.r), covariances + X, X

@@ -18,10 +18,11 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import BernoulliLoss, Link, Loss, NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.tube.corridor import Corridor, corridor, margin
+from ortilo_drake.studies.tube.corridor import corridor
+from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, least_margin
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
-from ortilo_drake.studies.tube.tube import Tube, predict_tube
-from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture
+from ortilo_drake.studies.tube.tube import deviations, losses_of, tube_height
+from ortilo_drake.studies.tube.tube_tails import greatest_chance, mixture
 
 CAMERA = 1  # column of NominalFlight.there
 
@@ -100,11 +101,6 @@ def guided_ticks(nominal: NominalFlight) -> int:
     return int(seen[-1]) + 1 if len(seen) else len(nominal.time)
 
 
-def first_ticks(tube: Tube, about: Corridor, n: int) -> tuple[Tube, Corridor]:
-    """Return the first n ticks of a tube and its corridor."""
-    return Tube(*(part[:n] for part in tube)), Corridor(*(part[:n] for part in about))
-
-
 Cases = list[list[Scenario | None]]
 
 
@@ -142,13 +138,15 @@ def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> 
     nominal = nominal_flight(scenario)
     about = corridor(scenario.load_room(), scenario.vehicle, nominal.r)
     n = guided_ticks(nominal)
+    there = [(i, j, losses_of(case)) for i, row in enumerate(cases) for j, case in enumerate(row) if case is not None]
     whole, guided = np.full((len(a), len(b)), np.nan), np.full((len(a), len(b)), np.nan)
-    for i, row in enumerate(cases):
-        for j, case in enumerate(row):
-            if case is not None:
-                tube = predict_tube(case, nominal)
-                whole[i, j] = margin(tube, about).least
-                guided[i, j] = margin(*first_ticks(tube, about, n)).least
+    mean, covariance, _ = deviations(scenario, nominal, np.array([losses for _, _, losses in there]))
+    height = about.height - tube_height(mean, covariance)
+    plane = np.ascontiguousarray(mean[..., :2]), np.ascontiguousarray(covariance[..., :2, :2])
+    for q, (i, j, _) in enumerate(there):
+        for margins, ticks in ((whole, len(about.radius)), (guided, n)):
+            horizontal = least_margin(about.radius[:ticks], plane[0][q, :ticks], plane[1][q, :ticks], THREE_SIGMA)
+            margins[i, j] = min(horizontal, height[q, :ticks].min())
     return MarginMap(a, b, whole, guided)
 
 
@@ -169,7 +167,7 @@ def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.nda
     room = corridor(scenario.load_room(), scenario.vehicle, nominal.r).radius
     return np.array(
         [
-            [np.nan if case is None else chance_outside(room, mixture(case, nominal, seeds)).max() for case in row]
+            [np.nan if case is None else greatest_chance(room, mixture(case, nominal, seeds)) for case in row]
             for row in cases
         ]
     )

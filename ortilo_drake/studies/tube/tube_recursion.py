@@ -33,6 +33,19 @@ E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T 
 
 and since x - x_ref = e + (xhat - x_ref), its second moment is X + M (12 x 12) and its mean m.
 
+**How it is computed.** With C_j = M_j - m_j m_j^T and U_p = X_i - X_i C_p^T S_p^-1 C_p X_i, X of the vehicle's part
+after the measurements,
+
+    F X_i F^T + W + K_p V_p K_p^T = Phi U_p Phi^T + W,   K_p S_p K_p^T = Phi (X_i - U_p) Phi^T      (12 rows)
+
+and U_p comes sensor by sensor, three rows at a time. A_p and the integral's rows of K_p, -E_p, depend on nothing but
+whether a position arrives, which has the chance c: with J = [0; I] (15 x 15, a 1 in row 12 + a, column a),
+
+    sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T),   A that of no arrival.
+
+So a tick takes three products of sparse matrices a mode, however many patterns there are. Cases that differ in their
+losses or arrivals go through it together, side by side in the last axis of every array (tube_kernel.py).
+
 **What is approximate.** The vehicle is linear, at hover, and W and V are what the filter believes of both. V_p is that
 of fixes on the planned path, and a fix is there where it would be there; blackouts likewise. Errors of successive fixes
 are taken as independent. A measurement that comes late enters as if current, in the filter and here. The filter that
@@ -43,72 +56,18 @@ times and narrower at others: a mixture, whose tails are longer than the Gaussia
 import numpy as np
 from numba import njit
 
-from ortilo_drake.onboard.estimator.intermittent_filter import (
-    INTEGRATOR_ESTIMATE,
-    INTEGRATOR_LITERAL,
-    STATE_OF_ROW,
-    augmented_dynamics,
-    integrated_sensor,
-    joseph,
-    transposed_gain,
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL
+from ortilo_drake.studies.tube.tube_kernel import (
+    N_MODES,
+    add_measured,
+    mean_update,
+    mixture_moments,
+    sandwich,
+    transitions,
 )
 
-N_MODES = 8  # bit s of a mode: the chain of sensor s is bad
 
-
-@njit(cache=True)
-def transition(i: int, j: int, loss: np.ndarray) -> float:
-    """Return pi_ij of the three chains together; loss (3, 4) as link.loss_parameters."""
-    chance = 1.0
-    for s in range(3):
-        bad, after = (i >> s) & 1, (j >> s) & 1
-        leaves = loss[s, 1] if bad else loss[s, 0]
-        chance *= leaves if bad != after else 1.0 - leaves
-    return chance
-
-
-@njit(cache=True)
-def pattern_chance(p: int, i: int, there: np.ndarray, loss: np.ndarray) -> float:
-    """Return Pr(p | i); bit s of p: sensor s arrives, which it cannot where it is not there (3)."""
-    chance = 1.0
-    for s in range(3):
-        arrives = 1.0 - loss[s, 3 if (i >> s) & 1 else 2] if there[s] else 0.0
-        chance *= arrives if (p >> s) & 1 else 1.0 - arrives
-    return chance
-
-
-@njit(cache=True)
-def add_driven(M: np.ndarray, X: np.ndarray, KT: np.ndarray, V2: np.ndarray, rows: np.ndarray) -> None:
-    """Add K S K^T to M (15, 15), S = C X C^T + V of the rows that arrived. Arguments as transposed_gain."""
-    m = rows.shape[0]
-    for a in range(m):
-        for b in range(m):
-            S = X[STATE_OF_ROW[rows[a]], STATE_OF_ROW[rows[b]]]
-            if rows[a] // 3 == rows[b] // 3:
-                S += V2[rows[a] // 3, rows[a] % 3, rows[b] % 3]
-            for i in range(15):
-                for j in range(15):
-                    M[i, j] += KT[a, i] * S * KT[b, j]
-
-
-@njit(cache=True)
-def sandwich(A: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return A M A^T (15, 15), exactly symmetric, of a symmetric M."""
-    AM, out = np.zeros((15, 15)), np.zeros((15, 15))
-    for i in range(15):
-        for k in range(15):
-            if A[i, k] != 0.0:
-                for j in range(15):
-                    AM[i, j] += A[i, k] * M[k, j]
-    for i in range(15):
-        for j in range(i, 15):
-            for k in range(15):
-                out[i, j] += AM[i, k] * A[j, k]
-            out[j, i] = out[i, j]
-    return out
-
-
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propagate(
     Phi: np.ndarray,
     Gamma: np.ndarray,
@@ -122,8 +81,9 @@ def propagate(
     r: np.ndarray,
     r_servo: np.ndarray,
     integrator: int,
+    kept: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return E[s] (n, 15), E[s s^T] (n, 15, 15) and X = E[e e^T] (n, 12, 12) at every tick, the modes averaged.
+    """Return mean (n, m, B) and covariance (n, m, m, B) of s and X = E[e e^T] (n, m, m, B) at every tick in B cases.
 
     Args:
         Phi: (12, 12).
@@ -131,79 +91,75 @@ def propagate(
         L: servo gain (4, 15).
         W: (12, 12).
         V: covariances of the three sensors at every tick (n, 3, 3, 3).
-        there: whether a sensor's message can arrive in a tick (n, 3).
-        loss: parameters of the three links' chains (3, 4).
+        there: whether a sensor's message can arrive in a tick (n, 3, B).
+        loss: parameters of the three links' chains (3, 4, B).
         X_0: (15, 15), its integrator block 0.
         d: Phi x_ref + Gamma u_ff - x_ref+ (n, 12).
         r: reference position, which the integral takes (n, 3).
         r_servo: the position in x_ref: r, or 0 in the paper's form of the servo (n, 3).
         integrator: one of INTEGRATORS.
+        kept: m, of how many of the first states mean and covariances are returned.
     """
-    n = V.shape[0]
-    means, moments, errors = np.zeros((n, 15)), np.zeros((n, 15, 15)), np.zeros((n, 12, 12))
-    mu, m = np.zeros(N_MODES), np.zeros((N_MODES, 15))
-    X, M = np.zeros((N_MODES, 15, 15)), np.zeros((N_MODES, 15, 15))
-    mu[0], X[0] = 1.0, X_0
-    GammaL = np.zeros((15, 15))
-    GammaL[:12] = Gamma @ L
-    delta, d_p = np.empty(3), np.zeros(15)
+    n, B = V.shape[0], loss.shape[2]
+    measured = integrator != INTEGRATOR_ESTIMATE  # whether the integral takes the measured position
+    D_Phi, D_A = Phi - np.eye(12), np.zeros((15, 15))  # Phi and A less I
+    D_A[:12, :12] = D_Phi
+    D_A[:12] -= Gamma @ L
+    if not measured:
+        D_A[12:, :3] = -np.eye(3)
+    in_Phi, in_A, pi = np.nonzero(D_Phi), np.nonzero(D_A), transitions(loss)
+    means, covs, errors = (
+        np.empty((n, kept, B)),
+        np.empty((n, kept, kept, B)),
+        np.empty((n, min(kept, 12), min(kept, 12), B)),
+    )
+    mu, weights = np.zeros((N_MODES, B)), np.zeros((N_MODES, B))
+    m, C, X = np.zeros((N_MODES, 15, B)), np.zeros((N_MODES, 15, 15, B)), np.zeros((N_MODES, 12, 12, B))
+    m_next, C_next, X_next = np.zeros_like(m), np.zeros_like(C), np.zeros_like(X)
+    AC, CA, PhiX, XPhi, driven, U = C[1].copy(), C[1].copy(), X[1].copy(), X[1].copy(), X[1].copy(), X[1].copy()
+    one_mode = np.all(pi[0, 0] == 1.0)  # no chain leaves its good state
+    change = np.empty(3)
+    mu[0] = 1.0
+    for q in range(B):
+        X[0, :, :, q] = X_0[:12, :12]
     for k in range(n):
-        mu_next, m_next = np.zeros(N_MODES), np.zeros((N_MODES, 15))
-        X_next, M_next = np.zeros((N_MODES, 15, 15)), np.zeros((N_MODES, 15, 15))
+        mixture_moments(mu, m, C, X, means[k], covs[k], errors[k])
         for i in range(N_MODES):
-            if mu[i] == 0.0:
+            if not np.any(mu[i]):
                 continue
-            means[k] += mu[i] * m[i]
-            moments[k] += mu[i] * M[i]
-            errors[k] += mu[i] * X[i, :12, :12]
-            X_i, M_i, m_i = np.zeros((15, 15)), np.zeros((15, 15)), np.zeros(15)
-            for p in range(8):
-                chance = pattern_chance(p, i, there[k], loss)
-                if chance == 0.0:
-                    continue
-                count = 0
-                for s in range(3):
-                    delta[s] = float((p >> s) & 1)
-                    count += 3 * ((p >> s) & 1)
-                rows = np.empty(count, dtype=np.int64)
-                at = 0
-                for row in range(9):
-                    if delta[row // 3] != 0.0:
-                        rows[at] = row
-                        at += 1
-                chosen = integrated_sensor(delta, integrator)
-                Phibar = augmented_dynamics(Phi, chosen)
-                KT = transposed_gain(X[i], Phibar, V[k], rows, chosen)
-                X_i += chance * joseph(X[i], Phibar, KT, W, V[k], rows, chosen)
-                A = Phibar - GammaL
-                d_p[:12] = d[k]
-                for a in range(3):
-                    if integrator == INTEGRATOR_ESTIMATE:
-                        A[12 + a, a] = -1.0
-                    d_p[12 + a] = 0.0
-                    if integrator == INTEGRATOR_ESTIMATE or chosen >= 0:
-                        d_p[12 + a] = r[k, a] - r_servo[k, a]
-                    elif integrator == INTEGRATOR_LITERAL:
-                        d_p[12 + a] = r[k, a]
-                M_p = sandwich(A, M[i])
-                Am = A @ m[i]
-                for a in range(15):
-                    for b in range(15):
-                        M_p[a, b] += Am[a] * d_p[b] + d_p[a] * Am[b] + d_p[a] * d_p[b]
-                add_driven(M_p, X[i], KT, V[k], rows)
-                M_i += chance * M_p
-                m_i += chance * (Am + d_p)
-            for j in range(N_MODES):
-                weight = mu[i] * transition(i, j, loss)
-                if weight > 0.0:
-                    mu_next[j] += weight
-                    m_next[j] += weight * m_i
-                    X_next[j] += weight * X_i
-                    M_next[j] += weight * M_i
+            mean_update(X[i], V[k], i, there[k], loss, U, XPhi)
+            sandwich(D_Phi, *in_Phi, U, PhiX, XPhi, X_next[i])
+            sandwich(D_Phi, *in_Phi, X[i], PhiX, XPhi, driven)
+            sandwich(D_A, *in_A, C[i], AC, CA, C_next[i])
+            m_next[i] = m[i]
+            for e in range(in_A[0].shape[0]):
+                m_next[i, in_A[0][e]] += D_A[in_A[0][e], in_A[1][e]] * m[i, in_A[1][e]]
+            for a in range(12):
+                m_next[i, a] += d[k, a]
+                for b in range(12):
+                    for q in range(B):
+                        C_next[i, a, b, q] += driven[a, b, q] - X_next[i, a, b, q]
+                        X_next[i, a, b, q] += W[a, b]
+            for a in range(3):  # d_p of the integral without an arrival, and what an arrival changes of it
+                with_one = r[k, a] - r_servo[k, a]
+                without = r[k, a] if integrator == INTEGRATOR_LITERAL else (0.0 if measured else with_one)
+                m_next[i, 12 + a] += without
+                change[a] = with_one - without
+            if measured:
+                add_measured(m[i], C[i], X[i], AC, PhiX, V[k], i, there[k], loss, change, m_next[i], C_next[i])
+        if one_mode:
+            m, C, X, m_next, C_next, X_next = m_next, C_next, X_next, m, C, X
+            continue
+        before = mu.copy()
+        mu[:] = 0.0
         for j in range(N_MODES):
-            if mu_next[j] > 0.0:
-                m_next[j] /= mu_next[j]
-                X_next[j] = 0.5 * (X_next[j] + X_next[j].T) / mu_next[j]
-                M_next[j] = 0.5 * (M_next[j] + M_next[j].T) / mu_next[j]
-        mu, m, X, M = mu_next, m_next, X_next, M_next
-    return means, moments, errors
+            for i in range(N_MODES):
+                mu[j] += before[i] * pi[i, j]
+        for j in range(N_MODES):
+            if not np.any(mu[j]):
+                continue
+            for i in range(N_MODES):
+                for q in range(B):
+                    weights[i, q] = before[i, q] * pi[i, j, q] / mu[j, q] if mu[j, q] > 0.0 else 0.0
+            mixture_moments(weights, m_next, C_next, X_next, m[j], C[j], X[j])
+    return means, covs, errors

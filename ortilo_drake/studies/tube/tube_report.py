@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.flight.workers import run_all
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
@@ -60,21 +59,6 @@ def plain(values: np.ndarray) -> list[Any]:
     return list(kept.tolist())
 
 
-def chance_row(scenario_json: str, kind: str, a: float, b: list[float]) -> list[float]:
-    """Return a row of chance_map over rates or bursts. Runs in a worker; what it takes and returns is plain data."""
-    scenario = Scenario.model_validate_json(scenario_json)
-    cases = (rate_cases if kind == "rates" else burst_cases)(scenario, np.array([a]), np.array(b))
-    return list(chance_map(scenario, cases, ARRIVALS)[0].tolist())
-
-
-def chances(scenario: Scenario, kind: str, a: np.ndarray, b: np.ndarray, workers: int) -> ChanceGrid:
-    """Return chance_map over rates or bursts, its rows on worker processes."""
-    chance = np.empty((len(a), len(b)))
-    jobs = [(scenario.model_dump_json(), kind, float(rate), b.tolist()) for rate in a]
-    run_all(chance_row, jobs, workers, lambda number, row: chance.__setitem__(number, row))
-    return ChanceGrid(a, b, chance)
-
-
 def tube_report(
     scenario: Scenario, flights: int, out: Path, workers: int, step: Step
 ) -> tuple[dict[str, Any], list[Path]]:
@@ -96,9 +80,11 @@ def tube_report(
     step("tube maps", 1, 4)
     bursts = burst_map(calm, BURST_RATES, BURST_LENGTHS)
     step("tube maps", 2, 4)
-    rates_chance = chances(calm, "rates", CHANCE_RATES, CHANCE_RATES, workers)
+    cases = rate_cases(calm, CHANCE_RATES, CHANCE_RATES)
+    rates_chance = ChanceGrid(CHANCE_RATES, CHANCE_RATES, chance_map(calm, cases, ARRIVALS))
     step("tube maps", 3, 4)
-    bursts_chance = chances(calm, "bursts", CHANCE_BURST_RATES, CHANCE_BURSTS, workers)
+    cases = burst_cases(calm, CHANCE_BURST_RATES, CHANCE_BURSTS)
+    bursts_chance = ChanceGrid(CHANCE_BURST_RATES, CHANCE_BURSTS, chance_map(calm, cases, ARRIVALS))
 
     shown: dict[Point, Sequence[Flown]] = {}
     results: dict[str, list[PointResult]] = {"rates": [], "bursts": []}

@@ -15,13 +15,14 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.scenario import NoLoss, Scenario
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, outside_discs
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, delay_of
-from ortilo_drake.studies.tube.tube import deviation
+from ortilo_drake.studies.tube.tube import deviations
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_message
 
@@ -40,37 +41,33 @@ class Mixture(NamedTuple):
 
 def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> np.ndarray:
     """Return which messages of the three arrive in each tick (n, 3) with that seed's losses, on the planned path."""
-    n = len(nominal.time)
-    arrives = np.zeros((n, 3), dtype=np.bool_)
-    no_blackouts = np.empty((0, 3))  # the nominal flight holds them
+    arrives = np.zeros((len(nominal.time), 3), dtype=np.bool_)
     for s, sensor in enumerate(SENSORS):
         if sensor not in scenario.sensors:
             continue
-        loss, stream, bad = loss_parameters(scenario.link_of(sensor).loss), stream_id(f"link/{sensor}"), False
-        late = delay_of(scenario, sensor)
-        for k in range(n - late):
-            if nominal.there[k + late, s]:
-                sent = delay_of_message(k, nominal.r[k], bad, loss, no_blackouts, (0, 0), seed, stream)
-                arrives[k + late, s] = sent != NOT_SENT
-            bad = chain_after(k, bad, loss, seed, stream)
+        loss, late = loss_parameters(scenario.link_of(sensor).loss), delay_of(scenario, sensor)
+        there = np.ascontiguousarray(nominal.there[late:, s])
+        arrives[late:, s] = _kept_by_link(there, nominal.r, loss, seed, stream_id(f"link/{sensor}"))
     return arrives
 
 
-def without_losses(scenario: Scenario) -> Scenario:
-    """Return the scenario with links that lose nothing at random."""
-    uwb, imu = (
-        sensor.model_copy(update={"link": sensor.link.model_copy(update={"loss": NoLoss()})})
-        for sensor in (scenario.uwb, scenario.imu)
-    )
-    camera_link = scenario.camera_link.model_copy(update={"loss": NoLoss()})
-    return scenario.model_copy(update={"uwb": uwb, "imu": imu, "camera_link": camera_link})
+@njit(cache=True, nogil=True)
+def _kept_by_link(there: np.ndarray, r: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> np.ndarray:
+    """Return which of the messages that are there (n) a link does not lose, its blackouts aside (n)."""
+    kept, bad, no_blackouts = np.zeros_like(there), False, np.empty((0, 3))
+    for k in range(there.shape[0]):
+        if there[k]:
+            kept[k] = delay_of_message(k, r[k], bad, loss, no_blackouts, (0, 0), seed, stream) != NOT_SENT
+        if bad or loss[0] > 0.0:
+            bad = chain_after(k, bad, loss, seed, stream)
+    return kept
 
 
 def mixture(scenario: Scenario, nominal: NominalFlight, seeds: Iterable[int]) -> Mixture:
     """Return the deviation given the arrivals of each seed; errors as predict_tube."""
-    sure = without_losses(scenario)
-    parts = [deviation(sure, nominal._replace(there=arrivals_of_seed(scenario, nominal, seed)))[:2] for seed in seeds]
-    return Mixture(np.array([mean[:, :2] for mean, _ in parts]), np.array([C[:, :2, :2] for _, C in parts]))
+    there = np.array([arrivals_of_seed(scenario, nominal, seed) for seed in seeds])
+    means, covariances, _ = deviations(scenario, nominal, np.zeros((len(there), 3, 4)), there)
+    return Mixture(means[:, :, :2], covariances[:, :, :2, :2])
 
 
 def chance_outside(radius: np.ndarray, of: Mixture) -> np.ndarray:
@@ -80,6 +77,24 @@ def chance_outside(radius: np.ndarray, of: Mixture) -> np.ndarray:
         for mean, C in zip(of.means, of.covariances, strict=True)
     ]
     return np.asarray(np.mean(parts, axis=0))
+
+
+def greatest_chance(radius: np.ndarray, of: Mixture) -> float:
+    """Return the greatest of chance_outside, without the chances of ticks whose bound says that they are not it.
+
+    |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), which holds for a round C.
+    """
+    a, b, c = of.covariances[..., 0, 0], of.covariances[..., 0, 1], of.covariances[..., 1, 1]
+    largest = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # s_1^2
+    left = np.maximum(radius - np.hypot(of.means[..., 0], of.means[..., 1]), 0.0)
+    bound = np.exp(-0.5 * left**2 / np.maximum(largest, 1e-300)).mean(axis=0)
+    greatest = 0.0
+    for k in np.argsort(-bound):
+        if bound[k] < greatest:
+            break
+        at_k = np.full(len(of.means), radius[k]), np.ascontiguousarray(of.means[:, k]), of.covariances[:, k].copy()
+        greatest = max(greatest, float(np.mean(outside_discs(*at_k))))
+    return greatest
 
 
 def mixture_radius(of: Mixture, start: np.ndarray, outside: float = THREE_SIGMA) -> np.ndarray:
