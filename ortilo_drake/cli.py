@@ -14,6 +14,8 @@ from typing import NoReturn, TextIO
 def main() -> None:
     """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130, a broken pipe with 1."""
     interrupted = False
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # our matrices are small: threads take longer to meet than to compute
 
     def interrupt(_: int, frame: FrameType | None) -> NoReturn:
         nonlocal interrupted

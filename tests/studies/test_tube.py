@@ -1,6 +1,6 @@
 """The tube's recursion against published fixed points, SciPy and a Monte Carlo of the linear loop."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from ortilo_drake.studies.tube.tube_recursion import propagate
 
 V_PRINTED = np.array([0.05 * np.eye(3), 0.08 * np.eye(3), 0.01 * np.eye(3)])
 MEASUREMENT = make_measurement()
+LAYOUT = tuple(MEASUREMENT.layout)
 ALWAYS = np.zeros((3, 4))
 
 
@@ -30,12 +31,11 @@ def run(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     X_0 = block_diag(0.02 * np.eye(12), np.zeros((3, 3)))
     kind = INTEGRATORS[loop.integrator]
-    mean, covariance, X = propagate(
-        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there[..., None], loss[..., None], X_0, d, r, r,
-        kind, tuple(MEASUREMENT.layout), 15,
+    mean, C, X = propagate(
+        loop.Phi, loop.Gamma, loop.L, loop.W, np.tile(V, (n, 1, 1, 1)), there[..., None], loss[..., None],
+        X_0, d, r, r, kind, LAYOUT, 12,
     )  # fmt: skip
-    mean, covariance = mean[..., 0], covariance[..., 0]
-    return mean, covariance + mean[:, :, None] * mean[:, None, :], X[..., 0]
+    return mean[..., 0], C[..., 0], X[..., 0]
 
 
 def at_rest(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -65,7 +65,7 @@ def test_error_settles_at_the_expected_riccati_fixed_point(
 def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) -> None:
     loop = hover_loop(load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
     n = 6000
-    _, M, X = run(loop, n, V_PRINTED, ALWAYS, *at_rest(n))
+    _, C, X = run(loop, n, V_PRINTED, ALWAYS, *at_rest(n))
     V = block_diag(*V_PRINTED)
     K, _ = steady_predictor(loop.Phi, loop.C, loop.W, V)
     everything = np.ones(3)
@@ -77,7 +77,74 @@ def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) 
     Q = noise @ V @ noise.T
     Q[:12, :12] += loop.W
     expected = solve_discrete_lyapunov(A, Q)[:12, :12]
-    np.testing.assert_allclose((X + M[:, :12, :12])[-1], expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose((X + C)[-1], expected, rtol=1e-6, atol=1e-9)
+
+
+def as_printed(
+    loop: HoverLoop, V: np.ndarray, there: np.ndarray, loss: np.ndarray, d: np.ndarray, r: np.ndarray, r_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (15) and covariance (15 x 15) of s and X (12 x 12) of the last tick, pattern by pattern at full size."""
+    modes = list(product((0, 1), repeat=3))  # whether the chain of uwb, camera and imu is bad
+    X, M, m = ({i: np.zeros(shape) for i in modes} for shape in ((12, 12), (15, 15), 15))
+    X[0, 0, 0], mu = 0.02 * np.eye(12), {i: float(i == (0, 0, 0)) for i in modes}
+    GammaL = np.vstack([loop.Gamma @ loop.L, np.zeros((3, 15))])
+    for k in range(len(d) - 1):
+        mu_n, m_n, M_n, X_n = ({i: np.zeros_like(part[i]) for i in modes} for part in (mu, m, M, X))
+        for i, p in product(modes, modes):
+            lost = [loss[s, 2 + i[s]] if there[k, s] else 1.0 for s in range(3)]
+            chance = mu[i] * np.prod([1.0 - lost[s] if p[s] else lost[s] for s in range(3)])
+            rows = np.flatnonzero(np.repeat(p, 3))
+            C, V_p = loop.C[rows], block_diag(*V[k])[np.ix_(rows, rows)]
+            E = MEASUREMENT.selection_matrix(np.array(p, dtype=float))[:, rows]
+            fix = p[0] or p[1]
+            Phibar = np.eye(15)
+            Phibar[:12, :12] = loop.Phi
+            d_p = np.append(d[k], np.zeros(3))
+            if loop.integrator == "estimate":
+                Phibar[12:, :3] -= np.eye(3)
+                E = 0.0 * E
+            else:
+                Phibar[12:, :12] -= E @ C
+            if loop.integrator == "estimate" or fix:
+                d_p[12:] = r[k] - r_s[k]
+            elif loop.integrator == "literal":
+                d_p[12:] = r[k]
+            S = C @ X[i] @ C.T + V_p
+            K = loop.Phi @ X[i] @ C.T @ np.linalg.inv(S)
+            F, K_s, A = loop.Phi - K @ C, np.vstack([K, -E]), Phibar - GammaL
+            z = A @ m[i] + d_p
+            M_p = A @ (M[i] - np.outer(m[i], m[i])) @ A.T + np.outer(z, z) + K_s @ S @ K_s.T
+            for j in modes:
+                pi = [loss[s, 1] if i[s] else loss[s, 0] for s in range(3)]
+                to_j = chance * np.prod([pi[s] if i[s] != j[s] else 1.0 - pi[s] for s in range(3)])
+                mu_n[j] += to_j
+                m_n[j] += to_j * z
+                M_n[j] += to_j * M_p
+                X_n[j] += to_j * (F @ X[i] @ F.T + loop.W + K @ V_p @ K.T)
+        m, M, X = ({i: part[i] / max(mu_n[i], 1e-300) for i in modes} for part in (m_n, M_n, X_n))
+        mu = mu_n
+    mean, M_all, X_all = (sum(mu[i] * part[i] for i in modes) for part in (m, M, X))
+    return mean, M_all - np.outer(mean, mean), X_all
+
+
+@pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
+def test_cases_side_by_side_are_the_recursion_as_printed(integrator: str) -> None:
+    rng, n = np.random.default_rng(3), 25
+    loop = hover_loop(load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
+    root = rng.normal(0.0, 0.1, (n, 3, 3, 3))
+    V = root @ np.swapaxes(root, -1, -2) + 1e-4 * np.eye(3)
+    bursts = [[0.2, 0.1, 0.1, 0.9], [0.3, 0.2, 0.0, 1.0], [0.1, 0.3, 0.1, 0.6]]
+    losses = np.array([ALWAYS, bernoulli(0.3, 0.6), bursts])
+    there = rng.random((3, n, 3)) < [0.5, 0.6, 0.9]
+    d, r = rng.normal(0.0, 1e-3, (n, 12)), rng.normal(0.0, 1.0, (n, 3))
+    r_s = 0.5 * r
+    found = propagate(
+        loop.Phi, loop.Gamma, loop.L, loop.W, V, np.moveaxis(there, 0, -1).copy(), np.moveaxis(losses, 0, -1).copy(),
+        block_diag(0.02 * np.eye(12), np.zeros((3, 3))), d, r, r_s, INTEGRATORS[integrator], LAYOUT, 15,
+    )  # fmt: skip
+    for q, (arrives, loss) in enumerate(zip(there, losses, strict=True)):
+        for fast, plain in zip(found, as_printed(loop, V, arrives, loss, d, r, r_s), strict=True):
+            np.testing.assert_allclose(fast[-1, ..., q], plain, rtol=1e-9, atol=1e-12 * np.abs(plain).max())
 
 
 def riccati_gains(
@@ -152,9 +219,9 @@ def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str)
         x, xhat, i = x_next, xhat_next, i_next
     deviation = (x - x_ref[n - 1])[:, :9]
 
-    means, M, X = run(loop, n, 0.01 * V_PRINTED, loss, d, r, there)
+    means, C, X = run(loop, n, 0.01 * V_PRINTED, loss, d, r, there)
     mean = means[-1, :9]
-    covariance = (X + M[:, :12, :12])[-1, :9, :9] - np.outer(mean, mean)
+    covariance = (X + C)[-1, :9, :9]
     sd = np.sqrt(np.diag(covariance))
     # Five standard errors; a variance's is sqrt((kurtosis - 1) / runs) of it, its kurtosis taken from the sample.
     np.testing.assert_allclose(deviation.mean(axis=0), mean, atol=float(5.0 * (sd / np.sqrt(runs)).max()))

@@ -8,6 +8,7 @@ import pytest
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube import predict_tube
@@ -60,6 +61,20 @@ def test_more_arrivals_leave_more_room() -> None:
     rates = tube_map(scenario, np.array([0.02, 0.2, 1.0]), np.array([0.02, 1.0])).whole
     assert np.all(np.diff(rates, axis=0) > 0.0)
     assert np.all(np.diff(rates, axis=1) > 0.0)
+
+
+def test_margins_of_a_map_are_those_of_each_tube() -> None:
+    # Every radius at every tick, where the map finds only those that may be the least.
+    scenario, nominal = short()
+    rates = np.array([0.02, 0.3])
+    found = tube_map(scenario, rates, rates)
+    about, n = corridor(scenario.load_room(), scenario.vehicle, nominal.r), guided_ticks(nominal)
+    for i, uwb in enumerate(rates):
+        for j, camera in enumerate(rates):
+            tube = predict_tube(with_rates(scenario, uwb, camera), nominal)
+            least = np.minimum(about.radius - tube.radius, about.height - tube.height)
+            assert found.whole[i, j] == pytest.approx(least.min(), rel=1e-9)
+            assert found.guided[i, j] == pytest.approx(least[:n].min(), rel=1e-9)
 
 
 def test_longer_bursts_widen_the_tube() -> None:
@@ -136,8 +151,14 @@ def test_chance_outside_by_sampling() -> None:
 
 
 def test_chance_map_is_the_chance_of_leaving_the_corridor() -> None:
-    scenario, _ = short()
-    chance = chance_map(scenario, rate_cases(scenario, np.array([0.01, 1.0]), np.array([0.0])), [1, 2, 3])
+    scenario, nominal = short()
+    cases = rate_cases(scenario, np.array([0.01, 1.0]), np.array([0.0]))
+    chance = chance_map(scenario, cases, [1, 2, 3])
+    room = corridor(scenario.load_room(), scenario.vehicle, nominal.r).radius
+    for of_case, (case,) in zip(chance, cases, strict=True):  # at every tick
+        assert case is not None
+        expected = chance_outside(room, mixture(case, nominal, [1, 2, 3])).max()
+        np.testing.assert_allclose(of_case, expected, rtol=1e-12)
     assert chance.shape == (2, 1)
     assert chance[0, 0] > chance[1, 0]
     assert chance[1, 0] < 1e-6
