@@ -38,12 +38,12 @@ def test_covariances_are_those_of_a_flight_without_errors() -> None:
     checked = 0
     for k in range(0, flight.sizes["tick"], 15):
         V, there = fix_noise(scenario, flight["truth"].values[k])
-        np.testing.assert_array_equal(there, flight["arrival"].values[k])
+        np.testing.assert_array_equal(list(there.values()), flight["arrival"].values[k])
         # The estimate that the fix is linearised at is not quite the truth: the feed-forward is that of hover.
-        for s in range(2):
+        for s, sensor in enumerate(("uwb", "camera")):
             flown = flight["measurement_covariance"].values[k, s]
-            np.testing.assert_allclose(V[s], flown, rtol=0.02, atol=1e-6)
-            checked += int(there[s])
+            np.testing.assert_allclose(V[sensor], flown, rtol=0.02, atol=1e-6)
+            checked += int(there[sensor])
     assert checked >= 10
 
 
@@ -51,12 +51,12 @@ def test_covariances_are_about_those_of_a_flight_with_errors() -> None:
     scenario = scenario_with("seed=3")
     flight = fly(scenario)
     found: dict[int, list[float]] = {0: [], 1: []}
-    for s, latency in ((0, 0), (1, 1)):
+    for s, sensor, latency in ((0, "uwb", 0), (1, "camera", 1)):
         for k in np.flatnonzero(flight["arrival"].values[:, s]):
             V, there = fix_noise(scenario, flight["truth"].values[k - latency])
             flown = flight["measurement_covariance"].values[k, s]
-            error = float(np.linalg.norm(V[s] - flown) / np.linalg.norm(flown))
-            found[s].append(error if there[s] else np.inf)
+            error = float(np.linalg.norm(V[sensor] - flown) / np.linalg.norm(flown))
+            found[s].append(error if there[sensor] else np.inf)
     assert np.median(found[0]) < 0.1  # noise of the ranges is in their weights
     assert np.median(found[1]) < 0.15  # the filter's own attitude covariance is in the camera's
 
@@ -68,26 +68,26 @@ def test_uwb_covariance_is_the_inverse_of_the_information() -> None:
     J = to_anchors / distance[:, None]
     expected = np.linalg.inv(J.T @ np.diag((0.0075 * distance) ** -2.0) @ J)
     V, there = fix_noise(scenario, AT)
-    assert there[0]
-    np.testing.assert_allclose(V[0], expected, rtol=1e-6)
+    assert there["uwb"]
+    np.testing.assert_allclose(V["uwb"], expected, rtol=1e-6)
 
 
 def test_constant_V_stands_in_for_the_geometry() -> None:
     scenario = load_scenario("paper_imu_uwb_yolo", ("camera.kind=projected",))
     V, there = fix_noise(scenario, AT)
-    assert there[0]
-    np.testing.assert_array_equal(V[0], 0.05 * np.eye(3))
+    assert there["uwb"]
+    np.testing.assert_array_equal(V["uwb"], 0.05 * np.eye(3))
 
 
 @pytest.mark.parametrize("pose", [(21.0, -3.2, 1.5, 0.0, 0.0, 0.0), (0.0, 0.0, 1.5, 0.0, 0.0, np.pi)])
 def test_no_landmark_in_sight_is_no_fix(pose: tuple[float, ...]) -> None:
     V, there = fix_noise(Scenario(), np.array([*pose, *[0.0] * 6]))
-    assert not there[1]
-    np.testing.assert_array_equal(V[1], np.eye(3))
+    assert not there["camera"]
+    np.testing.assert_array_equal(V["camera"], np.eye(3))
 
 
 def test_too_few_ranges_are_no_fix() -> None:
-    assert not fix_noise(load_scenario("imu_uwb", ("uwb.max_distance=1.0",)), AT).there[0]
+    assert not fix_noise(load_scenario("imu_uwb", ("uwb.max_distance=1.0",)), AT).there["uwb"]
 
 
 def test_attitude_covariance_is_that_of_the_steady_filter() -> None:
