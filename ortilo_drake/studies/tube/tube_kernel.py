@@ -7,6 +7,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.studies.tube.side_by_side import copy
 
 
 @register_jitable
@@ -24,67 +25,32 @@ def transitions(loss: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
-def pattern_chance(p: int, i: int, there: np.ndarray, loss: np.ndarray) -> np.ndarray:
-    """Return Pr(p | i) (B); bit s of p: sensor s arrives, which it cannot where it is not there (s, B)."""
-    chance = np.ones(loss.shape[2])
-    for s in range(loss.shape[0]):
-        lost = loss[s, 3 if (i >> s) & 1 else 2]
-        for q in range(chance.shape[0]):
-            arrives = 1.0 - lost[q] if there[s, q] else 0.0
-            chance[q] *= arrives if (p >> s) & 1 else 1.0 - arrives
-    return chance
+def arrival_chances(i: int, there: np.ndarray, loss: np.ndarray) -> np.ndarray:
+    """Return the chance that a sensor's message arrives in mode i (s, B), 0 where it is not there (s, B)."""
+    chances = np.zeros(there.shape)
+    for s in range(there.shape[0]):
+        for q in range(there.shape[1]):
+            if there[s, q]:
+                chances[s, q] = 1.0 - loss[s, 3 if (i >> s) & 1 else 2, q]
+    return chances
 
 
 @register_jitable
-def sandwich(
-    D: np.ndarray, rows: np.ndarray, columns: np.ndarray, M: np.ndarray, AM: np.ndarray, MA: np.ndarray, out: np.ndarray
+def condition(
+    P: np.ndarray, V: np.ndarray, weight: np.ndarray, s: int, layout: Layout, G: np.ndarray, Y: np.ndarray
 ) -> None:
-    """Write A M to AM, its transpose to MA and A M A^T to out, A = I + D.
+    """Turn P into P - weight P C^T (C P C^T + V)^-1 C P, C the rows of sensor s.
+
+    With the Cholesky factor of C P C^T + V = G G^T and Y = G^-1 C P that is P - weight Y^T Y.
 
     Args:
-        D: (n, n), the same in all cases.
-        rows: of D's entries that are not zero.
-        columns: likewise.
-        M: symmetric (n, n, B).
-        AM: (n, n, B).
-        MA: (n, n, B).
-        out: exactly symmetric (n, n, B).
-    """
-    add_product(D, rows, columns, M, AM, False)
-    for i in range(M.shape[0]):
-        for j in range(M.shape[0]):
-            for q in range(M.shape[2]):
-                MA[j, i, q] = AM[i, j, q]
-    add_product(D, rows, columns, MA, out, True)
-    for i in range(M.shape[0]):
-        for j in range(i):
-            for q in range(M.shape[2]):
-                out[i, j, q] = out[j, i, q]
-
-
-@register_jitable
-def add_product(
-    D: np.ndarray, rows: np.ndarray, columns: np.ndarray, M: np.ndarray, out: np.ndarray, upper: bool
-) -> None:
-    """Write M + D M, or its upper half, to out (n, n, B). Arguments as in sandwich."""
-    for i in range(M.shape[0]):
-        for j in range(i if upper else 0, M.shape[0]):
-            for q in range(M.shape[2]):
-                out[i, j, q] = M[i, j, q]
-    for e in range(rows.shape[0]):
-        i, k = rows[e], columns[e]
-        a = D[i, k]
-        for j in range(i if upper else 0, M.shape[0]):
-            for q in range(M.shape[2]):
-                out[i, j, q] += a * M[k, j, q]
-
-
-@register_jitable
-def condition(P: np.ndarray, V: np.ndarray, s: int, layout: Layout, G: np.ndarray, Y: np.ndarray) -> None:
-    """Turn P (12, 12, B) into P - P C^T (C P C^T + V)^-1 C P, C the rows of sensor s.
-
-    With the Cholesky factor of C P C^T + V = G G^T and Y = G^-1 C P that is P - Y^T Y. G (M, M, B) and Y (M, 12, B) are
-    room to work in.
+        P: (12, 12, B).
+        V: the sensor's covariance, in the corner of a block (M, M).
+        weight: (B).
+        s: the sensor.
+        layout: of the measurement.
+        G: overwritten (M, M, B).
+        Y: overwritten (M, 12, B).
     """
     _, states, weights, first, _, _ = layout
     m, start, n, B = first[s + 1] - first[s], first[s], P.shape[0], P.shape[2]
@@ -119,56 +85,58 @@ def condition(P: np.ndarray, V: np.ndarray, s: int, layout: Layout, G: np.ndarra
         for j in range(n):
             for q in range(B):
                 Y[a, j, q] *= G[a, a, q]
-    for a in range(m):
-        for i in range(n):
-            for j in range(n):
+    for i in range(n):
+        for j in range(i, n):
+            for a in range(m):
                 for q in range(B):
-                    P[i, j, q] -= Y[a, i, q] * Y[a, j, q]
+                    P[i, j, q] -= weight[q] * Y[a, i, q] * Y[a, j, q]
+        for j in range(i):
+            for q in range(B):
+                P[i, j, q] = P[j, i, q]
 
 
 @register_jitable
 def mean_update(
-    X: np.ndarray,
-    V: np.ndarray,
-    i: int,
-    there: np.ndarray,
-    loss: np.ndarray,
-    layout: Layout,
-    U: np.ndarray,
-    P: np.ndarray,
+    X: np.ndarray, V: np.ndarray, chances: np.ndarray, layout: Layout, U: np.ndarray, P: np.ndarray
 ) -> None:
-    """Write sum_p Pr(p | i) U_p to U (12, 12, B); P (12, 12, B) is room to work in.
+    """Write sum_p Pr(p | i) U_p to U (12, 12, B); P (12, 12, B) is overwritten.
+
+    The update is linear in the chance of the sensor that comes last. So where no more than one sensor arrives by
+    chance, one pass does, that sensor last; else the patterns come one by one.
 
     Args:
         X: X_i (12, 12, B).
         V: covariances of the sensors, each in the corner of a block (s, M, M).
-        i: mode.
-        there: whether a sensor's message can arrive (s, B).
-        loss: parameters of the links' chains (s, 4, B).
+        chances: of each sensor's arrival (s, B).
         layout: of the measurement.
         U: what is written.
         P: overwritten.
     """
-    for a in range(X.shape[0]):
-        for b in range(X.shape[0]):
-            for q in range(X.shape[2]):
-                U[a, b, q] = 0.0
-    most = V.shape[1]
-    G, Y = np.empty((most, most, X.shape[2])), np.empty((most, X.shape[0], X.shape[2]))
-    for p in range(2 ** loss.shape[0]):
-        chance = pattern_chance(p, i, there, loss)
+    sensors, B, most = chances.shape[0], X.shape[2], V.shape[1]
+    G, Y = np.empty((most, most, B)), np.empty((most, X.shape[0], B))
+    by_chance = [np.any((chances[s] > 0.0) & (chances[s] < 1.0)) for s in range(sensors)]
+    if sum(by_chance) < 2:
+        copy(X, U)
+        for last in (False, True):
+            for s in range(sensors):
+                if by_chance[s] == last and np.any(chances[s]):
+                    condition(U, V[s], chances[s], s, layout, G, Y)
+        return
+    whole = np.ones(B)
+    U[:] = 0.0
+    for p in range(2**sensors):
+        chance = whole.copy()
+        for s in range(sensors):
+            chance *= chances[s] if (p >> s) & 1 else 1.0 - chances[s]
         if not np.any(chance):
             continue
-        for a in range(X.shape[0]):
-            for b in range(X.shape[0]):
-                for q in range(X.shape[2]):
-                    P[a, b, q] = X[a, b, q]
-        for s in range(loss.shape[0]):
+        copy(X, P)
+        for s in range(sensors):
             if (p >> s) & 1:
-                condition(P, V[s], s, layout, G, Y)
+                condition(P, V[s], whole, s, layout, G, Y)
         for a in range(X.shape[0]):
             for b in range(X.shape[0]):
-                for q in range(X.shape[2]):
+                for q in range(B):
                     U[a, b, q] += chance[q] * P[a, b, q]
 
 
@@ -212,9 +180,7 @@ def add_measured(
     AC: np.ndarray,
     PhiX: np.ndarray,
     V: np.ndarray,
-    i: int,
-    there: np.ndarray,
-    loss: np.ndarray,
+    chances: np.ndarray,
     is_position: np.ndarray,
     change: np.ndarray,
     m_next: np.ndarray,
@@ -229,34 +195,35 @@ def add_measured(
         AC: A C without an arrival (15, 15, B).
         PhiX: (12, 12, B).
         V: covariances of the sensors, each in the corner of a block (s, M, M).
-        i: mode.
-        there: whether a sensor's message can arrive (s, B).
-        loss: parameters of the links' chains (s, 4, B).
+        chances: of each sensor's arrival (s, B).
         is_position: whether a sensor measures the position (s).
         change: of d_p's last rows by an arrival (3).
         m_next: what is added to.
         C_next: likewise.
     """
+    noise, c_all = np.zeros((3, 3)), np.empty(m.shape[1])
     for q in range(m.shape[1]):
-        none, noise = 1.0, np.zeros((3, 3))  # the chance that no position arrives; E[V] of the first that does
-        for s in range(loss.shape[0]):
-            if is_position[s] and there[s, q]:
-                arrives = 1.0 - loss[s, 2 + ((i >> s) & 1), q]
+        none = 1.0  # the chance that no position arrives; noise is E[V] of the first that does
+        noise[:] = 0.0
+        for s in range(chances.shape[0]):
+            if is_position[s] and chances[s, q] > 0.0:
                 for a in range(3):
                     for b in range(3):
-                        noise[a, b] += none * arrives * V[s, a, b]
-                none *= 1.0 - arrives
-        c = 1.0 - none
+                        noise[a, b] += none * chances[s, q] * V[s, a, b]
+                none *= 1.0 - chances[s, q]
+        c = c_all[q] = 1.0 - none
         for a in range(3):
             jump = change[a] - m[a, q]  # what an arrival adds to the integral's mean
             m_next[12 + a, q] += c * jump
-            for b in range(12):
-                cross = c * (AC[b, a, q] + PhiX[b, a, q])
-                C_next[b, 12 + a, q] -= cross
-                C_next[12 + a, b, q] -= cross
             for b in range(3):
                 C_next[12 + a, 12 + b, q] += (
                     c * (C[a, b, q] + X[a, b, q] - AC[12 + a, b, q] - AC[12 + b, a, q])
                     + noise[a, b]
                     + c * (1.0 - c) * jump * (change[b] - m[b, q])
                 )
+    for a in range(3):
+        for b in range(12):
+            for q in range(m.shape[1]):
+                cross = c_all[q] * (AC[b, a, q] + PhiX[b, a, q])
+                C_next[b, 12 + a, q] -= cross
+                C_next[12 + a, b, q] -= cross

@@ -58,11 +58,12 @@ from numba import njit
 
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL
+from ortilo_drake.studies.tube.side_by_side import add_product, sandwich
 from ortilo_drake.studies.tube.tube_kernel import (
     add_measured,
+    arrival_chances,
     mean_update,
     mixture_moments,
-    sandwich,
     transitions,
 )
 
@@ -131,13 +132,12 @@ def propagate(
         for i in range(modes):
             if not np.any(mu[i]):
                 continue
-            mean_update(X[i], V[k], i, there[k], loss, layout, U, XPhi)
+            chances = arrival_chances(i, there[k], loss)
+            mean_update(X[i], V[k], chances, layout, U, XPhi)
             sandwich(D_Phi, *in_Phi, U, PhiX, XPhi, X_next[i])
             sandwich(D_Phi, *in_Phi, X[i], PhiX, XPhi, driven)
             sandwich(D_A, *in_A, C[i], AC, CA, C_next[i])
-            m_next[i] = m[i]
-            for e in range(in_A[0].shape[0]):
-                m_next[i, in_A[0][e]] += D_A[in_A[0][e], in_A[1][e]] * m[i, in_A[1][e]]
+            add_product(D_A, *in_A, m[i], m_next[i], False)
             for a in range(12):
                 m_next[i, a] += d[k, a]
                 for b in range(12):
@@ -150,22 +150,21 @@ def propagate(
                 m_next[i, 12 + a] += without
                 change[a] = with_one - without
             if measured:
-                add_measured(
-                    m[i], C[i], X[i], AC, PhiX, V[k], i, there[k], loss, is_position, change, m_next[i], C_next[i]
-                )
+                before = m[i], C[i], X[i], AC, PhiX
+                add_measured(*before, V[k], chances, is_position, change, m_next[i], C_next[i])
         if one_mode:
             m, C, X, m_next, C_next, X_next = m_next, C_next, X_next, m, C, X
             continue
-        before = mu.copy()
+        mu_before = mu.copy()
         mu[:] = 0.0
         for j in range(modes):
             for i in range(modes):
-                mu[j] += before[i] * pi[i, j]
+                mu[j] += mu_before[i] * pi[i, j]
         for j in range(modes):
             if not np.any(mu[j]):
                 continue
             for i in range(modes):
                 for q in range(B):
-                    weights[i, q] = before[i, q] * pi[i, j, q] / mu[j, q] if mu[j, q] > 0.0 else 0.0
+                    weights[i, q] = mu_before[i, q] * pi[i, j, q] / mu[j, q] if mu[j, q] > 0.0 else 0.0
             mixture_moments(weights, m_next, C_next, X_next, m[j], C[j], X[j])
     return means, covs, errors

@@ -75,14 +75,14 @@ def tube_report(
     """
     calm = without_blackouts(scenario)
     nominal = nominal_flight(calm)
-    step("tube maps", 0, 4)
+    step("tube over rates", 0, 4)
     rates = tube_map(calm, RATES, RATES)
-    step("tube maps", 1, 4)
+    step("tube over bursts", 1, 4)
     bursts = burst_map(calm, BURST_RATES, BURST_LENGTHS)
-    step("tube maps", 2, 4)
+    step("tails over rates", 2, 4)
     cases = rate_cases(calm, CHANCE_RATES, CHANCE_RATES)
     rates_chance = ChanceGrid(CHANCE_RATES, CHANCE_RATES, chance_map(calm, cases, ARRIVALS))
-    step("tube maps", 3, 4)
+    step("tails over bursts", 3, 4)
     cases = burst_cases(calm, CHANCE_BURST_RATES, CHANCE_BURSTS)
     bursts_chance = ChanceGrid(CHANCE_BURST_RATES, CHANCE_BURSTS, chance_map(calm, cases, ARRIVALS))
 
