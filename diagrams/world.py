@@ -11,13 +11,13 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Link, Scenario
 from ortilo_drake.sensors.described import described
-from ortilo_drake.world.radio.command_link import CommandLink
+from ortilo_drake.world.radio.command_link import CommandLink_
 from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
-from ortilo_drake.world.radio.link import SensorLink
+from ortilo_drake.world.radio.link import SensorLink_
 from ortilo_drake.world.seeded_system import set_seed
 from ortilo_drake.world.sensors.shutter import Shutter
-from ortilo_drake.world.sensors.true_velocity import TrueVelocity
-from ortilo_drake.world.vehicle.disturbance import DisturbanceSource
+from ortilo_drake.world.sensors.true_velocity import TrueVelocity_
+from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
 from ortilo_drake.world.vehicle.failsafe import Failsafe
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import Rotors_
@@ -73,7 +73,7 @@ class World(Diagram):
                     _add_link(builder, scenario, name, source, ports, latency), source.get_output_port().get_name()
                 )
         if scenario.lends_velocities:
-            velocity = builder.AddSystem(TrueVelocity())
+            velocity = builder.AddSystem(TrueVelocity_[float]())
             builder.Connect(ports["state"], velocity.get_input_port())
             builder.ExportOutput(velocity.get_output_port(), "velocity")
         builder.BuildInto(self)
@@ -101,7 +101,7 @@ def _add_vehicle(
     plant = builder.AddSystem(
         QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
     )
-    disturbance = builder.AddSystem(DisturbanceSource(scenario.world.disturbance, scenario.seed, h))
+    disturbance = builder.AddSystem(DisturbanceSource_[float](scenario.world.disturbance, scenario.seed, h))
     disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     builder.Connect(disturbance.get_output_port(), disturbance_hold.get_input_port())
     actuator: LeafSystem = hold
@@ -120,7 +120,7 @@ def _add_vehicle(
         if direct is not None:
             builder.ConnectInput(control, direct)
     else:
-        link = builder.AddSystem(CommandLink(scenario.command_link, scenario.vehicle, scenario.seed, h))
+        link = builder.AddSystem(CommandLink_[float](scenario.command_link, scenario.vehicle, scenario.seed, h))
         builder.ExportInput(link.get_input_port(), "control")
         builder.Connect(link.get_output_port(), hold.get_input_port())
         if direct is not None:
@@ -151,7 +151,7 @@ def _add_link(
         link = builder.AddNamedSystem(f"{sensor}_link", PassThrough(message.size()))
         builder.Connect(message, link.get_input_port())
     else:
-        link = builder.AddSystem(SensorLink(sensor, message.size(), settings, scenario.seed, scenario.h))
+        link = builder.AddSystem(SensorLink_[float](sensor, message.size(), settings, scenario.seed, scenario.h))
         builder.Connect(message, link.GetInputPort("message"))
         builder.Connect(ports["state"], link.GetInputPort("state"))
     delivered: OutputPort = link.get_output_port()

@@ -28,8 +28,8 @@ def thrust_direction(phi: float, theta: float, psi: float) -> np.ndarray:
     )
 
 
-@njit(cache=True)
-def rotation_matrix(rpy: np.ndarray) -> np.ndarray:
+@register_jitable
+def rotation(rpy: np.ndarray) -> np.ndarray:
     """Return R_WB = R_z(psi) R_y(theta) R_x(phi) from roll, pitch, yaw."""
     c_phi, s_phi = np.cos(rpy[0]), np.sin(rpy[0])
     c_theta, s_theta = np.cos(rpy[1]), np.sin(rpy[1])
@@ -49,6 +49,9 @@ def rotation_matrix(rpy: np.ndarray) -> np.ndarray:
             [-s_theta, s_phi * c_theta, c_phi * c_theta],
         ]
     )
+
+
+rotation_matrix = njit(cache=True)(rotation)
 
 
 @register_jitable

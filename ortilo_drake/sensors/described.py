@@ -13,9 +13,9 @@ from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario import Uwb as UwbSettings
-from ortilo_drake.world.sensors.imu import Imu
+from ortilo_drake.world.sensors.imu import Imu_
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
-from ortilo_drake.world.sensors.uwb import UwbRanging
+from ortilo_drake.world.sensors.uwb import UwbRanging_
 
 
 def _diagonal(variances: tuple[float, ...] | None) -> np.ndarray | None:
@@ -32,7 +32,7 @@ BUILT_IN = {
         "uwb",
         UwbSettings,
         UWB,
-        make_world=lambda scenario, room: UwbRanging(scenario.uwb, room, scenario.seed, scenario.h),
+        make_world=lambda scenario, room: UwbRanging_[float](scenario.uwb, room, scenario.seed, scenario.h),
         sd=_of_fix,
         make_onboard=lambda scenario, room: Multilateration(scenario.multilateration, room.anchor_positions),
         V=lambda scenario: _diagonal(scenario.estimator.V.uwb),
@@ -50,7 +50,7 @@ BUILT_IN = {
         "imu",
         ImuSettings,
         IMU,
-        make_world=lambda scenario, room: Imu(scenario.imu, scenario.vehicle.mass, scenario.seed, scenario.h),
+        make_world=lambda scenario, room: Imu_[float](scenario.imu, scenario.vehicle.mass, scenario.seed, scenario.h),
         sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.angle_sd),
         payload=IMU_SIZE - PAYLOAD,
         V=lambda scenario: _diagonal(scenario.estimator.V.imu),

@@ -12,7 +12,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import BernoulliLoss, GilbertElliottLoss, load_scenario
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
-from ortilo_drake.world.radio.command_link import CommandLink
+from ortilo_drake.world.radio.command_link import CommandLink_
 
 H = 1.0 / 30.0
 HOVER = np.array([2.7 * 9.81, 0.0, 0.0, 0.0])
@@ -37,7 +37,7 @@ def command(k: int) -> np.ndarray:
 def make(link: CommandLinkSettings, seed: int) -> Diagram:
     builder = DiagramBuilder()
     commands = builder.AddSystem(Commands())
-    radio = builder.AddSystem(CommandLink(link, M100, seed, H))
+    radio = builder.AddSystem(CommandLink_[float](link, M100, seed, H))
     log = builder.AddNamedSystem("log", VectorLogSink(4, H))
     builder.Connect(commands.get_output_port(), radio.get_input_port())
     builder.Connect(radio.get_output_port(), log.get_input_port())
@@ -134,8 +134,8 @@ def test_the_whole_state_is_in_the_context() -> None:
 
 
 def test_only_a_link_without_delay_passes_commands_straight_on() -> None:
-    assert CommandLink(CommandLinkSettings(loss=HALF), M100, 0, H).HasAnyDirectFeedthrough()
-    assert not CommandLink(CommandLinkSettings(delay=1), M100, 0, H).HasAnyDirectFeedthrough()
+    assert CommandLink_[float](CommandLinkSettings(loss=HALF), M100, 0, H).HasAnyDirectFeedthrough()
+    assert not CommandLink_[float](CommandLinkSettings(delay=1), M100, 0, H).HasAnyDirectFeedthrough()
 
 
 # --- the scenario ------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from pydrake.systems.sensors import ImageRgba8U
 from ortilo_drake.model.signals import ARRIVED, N_X, SHUTTER_SIZE, STAMP
 from ortilo_drake.scenario import BernoulliLoss, Link
 from ortilo_drake.world.radio.image_delay import ImageDelay
-from ortilo_drake.world.radio.link import SensorLink
+from ortilo_drake.world.radio.link import SensorLink_
 from ortilo_drake.world.sensors.shutter import Shutter
 
 H = 1.0 / 30.0
@@ -62,7 +62,7 @@ class Onboard(LeafSystem):
 def diagram_of(link: Link, seed: int, ticks: int) -> Diagram:
     builder = DiagramBuilder()
     camera, shutter = builder.AddSystem(Clock()), builder.AddSystem(Shutter())
-    radio = builder.AddSystem(SensorLink("camera", SHUTTER_SIZE, link, seed, H))
+    radio = builder.AddSystem(SensorLink_[float]("camera", SHUTTER_SIZE, link, seed, H))
     kept = builder.AddSystem(ImageDelay(link.every(H), link.delay + link.random_delay, H))
     onboard = builder.AddSystem(Onboard(ticks))
     state = builder.AddSystem(ConstantVectorSource(np.zeros(N_X)))

@@ -12,7 +12,7 @@ from ortilo_drake.model.equations import rigid_body_dynamics
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Imu as Settings
 from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.sensors.imu import Imu, imu_message
+from ortilo_drake.world.sensors.imu import Imu_, imu_message
 
 H = 1.0 / 30.0
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
@@ -50,7 +50,7 @@ def test_in_motion_it_measures_rates_by_drake_and_acceleration_less_gravity(
 
 def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
     n = 6000
-    imu = Imu(Settings(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05), M100.mass, 7, H)
+    imu = Imu_[float](Settings(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05), M100.mass, 7, H)
     context = imu.CreateDefaultContext()
     for port, value in (("state", np.zeros(12)), ("control", HOVER), ("disturbance", np.zeros(6))):
         imu.GetInputPort(port).FixValue(context, value)

@@ -17,7 +17,7 @@ from ortilo_drake.scenario import (
     TimeBlackout,
 )
 from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.radio.link import SensorLink
+from ortilo_drake.world.radio.link import SensorLink_
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")
@@ -71,7 +71,7 @@ def fly(link: Link, ticks: int, seed: int = 1, sensor: str = "uwb", source: Sour
     builder = DiagramBuilder()
     source = builder.AddSystem(source or Source())
     vehicle = builder.AddSystem(Vehicle())
-    radio = builder.AddSystem(SensorLink(sensor, SIZE, link, seed, H))
+    radio = builder.AddSystem(SensorLink_[float](sensor, SIZE, link, seed, H))
     recorder = builder.AddSystem(Recorder())
     builder.Connect(source.get_output_port(), radio.GetInputPort("message"))
     builder.Connect(vehicle.get_output_port(), radio.GetInputPort("state"))
@@ -329,7 +329,7 @@ def test_a_stamp_older_than_the_tick_is_kept() -> None:
     ],
 )
 def test_has_state_only_where_it_must(link: Link, groups: int) -> None:
-    system = SensorLink("uwb", SIZE, link, 1, H)
+    system = SensorLink_[float]("uwb", SIZE, link, 1, H)
     assert system.CreateDefaultContext().num_discrete_state_groups() == groups
     assert (system.GetUniquePeriodicDiscreteUpdateAttribute() is None) == (groups == 0)
     assert system.HasAnyDirectFeedthrough() == (link.delay == 0)  # a delayed message breaks an algebraic loop
@@ -337,7 +337,7 @@ def test_has_state_only_where_it_must(link: Link, groups: int) -> None:
 
 def test_all_that_evolves_is_in_the_context() -> None:
     loss = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.2, bad_to_good=0.2)
-    system = SensorLink("uwb", SIZE, Link(delay=2, random_delay=2, loss=loss), 1, H)
+    system = SensorLink_[float]("uwb", SIZE, Link(delay=2, random_delay=2, loss=loss), 1, H)
     runs = []
     for _ in range(2):
         simulator = Simulator(system)

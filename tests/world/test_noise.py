@@ -11,7 +11,7 @@ from scipy import stats
 
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import normals, philox_words, stream_id, uniforms
-from ortilo_drake.world.vehicle.disturbance import DisturbanceSource
+from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")
@@ -102,7 +102,7 @@ def test_stream_numbers_differ_and_stay() -> None:
 def held_disturbance(settings: Disturbance, seed: int, duration: float, period: float) -> np.ndarray:
     """Samples (n, 6) of a disturbance held over ticks of 1/30 s."""
     builder = DiagramBuilder()
-    source = builder.AddSystem(DisturbanceSource(settings, seed, H))
+    source = builder.AddSystem(DisturbanceSource_[float](settings, seed, H))
     hold = builder.AddSystem(ZeroOrderHold(H, 6))
     builder.Connect(source.get_output_port(), hold.get_input_port())
     log = LogVectorOutput(hold.get_output_port(), builder, period)

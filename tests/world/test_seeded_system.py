@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.world.seeded_system import SeededSystem, set_seed
+from ortilo_drake.world.seeded_system import Seeded, set_seed
 
 # Every source of noise: loss in bursts, delays drawn, lost commands, rotors pushed by gusts.
 BURSTS = "{kind: gilbert_elliott, good_to_bad: 0.3, bad_to_good: 0.4}"
@@ -26,8 +26,8 @@ def scenario(seed: int = 0) -> Scenario:
     return load_scenario("imu_uwb_yolo", SETTINGS, seed)
 
 
-def sources(world: Diagram) -> list[SeededSystem]:
-    return [system for system in world.GetSystems() if isinstance(system, SeededSystem)]
+def sources(world: Diagram) -> list[Seeded]:
+    return [system for system in world.GetSystems() if isinstance(system, Seeded)]
 
 
 def prepared(world: Diagram) -> Context:

@@ -17,7 +17,7 @@ from ortilo_drake.scenario import (
     WallsIgnored,
 )
 from ortilo_drake.world.sensors.line_of_sight import walls_crossed
-from ortilo_drake.world.sensors.uwb import UwbRanging
+from ortilo_drake.world.sensors.uwb import UwbRanging_
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")
@@ -32,7 +32,7 @@ BEHIND_WALLS = (12.0, -3.0, 1.5)
 
 def ranging(settings: Uwb, p_WB, time: float = 0.0, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Ranges and flags (n each) of the system's output port."""
-    system = UwbRanging(settings, ROOM, seed, H)
+    system = UwbRanging_[float](settings, ROOM, seed, H)
     context = system.CreateDefaultContext()
     x = np.concatenate([p_WB, np.full(9, 0.3)])
     system.GetInputPort("state").FixValue(context, x)
@@ -119,5 +119,5 @@ def test_no_range_is_negative() -> None:
 
 
 def test_is_memoryless() -> None:
-    system = UwbRanging(Uwb(), ROOM, 1, H)
+    system = UwbRanging_[float](Uwb(), ROOM, 1, H)
     assert system.CreateDefaultContext().num_total_states() == 0

@@ -9,18 +9,24 @@ The sender hears nothing back, as over UDP: filter and servo take every command 
 strategies.
 """
 
+import sys
+from typing import Any
+
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.scalars import time_in
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.world.noise import stream_id, uniforms
 from ortilo_drake.world.radio.link import chain_after
-from ortilo_drake.world.seeded_system import SeededSystem
+from ortilo_drake.world.seeded_system import Seeded
 
 _BAD = 0  # the state: whether the chain is bad, the command held, then the ring of packets in flight
 _HELD = slice(1, 1 + N_U)
@@ -91,52 +97,73 @@ def link_after(
     return after
 
 
-class CommandLink(SeededSystem):
-    """Carries the control packets to the rotors, late, and some never.
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("CommandLink_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+def CommandLink_(T: type) -> type:
+    """Return the link for a scalar type: float or AutoDiffXd, for which what is lost is a constant."""
 
-    Ports:
-        control (4): the command u of this tick, f_T absolute.
-        applied (4, output): the control that acts over this tick; without a delay it depends on control.
+    class Impl(LeafSystem_[T], Seeded):
+        """Carries the control packets to the rotors, late, and some never.
 
-    State (discrete, updated each tick): whether the loss chain is bad, which it is not at the start; the control that
-    acted over the last tick, hover at the start; and d rows (sent, command) of packets in flight, none at the start.
+        Ports:
+            control (4): the command u of this tick, f_T absolute.
+            applied (4, output): the control that acts over this tick; without a delay it depends on control.
 
-    Args:
-        settings: loss, strategy and delay.
-        vehicle: whose hover thrust the link falls back to.
-        seed: seed of all noise; the stream is 'link/command'.
-        h: tick [s].
-    """
+        State (discrete, updated each tick): whether the loss chain is bad, which it is not at the start; the control
+        that acted over the last tick, hover at the start; and d rows (sent, command) of packets in flight, none at the
+        start.
 
-    def __init__(self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float):
-        super().__init__(seed)
-        self.set_name("command_link")
-        self._loss, self._holds = loss_parameters(settings.loss, h), settings.when_lost == "hold"
-        self._hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
-        self._stream, self._h = stream_id("link/command"), h
-        self._control = self.DeclareVectorInputPort("control", N_U)
-        self._unread = np.zeros(N_U)
-        self._is_late = settings.delay > 0
-        start = np.zeros(_FLYING + settings.delay * _PACKET)
-        start[_HELD] = self._hover
-        self.DeclareDiscreteState(start)
-        self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
-        needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
-        if not self._is_late:
-            needs.add(self._control.ticket())
-        self._applied = self.DeclareVectorOutputPort("applied", N_U, self._calc_applied, prerequisites_of_calc=needs)
+        Args:
+            settings: loss, strategy and delay.
+            vehicle: whose hover thrust the link falls back to.
+            seed: seed of all noise; the stream is 'link/command'.
+            h: tick [s].
+        """
 
-    def _calc_applied(self, context: Context, output: BasicVector) -> None:
-        k = tick_of(context.get_time(), self._h)
-        u = self._unread if self._is_late else self._control.Eval(context)
-        state, seed = context.get_discrete_state().value(), self.seed_in(context)
-        output.SetFromVector(applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream))
+        def _construct(
+            self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float, converter: Any = None
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("command_link")
+            self.declare_seed(seed)
+            self._arguments = {"settings": settings, "vehicle": vehicle, "seed": seed, "h": h}
+            functions = applied_command, link_after
+            self._applied_command, self._link_after = (f if T is float else f.py_func for f in functions)
+            self._loss, self._holds = loss_parameters(settings.loss, h), settings.when_lost == "hold"
+            self._hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
+            self._stream, self._h = stream_id("link/command"), h
+            self._control = self.DeclareVectorInputPort("control", N_U)
+            self._unread = np.zeros(N_U)
+            self._is_late = settings.delay > 0
+            start = np.zeros(_FLYING + settings.delay * _PACKET)
+            start[_HELD] = self._hover
+            self.DeclareDiscreteState(BasicVector_[T](start))
+            self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
+            needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
+            if not self._is_late:
+                needs.add(self._control.ticket())
+            self._applied = self.DeclareVectorOutputPort(
+                "applied", N_U, self._calc_applied, prerequisites_of_calc=needs
+            )
 
-    def _update(self, context: Context, values: DiscreteValues) -> None:
-        k = tick_of(context.get_time(), self._h)
-        state, u, applied = (
-            context.get_discrete_state().value(),
-            self._control.Eval(context),
-            self._applied.Eval(context),
-        )
-        values.set_value(link_after(k, state, u, applied, self._loss, self.seed_in(context), self._stream))
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, **other._arguments, converter=converter)
+
+        def _calc_applied(self, context: Any, output: Any) -> None:
+            k = tick_of(time_in(context), self._h)
+            u = self._unread if self._is_late else self._control.Eval(context)
+            state, seed = context.get_discrete_state_vector().CopyToVector(), self.seed_in(context)
+            output.SetFromVector(
+                self._applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream)
+            )
+
+        def _update(self, context: Any, values: Any) -> None:
+            k = tick_of(time_in(context), self._h)
+            state, u, applied = (
+                context.get_discrete_state_vector().CopyToVector(),
+                self._control.Eval(context),
+                self._applied.Eval(context),
+            )
+            values.set_value(self._link_after(k, state, u, applied, self._loss, self.seed_in(context), self._stream))
+
+    return Impl

@@ -1,15 +1,21 @@
 """The inertial measurement unit (paper, section III-A)."""
 
+import sys
+from typing import Any
+
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.equations import body_rates, rotation_matrix
+from ortilo_drake.model.equations import body_rates, rotation
+from ortilo_drake.model.scalars import time_in
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import normals, stream_id
-from ortilo_drake.world.seeded_system import SeededSystem
+from ortilo_drake.world.seeded_system import Seeded
 
 
 @njit(cache=True)
@@ -39,12 +45,12 @@ def imu_message(
         time: t_k [s].
         h: tick [s].
     """
-    message = np.empty(11)
+    message = np.empty(11, x.dtype)
     message[0] = 1.0
     message[1] = time
     message[2:5] = x[3:6]
     message[5:8] = body_rates(x[3:6], x[9:12])
-    R_WB = rotation_matrix(x[3:6])
+    R_WB = rotation(x[3:6])
     for i in range(3):
         f = R_WB[0, i] * d[0] + R_WB[1, i] * d[1] + R_WB[2, i] * d[2]
         message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
@@ -54,55 +60,69 @@ def imu_message(
     return message
 
 
-class Imu(SeededSystem):
-    """A memoryless IMU with white noise.
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("Imu_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+def Imu_(T: type) -> type:
+    """Return the IMU for a scalar type: float or AutoDiffXd, for which the noise is a constant."""
 
-    Ports:
-        state (12): x of the vehicle.
-        control (4): u as it acts on the body; for the specific force.
-        disturbance (6): force in W, torque in B; for the specific force.
-        imu (11, output): the imu message, see model/signals.py; there in every tick.
+    class Impl(LeafSystem_[T], Seeded):
+        """A memoryless IMU with white noise.
 
-    Parameters of the Context, beside the seed:
-        truth (10): mass [kg]; biases of the angles [rad], body rates [rad/s] and specific force [m/s^2], 0 by default.
+        Ports:
+            state (12): x of the vehicle.
+            control (4): u as it acts on the body; for the specific force.
+            disturbance (6): force in W, torque in B; for the specific force.
+            imu (11, output): the imu message, see model/signals.py; there in every tick.
 
-    Args:
-        settings: standard deviations.
-        mass: m [kg].
-        seed: seed of all noise.
-        h: tick [s].
-    """
+        Parameters of the Context, beside the seed:
+            truth (10): mass [kg]; biases of the angles [rad], body rates [rad/s] and specific force [m/s^2], 0 by
+                default.
 
-    def __init__(self, settings: ImuSettings, mass: float, seed: int, h: float):
-        super().__init__(seed)
-        self.set_name("imu")
-        self._sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-        self._stream, self._h = stream_id("imu"), h
-        self._truth = self.DeclareNumericParameter(BasicVector([mass, *np.zeros(9)]))
-        self._state = self.DeclareVectorInputPort("state", N_X)
-        self._control = self.DeclareVectorInputPort("control", N_U)
-        self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
-        needs = {self._state.ticket(), self._control.ticket(), self._disturbance.ticket()}
-        needs |= {self.time_ticket(), self.all_parameters_ticket()}
-        self.DeclareVectorOutputPort("imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=needs)
+        Args:
+            settings: standard deviations.
+            mass: m [kg].
+            seed: seed of all noise.
+            h: tick [s].
+        """
 
-    def set_truth_in(self, context: Context, mass: float, bias: np.ndarray) -> None:
-        """Set mass [kg] and biases (9) in a context of this system."""
-        context.get_mutable_numeric_parameter(self._truth).SetFromVector([mass, *bias])
+        def _construct(self, settings: ImuSettings, mass: float, seed: int, h: float, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("imu")
+            self.declare_seed(seed)
+            self._arguments = {"settings": settings, "mass": mass, "seed": seed, "h": h}
+            self._message = imu_message if T is float else imu_message.py_func
+            self._sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
+            self._stream, self._h = stream_id("imu"), h
+            self._truth = self.DeclareNumericParameter(BasicVector_[T]([mass, *np.zeros(9)]))
+            self._state = self.DeclareVectorInputPort("state", N_X)
+            self._control = self.DeclareVectorInputPort("control", N_U)
+            self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
+            needs = {self._state.ticket(), self._control.ticket(), self._disturbance.ticket()}
+            needs |= {self.time_ticket(), self.all_parameters_ticket()}
+            self.DeclareVectorOutputPort("imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=needs)
 
-    def _calc_imu(self, context: Context, output: BasicVector) -> None:
-        truth = context.get_numeric_parameter(self._truth).CopyToVector()
-        output.SetFromVector(
-            imu_message(
-                self._state.Eval(context),
-                self._control.Eval(context),
-                self._disturbance.Eval(context),
-                truth[0],
-                truth[1:],
-                self._sd,
-                self.seed_in(context),
-                self._stream,
-                context.get_time(),
-                self._h,
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, **other._arguments, converter=converter)
+
+        def set_truth_in(self, context: Any, mass: float, bias: np.ndarray) -> None:
+            """Set mass [kg] and biases (9) in a context of this system."""
+            context.get_mutable_numeric_parameter(self._truth).SetFromVector([mass, *bias])
+
+        def _calc_imu(self, context: Any, output: Any) -> None:
+            truth = context.get_numeric_parameter(self._truth).CopyToVector()
+            output.SetFromVector(
+                self._message(
+                    self._state.Eval(context),
+                    self._control.Eval(context),
+                    self._disturbance.Eval(context),
+                    truth[0],
+                    truth[1:],
+                    self._sd,
+                    self.seed_in(context),
+                    self._stream,
+                    time_in(context),
+                    self._h,
+                )
             )
-        )
+
+    return Impl

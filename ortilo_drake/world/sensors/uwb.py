@@ -1,15 +1,21 @@
 """Ultra-wideband ranging to the room's anchors (paper, section III-A)."""
 
+import sys
+from typing import Any
+
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.room import Room
+from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_X, uwb_size
 from ortilo_drake.scenario import Uwb
 from ortilo_drake.world.noise import normals, stream_id
-from ortilo_drake.world.seeded_system import SeededSystem
+from ortilo_drake.world.seeded_system import Seeded
 from ortilo_drake.world.sensors.line_of_sight import walls_crossed
 
 
@@ -42,7 +48,7 @@ def uwb_message(
         h: tick [s].
     """
     n = anchors.shape[0]
-    message = np.zeros(2 + 2 * n)
+    message = np.zeros(2 + 2 * n, x.dtype)
     message[0] = 1.0
     message[1] = time
     p_WB = x[:3]
@@ -52,7 +58,7 @@ def uwb_message(
         d = np.sqrt((p_WB[0] - a[0]) ** 2 + (p_WB[1] - a[1]) ** 2 + (p_WB[2] - a[2]) ** 2)
         if d > settings[4]:
             continue
-        w = walls_crossed(p_WB, a, boxes)
+        w = walls_crossed(values_of(p_WB), values_of(a), boxes)
         if w > settings[3]:
             continue
         message[2 + i] = max(d + bias[i] + settings[2] * w + (settings[0] + settings[1] * d) * v[i], 0.0)
@@ -69,57 +75,69 @@ def ranging_settings(settings: Uwb) -> np.ndarray:
     return np.array([s_0, s_1, bias, most_walls, settings.max_distance])
 
 
-class UwbRanging(SeededSystem):
-    """A memoryless UWB receiver at B's origin.
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("UwbRanging_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+def UwbRanging_(T: type) -> type:
+    """Return the receiver for a scalar type: float or AutoDiffXd.
 
-    Ports:
-        state (12): x of the vehicle.
-        uwb (2 + 2 n, output): the uwb message, see model/signals.py; in every tick, each range by its flag.
-
-    Parameters of the Context, beside the seed:
-        anchors (3 n): p_WA_i row by row [m]; the room's by default.
-        bias (n): of each anchor's ranges [m], 0 by default.
-
-    Args:
-        settings: noise, walls, greatest distance.
-        room: its n anchors and its walls.
-        seed: seed of all noise.
-        h: tick [s].
+    For AutoDiffXd the noise is a constant, and so are the walls between.
     """
 
-    def __init__(self, settings: Uwb, room: Room, seed: int, h: float):
-        super().__init__(seed)
-        self.set_name("uwb")
-        n = len(room.anchors)
-        self._anchors = self.DeclareNumericParameter(BasicVector(room.anchor_positions.ravel()))
-        self._bias = self.DeclareNumericParameter(BasicVector(np.zeros(n)))
-        self._boxes = room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
-        self._settings = ranging_settings(settings)
-        self._stream, self._h = stream_id("uwb"), h
-        self._state = self.DeclareVectorInputPort("state", N_X)
-        self.DeclareVectorOutputPort(
-            "uwb",
-            uwb_size(n),
-            self._calc_uwb,
-            prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
-        )
+    class Impl(LeafSystem_[T], Seeded):
+        """A memoryless UWB receiver at B's origin.
 
-    def set_anchors_in(self, context: Context, anchors: np.ndarray, bias: np.ndarray) -> None:
-        """Set where the anchors stand, p_WA_i (n, 3), and their biases (n) [m] in a context of this system."""
-        context.get_mutable_numeric_parameter(self._anchors).SetFromVector(anchors.ravel())
-        context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
+        Ports:
+            state (12): x of the vehicle.
+            uwb (2 + 2 n, output): the uwb message, see model/signals.py; in every tick, each range by its flag.
 
-    def _calc_uwb(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            uwb_message(
-                self._state.Eval(context),
-                context.get_numeric_parameter(self._anchors).CopyToVector().reshape(-1, 3),
-                context.get_numeric_parameter(self._bias).CopyToVector(),
-                self._boxes,
-                self._settings,
-                self.seed_in(context),
-                self._stream,
-                context.get_time(),
-                self._h,
+        Parameters of the Context, beside the seed:
+            anchors (3 n): p_WA_i row by row [m]; the room's by default.
+            bias (n): of each anchor's ranges [m], 0 by default.
+
+        Args:
+            settings: noise, walls, greatest distance.
+            room: its n anchors and its walls.
+            seed: seed of all noise.
+            h: tick [s].
+        """
+
+        def _construct(self, settings: Uwb, room: Room, seed: int, h: float, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("uwb")
+            self.declare_seed(seed)
+            self._arguments = {"settings": settings, "room": room, "seed": seed, "h": h}
+            self._message = uwb_message if T is float else uwb_message.py_func
+            n = len(room.anchors)
+            self._anchors = self.DeclareNumericParameter(BasicVector_[T](room.anchor_positions.ravel()))
+            self._bias = self.DeclareNumericParameter(BasicVector_[T](np.zeros(n)))
+            self._boxes = room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
+            self._settings = ranging_settings(settings)
+            self._stream, self._h = stream_id("uwb"), h
+            self._state = self.DeclareVectorInputPort("state", N_X)
+            needs = {self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()}
+            self.DeclareVectorOutputPort("uwb", uwb_size(n), self._calc_uwb, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, **other._arguments, converter=converter)
+
+        def set_anchors_in(self, context: Any, anchors: np.ndarray, bias: np.ndarray) -> None:
+            """Set where the anchors stand, p_WA_i (n, 3), and their biases (n) [m] in a context of this system."""
+            context.get_mutable_numeric_parameter(self._anchors).SetFromVector(anchors.ravel())
+            context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
+
+        def _calc_uwb(self, context: Any, output: Any) -> None:
+            output.SetFromVector(
+                self._message(
+                    self._state.Eval(context),
+                    context.get_numeric_parameter(self._anchors).CopyToVector().reshape(-1, 3),
+                    context.get_numeric_parameter(self._bias).CopyToVector(),
+                    self._boxes,
+                    self._settings,
+                    self.seed_in(context),
+                    self._stream,
+                    time_in(context),
+                    self._h,
+                )
             )
-        )
+
+    return Impl
