@@ -48,4 +48,4 @@ class FixSolver(LeafSystem):
             value, covariance = found
             fix[ARRIVED], fix[STAMP] = 1.0, message[STAMP]
             fix[PAYLOAD:] = np.concatenate((np.ravel(value), np.ravel(covariance)))
-        output.SetFromVector(fix)
+        output.set_value(fix)

@@ -125,7 +125,7 @@ class ReplayKalmanFilter(KalmanFilter):
             message = self.DeclareVectorInputPort(f"message_{sensor}", size)
 
             def calc(context: Context, output: BasicVector, message=message) -> None:  # type: ignore[no-untyped-def]
-                output.SetFromVector(self._past(context, message.Eval(context)))
+                output.set_value(self._past(context, message.Eval(context)))
 
             needs = {message.ticket(), self.xd_ticket()}
             self.DeclareVectorOutputPort(f"belief_{sensor}", N_BELIEF, calc, prerequisites_of_calc=needs)

@@ -186,7 +186,7 @@ class MeasurementStack(LeafSystem):
         xhat, P = [port.Eval(context) for port in self._predictions] or self._nothing
         k = tick_of(context.get_time(), self._h) if self._drops else NEVER
         messages = self._messages.Eval(context)
-        output.SetFromVector(stack_measurements(messages, xhat, P, k, self._h, self._incoming, self._layout))
+        output.set_value(stack_measurements(messages, xhat, P, k, self._h, self._incoming, self._layout))
 
 
 class MeasurementHandler(Diagram):

@@ -110,8 +110,8 @@ class LandmarkFix(LeafSystem):
     def _calc_fix(self, context: Context, output: BasicVector) -> None:
         detections = self._detections.Eval(context)
         if detections[ARRIVED] != 1.0:  # most ticks: spare the other ports
-            output.SetFromVector(np.zeros(FIX_SIZE))
+            output.set_value(np.zeros(FIX_SIZE))
             return
         xhat = self._estimate.Eval(context)
         P = self._covariance.Eval(context) if self._prior is None else self._prior
-        output.SetFromVector(landmark_fix_message(detections, xhat, P, *self._constants))
+        output.set_value(landmark_fix_message(detections, xhat, P, *self._constants))

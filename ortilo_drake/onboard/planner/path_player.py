@@ -45,4 +45,4 @@ class PathPlayer(LeafSystem):
         reference[0:3] = path.position.value(min(max(t, start), end))[:, 0]
         if start <= t <= end:
             reference[3:6], reference[6:9] = path.velocity.value(t)[:, 0], path.acceleration.value(t)[:, 0]
-        output.SetFromVector(reference)
+        output.set_value(reference)

@@ -63,6 +63,6 @@ class Multilateration(LeafSystem):
         uwb = self._uwb.Eval(context)
         if uwb[ARRIVED]:
             xhat = self._estimate.Eval(context)
-            output.SetFromVector(fix_message(uwb, self._anchors, self._noise, xhat, self._three))
+            output.set_value(fix_message(uwb, self._anchors, self._noise, xhat, self._three))
         else:
             output.SetZero()

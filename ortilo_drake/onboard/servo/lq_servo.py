@@ -120,7 +120,7 @@ def LqServo_(T: type) -> type:
             if self._borrows_truth:
                 xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
             reference = self._reference.Eval(context)
-            output.SetFromVector(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
+            output.set_value(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
 
     return Impl
 

@@ -153,7 +153,7 @@ def CommandLink_(T: type) -> type:
             k = tick_of(time_in(context), self._h)
             u = self._unread if self._is_late else self._control.Eval(context)
             state, seed = context.get_discrete_state_vector().CopyToVector(), self.seed_in(context)
-            output.SetFromVector(
+            output.set_value(
                 self._applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream)
             )
 

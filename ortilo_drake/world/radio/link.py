@@ -179,12 +179,12 @@ def SensorLink_(T: type) -> type:
                 message = self._message.Eval(context)
                 if message[ARRIVED] != 0.0:
                     newest = message[STAMP]
-                    output.SetFromVector(message)
+                    output.set_value(message)
             if self._flying is not None:
                 flying = context.get_discrete_state(self._flying).CopyToVector().reshape(self._flying_shape)
                 landed = flying[k % len(flying)]
                 if landed[0] == k and landed[1 + STAMP] > newest:
-                    output.SetFromVector(landed[1:])
+                    output.set_value(landed[1:])
 
         def _update(self, context: Any, discrete_state: Any) -> None:
             k = tick_of(time_in(context), self._h)

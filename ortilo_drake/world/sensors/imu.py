@@ -110,7 +110,7 @@ def Imu_(T: type) -> type:
 
         def _calc_imu(self, context: Any, output: Any) -> None:
             truth = context.get_numeric_parameter(self._truth).CopyToVector()
-            output.SetFromVector(
+            output.set_value(
                 self._message(
                     self._state.Eval(context),
                     self._control.Eval(context),

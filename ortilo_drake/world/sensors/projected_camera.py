@@ -219,6 +219,6 @@ class ProjectedCamera(SeededSystem):
         positions = context.get_numeric_parameter(self._landmarks).CopyToVector().reshape(-1, 3)
         room = self._room._replace(positions=positions)
         camera = self._camera._replace(p_BC=context.get_numeric_parameter(self._p_BC).CopyToVector())
-        output.SetFromVector(
+        output.set_value(
             detections_message(x, room, self._labels, camera, self._tables, seed, *self._streams, time, self._h)
         )

@@ -44,4 +44,4 @@ class StateSensor(SeededSystem):
         message = np.zeros(output.size())
         if payload is not None:
             message[ARRIVED], message[STAMP], message[PAYLOAD:] = 1.0, time, payload
-        output.SetFromVector(message)
+        output.set_value(message)

@@ -37,6 +37,6 @@ def TrueVelocity_(T: type) -> type:
 
         def _calc_velocity(self, context: Any, output: Any) -> None:
             x = self._state.Eval(context)
-            output.SetFromVector(np.concatenate(([1.0, time_in(context)], x[6:12])))
+            output.set_value(np.concatenate(([1.0, time_in(context)], x[6:12])))
 
     return Impl

@@ -126,7 +126,7 @@ def UwbRanging_(T: type) -> type:
             context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
 
         def _calc_uwb(self, context: Any, output: Any) -> None:
-            output.SetFromVector(
+            output.set_value(
                 self._message(
                     self._state.Eval(context),
                     context.get_numeric_parameter(self._anchors).CopyToVector().reshape(-1, 3),

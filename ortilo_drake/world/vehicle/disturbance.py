@@ -62,6 +62,6 @@ def DisturbanceSource_(T: type) -> type:
 
         def _calc_disturbance(self, context: Any, output: Any) -> None:
             seed, time = self.seed_in(context), time_in(context)
-            output.SetFromVector(disturbance_at(self._force_sd, self._torque_sd, seed, self._stream, time, self._h))
+            output.set_value(disturbance_at(self._force_sd, self._torque_sd, seed, self._stream, time, self._h))
 
     return Impl
