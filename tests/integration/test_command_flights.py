@@ -67,7 +67,7 @@ def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
     assert lossy["flown_rms"] == pytest.approx(lossy["predicted_rms"], rel=0.3)
     V = hover_V(scenario)
     flown = scenario.model_copy(update={"command_link": links[0]})
-    moments = [steady_second_moment(lossy_loop(commanded_loop(s, V), s.command_link)) for s in (scenario, flown)]
+    moments = [steady_second_moment(lossy_loop(commanded_loop(s, V), s.command_link, s.h)) for s in (scenario, flown)]
     perfect, predicted = (float(np.sqrt(np.trace(S.mean(axis=0)[:3, :3]))) for S in moments)
     assert predicted == pytest.approx(lossy["predicted_rms"], rel=1e-6)
     assert lossy["flown_rms"] > 1.3 * perfect  # it tells a lossy link from a perfect one
