@@ -1,6 +1,8 @@
 """The command `ortilo analyze`: theory without flights, and what it refuses."""
 
 import json
+from contextlib import redirect_stderr
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,30 +15,31 @@ PARTS = {"plant", "sampled_plant", "closed_loop"}
 
 
 @pytest.fixture(scope="module")
-def analyzed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
+def analyzed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str, str]:
     folder = tmp_path_factory.mktemp("analyze")
     file = folder / "new" / "analysis.json"
-    code = run("analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
+    with redirect_stderr(StringIO()) as said:
+        code = run("analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
     assert code == 0
-    return json.loads(file.read_text()), (folder / "out" / "imu_uwb.md").read_text()
+    return json.loads(file.read_text()), (folder / "out" / "imu_uwb.md").read_text(), said.getvalue()
 
 
 @pytest.mark.long
-def test_drake_and_the_closed_forms_agree(analyzed: tuple[dict[str, Any], str]) -> None:
+def test_drake_and_the_closed_forms_agree(analyzed: tuple[dict[str, Any], str, str]) -> None:
     agreement = analyzed[0]["linearization"]["agreement"]
     assert set(agreement) >= PARTS
     assert max(agreement[part][M] for part in PARTS for M in "ABCD") < 1e-10
 
 
 @pytest.mark.long
-def test_every_solver_solves_the_servos_equation(analyzed: tuple[dict[str, Any], str]) -> None:
+def test_every_solver_solves_the_servos_equation(analyzed: tuple[dict[str, Any], str, str]) -> None:
     assert {solver: s["residual"] < 1e-10 for solver, s in analyzed[0]["riccati"]["servo"].items()} == dict.fromkeys(
         ("drake", "scipy", "doubling", "recursion"), True
     )
 
 
 @pytest.mark.long
-def test_a_map_of_one_sensor_has_that_sensors_rates_alone(analyzed: tuple[dict[str, Any], str]) -> None:
+def test_a_map_of_one_sensor_has_that_sensors_rates_alone(analyzed: tuple[dict[str, Any], str, str]) -> None:
     arrivals = analyzed[0]["arrivals"]
     assert arrivals["rates_camera"] == [0.0]
     assert arrivals["critical_rate"]["rate"] == 0.0  # every eigenvalue of Phi is 1 (THEORY: A is nilpotent)
@@ -46,7 +49,7 @@ def test_a_map_of_one_sensor_has_that_sensors_rates_alone(analyzed: tuple[dict[s
 
 
 @pytest.mark.long
-def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str]) -> None:
+def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str, str]) -> None:
     text = analyzed[1]
     for title in ("Linearisation", "Riccati equations", "Margins", "Arrival rates", "Lost and late commands"):
         assert f"## {title}" in text
@@ -54,6 +57,12 @@ def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str]) -> None:
     for above, row in pairwise(rows):
         if set(row) <= set("|- "):
             assert above.count("|") == row.count("|")
+
+
+@pytest.mark.long
+def test_each_part_says_on_stderr_that_it_begins(analyzed: tuple[dict[str, Any], str, str]) -> None:
+    parts = ("linearization", "riccati", "margins", "arrivals", "commands")
+    assert analyzed[2].splitlines() == [f"{part} ..." for part in parts]
 
 
 @pytest.mark.parametrize(

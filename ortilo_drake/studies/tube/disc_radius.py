@@ -129,7 +129,7 @@ def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarra
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def outside_discs(radii: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Return the probability (n) with which N(m_k, C_k) leaves the disc of R_k > 0 about 0. Arguments as disc_radii."""
     outside = np.empty(radii.shape[0])

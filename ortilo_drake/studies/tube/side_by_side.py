@@ -20,7 +20,7 @@ def sandwich(
 
     Args:
         D: (n, n), the same in all cases.
-        rows: of D's entries that are not zero.
+        rows: of D's entries that are not zero, ascending.
         columns: likewise.
         M: symmetric (n, n, B).
         AM: (n, n, B).
@@ -44,12 +44,19 @@ def add_product(
     D: np.ndarray, rows: np.ndarray, columns: np.ndarray, M: np.ndarray, out: np.ndarray, upper: bool
 ) -> None:
     """Write M + D M, or its upper half, to out (n, n, B), or all of it to out (n, B). Arguments as in sandwich."""
+    e = 0
     for i in range(M.shape[0]):
         first = i if upper else 0
-        copy(M[i, first:], out[i, first:])
-    for e in range(rows.shape[0]):
-        i, k = rows[e], columns[e]
-        first = i if upper else 0
-        x, y, a = M[k, first:].reshape(-1), out[i, first:].reshape(-1), D[i, k]
-        for j in range(x.shape[0]):  # one long loop, which the compiler turns into wide instructions
-            y[j] += a * x[j]
+        y = out[i, first:].reshape(-1)
+        copy(M[i, first:], y)
+        while e < rows.shape[0] and rows[e] == i:  # two entries at a time, in long loops that become wide instructions
+            x, a = M[columns[e], first:].reshape(-1), D[i, columns[e]]
+            if e + 1 < rows.shape[0] and rows[e + 1] == i:
+                z, b = M[columns[e + 1], first:].reshape(-1), D[i, columns[e + 1]]
+                for j in range(y.shape[0]):
+                    y[j] += a * x[j] + b * z[j]
+                e += 2
+            else:
+                for j in range(y.shape[0]):
+                    y[j] += a * x[j]
+                e += 1

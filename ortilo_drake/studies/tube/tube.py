@@ -3,6 +3,7 @@
 The equations, and what is approximate in them, are in tube_recursion.py; the radius is in disc_radius.py.
 """
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -19,7 +20,7 @@ from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, disc_radii
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube_recursion import propagate
 
-AT_ONCE = 32  # cases side by side; more do not fit into a processor's nearest memory
+AT_ONCE = 50  # cases side by side; more do not fit into a processor's nearer memory
 
 
 class Tube(NamedTuple):
@@ -104,8 +105,7 @@ def deviations(
     r_servo, X_0 = np.ascontiguousarray(x_ref[:, :3]), initial_covariance(scenario.estimator)
     there = np.broadcast_to(nominal.there, (len(losses), *nominal.there.shape)) if there is None else there
 
-    def some(first: int) -> tuple[np.ndarray, ...]:
-        cases = slice(first, first + AT_ONCE)
+    def some(cases: slice) -> tuple[np.ndarray, ...]:
         arrives, loss = (np.ascontiguousarray(np.moveaxis(part[cases], 0, -1)) for part in (there, losses))
         found = propagate(
             loop.Phi, loop.Gamma, loop.L, loop.W, nominal.V, arrives, loss, X_0, d, nominal.r, r_servo,
@@ -114,6 +114,7 @@ def deviations(
         return tuple(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in found)
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # the recursion runs without the interpreter's lock
-        parts = list(threads.map(some, range(0, len(losses), AT_ONCE)))
+        ends = np.linspace(0, len(losses), math.ceil(len(losses) / AT_ONCE) + 1).astype(int)
+        parts = list(threads.map(some, map(slice, ends[:-1], ends[1:])))
     means, covariances, X = (np.concatenate(part) for part in zip(*parts, strict=True))
     return means + (x_ref[:, :3] - nominal.r), covariances + X, X

@@ -10,7 +10,9 @@ tick at most, so no burst is shorter than (1 - rate) / rate ticks. A sensor slow
 message in a burst that is shorter than the time between two of its messages.
 """
 
+import os
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -163,9 +165,9 @@ def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.nda
     """
     nominal, seeds = nominal_flight(scenario), list(seeds)
     room = corridor(scenario.load_room(), scenario.vehicle, nominal.r).radius
-    return np.array(
-        [
-            [np.nan if case is None else greatest_chance(room, mixture(case, nominal, seeds)) for case in row]
-            for row in cases
-        ]
-    )
+
+    def chance(case: Scenario | None) -> float:
+        return np.nan if case is None else greatest_chance(room, mixture(case, nominal, seeds))
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return np.array([list(threads.map(chance, row)) for row in cases])

@@ -23,6 +23,8 @@ from ortilo_drake.model.typed_yaml import InputError
 
 DENSE = 100  # up to this many unknowns the operator's matrix is made and all its eigenvalues found
 NEAR = 4  # eigenvalues asked of ARPACK: slow modes of several axes lie close together
+POWER = 8  # periods in one step of ARPACK
+NCV = 40  # vectors that it keeps
 MARGIN = 1e-7  # a radius closer to 1 than this counts as not stable; clustered eigenvalues are found to about 1e-8
 
 
@@ -64,10 +66,10 @@ def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np
 
 
 @njit(cache=True)
-def over_a_period(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the linear part of (*) over a period, A (T, P, n, n), applied to S (M, n, n)."""
-    for k in range(A.shape[0]):
-        S = over_a_tick(A[k], chance, transition, S)
+def over_periods(periods: int, A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return the linear part of (*) over some periods, A (T, P, n, n), applied to S (M, n, n)."""
+    for k in range(periods * A.shape[0]):
+        S = over_a_tick(A[k % A.shape[0]], chance, transition, S)
     return S
 
 
@@ -75,25 +77,26 @@ def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
     """Return the spectral radius of the second moment's operator, as growth per tick (the T-th root).
 
     By Perron and Frobenius on the cone of positive semidefinite matrices it is itself an eigenvalue, with a symmetric
-    eigenvector, so the operator is taken on symmetric S alone. Its eigenvalues come from ARPACK (Arnoldi iteration);
-    where they lie too close together for it, or are no more than largest_dense, from the operator's matrix.
+    eigenvector, so the operator is taken on symmetric S alone. The eigenvalues of its power, which lie farther apart,
+    come from ARPACK (Arnoldi iteration); where they lie too close together for it, or are no more than largest_dense,
+    those of the operator come from its matrix.
     """
     M, n, T = len(system.transition), system.A.shape[-1], len(system.A)
     upper = np.triu_indices(n)
     size = M * len(upper[0])
     parts = np.ascontiguousarray(system.A), system.chance, system.transition
 
-    def apply(s: np.ndarray) -> np.ndarray:
+    def apply(s: np.ndarray, periods: int = 1) -> np.ndarray:
         S = np.zeros((M, n, n))
         S[:, upper[0], upper[1]] = S[:, upper[1], upper[0]] = s.reshape(M, -1)
-        return over_a_period(*parts, S)[:, upper[0], upper[1]].ravel()
+        return over_periods(periods, *parts, S)[:, upper[0], upper[1]].ravel()
 
     if size > largest_dense:
         start = np.tile(np.eye(n)[upper], M)
-        operator = LinearOperator((size, size), matvec=apply, dtype=float)
+        operator = LinearOperator((size, size), matvec=lambda s: apply(s, POWER), dtype=float)
         with contextlib.suppress(ArpackError):
-            found = eigs(operator, k=NEAR, ncv=60, v0=start, maxiter=20, tol=1e-9, return_eigenvectors=False)
-            return float(np.max(np.abs(found))) ** (1.0 / T)
+            found = eigs(operator, k=NEAR, ncv=NCV, v0=start, maxiter=20, tol=1e-9, return_eigenvectors=False)
+            return float(np.max(np.abs(found))) ** (1.0 / (POWER * T))
     values = np.linalg.eigvals(np.column_stack([apply(e) for e in np.eye(size)]))
     return float(np.max(np.abs(values))) ** (1.0 / T)
 
@@ -110,18 +113,34 @@ def steady_second_moment(system: JumpLinear, accuracy: float = 1e-9) -> np.ndarr
     radius = mean_square_radius(system)
     if not radius < 1.0 - MARGIN:
         raise InputError(f"second moment: grows by {radius:.6f} a tick, so there is no steady one")
+    noise = np.einsum("ij,i,kab->kjab", system.transition, stationary(system.transition), system.N)
+    to_come = radius ** len(system.A) / (1.0 - radius ** len(system.A))
     A = np.ascontiguousarray(system.A)
-    n, T = A.shape[-1], len(A)
-    S = np.zeros((len(system.transition), n, n))
-    pi = stationary(system.transition)
-    phases = np.zeros((T, n, n))
-    noise = np.einsum("ij,i,kab->kjab", system.transition, pi, system.N)
-    to_come = radius**T / (1.0 - radius**T)
+    return _settle(A, system.chance, system.transition, noise, accuracy / max(to_come, 1.0))
+
+
+@njit(cache=True)
+def _settle(
+    A: np.ndarray, chance: np.ndarray, transition: np.ndarray, noise: np.ndarray, accuracy: float
+) -> np.ndarray:
+    """Return S, summed over the modes, at each tick of a period (T, n, n) once its diagonal changes no more over one.
+
+    Args:
+        A: (T, P, n, n).
+        chance: (M, P).
+        transition: (M, M).
+        noise: what enters the modes in each tick (T, M, n, n).
+        accuracy: of the change, relative to the trace.
+    """
+    S, phases = np.zeros_like(noise[0]), np.zeros_like(noise[:, 0])
     while True:
         before = S
-        for k in range(T):
+        for k in range(len(A)):
             phases[k] = S.sum(axis=0)
-            S = over_a_tick(A[k], system.chance, system.transition, S) + noise[k]
-        change = np.abs(np.diagonal(S - before, axis1=1, axis2=2)).sum(axis=0)
-        if np.all(change * max(to_come, 1.0) <= accuracy * np.diagonal(S, axis1=1, axis2=2).sum(axis=0)):
+            S = over_a_tick(A[k], chance, transition, S) + noise[k]
+        change, size = np.zeros(S.shape[1]), np.zeros(S.shape[1])
+        for i in range(len(S)):
+            change += np.abs(np.diag(S[i] - before[i]))
+            size += np.diag(S[i])
+        if np.all(change <= accuracy * size):
             return phases
