@@ -8,7 +8,7 @@ from ortilo_drake.model.parts import Sensor, find_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
-from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.onboard.ranging.multilateration import Multilateration_
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Scenario
@@ -34,7 +34,7 @@ BUILT_IN = {
         UWB,
         make_world=lambda scenario, room: UwbRanging_[float](scenario.uwb, room, scenario.seed, scenario.h),
         sd=_of_fix,
-        make_onboard=lambda scenario, room: Multilateration(scenario.multilateration, room.anchor_positions),
+        make_onboard=lambda scenario, room: Multilateration_[float](scenario.multilateration, room.anchor_positions),
         V=lambda scenario: _diagonal(scenario.estimator.V.uwb),
     ),
     "camera": Sensor(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import FIX_SIZE, N_XBAR, uwb_size
-from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.onboard.ranging.multilateration import Multilateration_
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
 from ortilo_drake.onboard.ranging.range_equations import MAX_SD
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
@@ -253,7 +253,7 @@ def test_nonsense_ranges_give_no_fix_or_a_finite_one(p, start, ranges, there) ->
     ],
 )
 def test_the_port_carries_fix_stamp_and_covariance(settings, solve, noise) -> None:
-    system = Multilateration(settings, ANCHORS)
+    system = Multilateration_[float](settings, ANCHORS)
     context = system.CreateDefaultContext()
     assert context.num_total_states() == 0
     p = np.array([2.0, 1.0, 0.5])

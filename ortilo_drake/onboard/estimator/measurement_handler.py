@@ -8,15 +8,19 @@ it were current and its stamp is not used; with 'drop' it must not be older than
 were current; with 'replay' the stamps go to the filter, see late_measurements.py.
 """
 
-from typing import NamedTuple
+import sys
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
+from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.gate import squared_gate
 
@@ -89,7 +93,7 @@ def stack_measurements(
     C, _, _, first, block, _ = layout
     start, V2, with_message, gates = incoming
     s, p, q = start.size, first[-1], block[-1]
-    out = np.zeros(p + s + q + s)
+    out = np.zeros(p + s + q + s, messages.dtype)
     delta, stamps = out[p : p + s], out[p + s + q :]
     out[p + s : p + s + q] = V2
     for j in range(s):
@@ -104,15 +108,14 @@ def stack_measurements(
             V[:] = message[2 + m : 2 + m + m * m]
         stamps[j] = message[1]
         if not np.isinf(gates[j]):
-            e = np.empty(m)
+            e = values_of(message[2 : 2 + m]).copy()
             for i in range(m):
-                e[i] = message[2 + i]
                 for n in range(12):
                     if C[first[j] + i, n] != 0.0:
                         e[i] -= C[first[j] + i, n] * xhat[n]
-            if squared_distance(e, C[first[j] : first[j + 1]], P, V.reshape(m, m)) > gates[j]:
+            if squared_distance(e, C[first[j] : first[j + 1]], P, values_of(V).reshape(m, m)) > gates[j]:
                 continue
-        if k != NEVER and k - tick_of(message[1], h) > MAX_AGE:
+        if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > MAX_AGE:
             continue
         out[first[j] : first[j + 1]] = message[2 : 2 + m]
         delta[j] = 1.0
@@ -145,48 +148,62 @@ def incoming_of(
     return Incoming(start, V2, with_message, squared)
 
 
-class MeasurementStack(LeafSystem):
-    """Turns the messages of a tick, in one vector, into the measurement.
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("MeasurementStack_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+def MeasurementStack_(T: type) -> type:
+    """Return the stack for a scalar type: float or AutoDiffXd, for which arrivals and gates are constants."""
 
-    Ports:
-        messages: the messages of the sensors that fly, one after the other.
-        estimate (15), covariance (225): of the prediction; only if there is a gate.
-        measurement (p + 2 s + q, output): y, delta, V2 and stamps.
+    class Impl(LeafSystem_[T]):
+        """Turns the messages of a tick, in one vector, into the measurement.
 
-    Memoryless, but for the time that 'drop' reads.
+        Ports:
+            messages: the messages of the sensors that fly, one after the other.
+            estimate (15), covariance (225): of the prediction; only if there is a gate.
+            measurement (p + 2 s + q, output): y, delta, V2 and stamps.
 
-    Args:
-        size: of all messages.
-        incoming: how they stand in the vector.
-        layout: of the measurement.
-        h: tick [s].
-        drops: whether late values are dropped.
-    """
+        Memoryless, but for the time that 'drop' reads.
 
-    def __init__(self, size: int, incoming: Incoming, layout: Layout, h: float, drops: bool):
-        super().__init__()
-        self.set_name("measurement_stack")
-        self._incoming, self._layout, self._h = tuple(incoming), tuple(layout), h  # plain, see filter_loops.py
-        self._messages = self.DeclareVectorInputPort("messages", size)
-        needs = {self._messages.ticket()}
-        sizes = N_XBAR, N_XBAR * N_XBAR
-        self._nothing = np.zeros(sizes[0]), np.zeros(sizes[1])
-        self._predictions = []
-        if not np.all(np.isinf(incoming.gates)):
-            named = zip(("estimate", "covariance"), sizes, strict=True)
-            self._predictions = [self.DeclareVectorInputPort(name, n) for name, n in named]
-            needs |= {port.ticket() for port in self._predictions}
-        if drops:
-            needs.add(self.time_ticket())
-        self._drops = drops
-        length = int(layout.first[-1] + layout.block[-1]) + 2 * incoming.start.size
-        self.DeclareVectorOutputPort("measurement", length, self._calc, prerequisites_of_calc=needs)
+        Args:
+            size: of all messages.
+            incoming: how they stand in the vector.
+            layout: of the measurement.
+            h: tick [s].
+            drops: whether late values are dropped.
+        """
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        xhat, P = [port.Eval(context) for port in self._predictions] or self._nothing
-        k = tick_of(context.get_time(), self._h) if self._drops else NEVER
-        messages = self._messages.Eval(context)
-        output.set_value(stack_measurements(messages, xhat, P, k, self._h, self._incoming, self._layout))
+        def _construct(
+            self, size: int, incoming: Incoming, layout: Layout, h: float, drops: bool, converter: Any = None
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("measurement_stack")
+            self._arguments = {"size": size, "incoming": incoming, "layout": layout, "h": h, "drops": drops}
+            self._stack = stack_measurements if T is float else stack_measurements.py_func
+            self._incoming, self._layout, self._h = tuple(incoming), tuple(layout), h  # plain, see filter_loops.py
+            self._messages = self.DeclareVectorInputPort("messages", size)
+            needs = {self._messages.ticket()}
+            sizes = N_XBAR, N_XBAR * N_XBAR
+            self._nothing = np.zeros(sizes[0]), np.zeros(sizes[1])
+            self._predictions = []
+            if not np.all(np.isinf(incoming.gates)):
+                named = zip(("estimate", "covariance"), sizes, strict=True)
+                self._predictions = [self.DeclareVectorInputPort(name, n) for name, n in named]
+                needs |= {port.ticket() for port in self._predictions}
+            if drops:
+                needs.add(self.time_ticket())
+            self._drops = drops
+            length = int(layout.first[-1] + layout.block[-1]) + 2 * incoming.start.size
+            self.DeclareVectorOutputPort("measurement", length, self._calc, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, **other._arguments, converter=converter)
+
+        def _calc(self, context: Any, output: Any) -> None:
+            xhat, P = [values_of(port.Eval(context)) for port in self._predictions] or self._nothing
+            k = tick_of(time_in(context), self._h) if self._drops else NEVER
+            messages = self._messages.Eval(context)
+            output.set_value(self._stack(messages, xhat, P, k, self._h, self._incoming, self._layout))
+
+    return Impl
 
 
 class MeasurementHandler(Diagram):
@@ -223,7 +240,7 @@ class MeasurementHandler(Diagram):
         builder = DiagramBuilder()
         incoming = incoming_of(measurement, sizes, V, gates)
         size = max(sum(sizes.values()), 1)
-        stack = builder.AddSystem(MeasurementStack(size, incoming, measurement.layout, h, delay == "drop"))
+        stack = builder.AddSystem(MeasurementStack_[float](size, incoming, measurement.layout, h, delay == "drop"))
         if sizes:
             together = builder.AddSystem(Multiplexer(list(sizes.values())))
             for i, sensor in enumerate(sizes):

@@ -5,12 +5,19 @@ least squares; the covariance comes from the geometry (range_equations.py). Ther
 ranges, from anchors on one line, where the covariance is worse than MAX_SD, or if the fit does not converge.
 """
 
+import sys
+from typing import Any
+
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
+from ortilo_drake.onboard.ranging.range_equations import inverse, normal_equations, product
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
@@ -34,35 +41,80 @@ def fix_message(uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: n
     return message
 
 
-class Multilateration(LeafSystem):
-    """A memoryless solver for the position of the UWB antenna.
+def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
+    """Return 1 for each range that the method uses, else 0 (n): all that are there, or the nearest three of them."""
+    n = (uwb.size - 2) // 2
+    ranges, there = uwb[2 : 2 + n], uwb[2 + n :]
+    if not three:
+        return there
+    used = np.zeros(n)
+    used[np.argsort(np.where(there != 0.0, ranges, np.inf))[:3]] = 1.0
+    return used
 
-    Ports:
-        uwb (2 + 2 n): the uwb message as it arrives, see model/signals.py.
-        estimate (15): the filter's xhat; its first three are the last estimate of p_WB.
-        fix (14, output): the fix message, stamped as the uwb message; zeros if nothing arrived or no fix.
 
-    Args:
-        settings: method, and the noise it believes of the ranges.
-        anchors: a_i in W (n, 3).
+def differentiable_fix_message(
+    uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool
+) -> np.ndarray:
+    """Return fix_message of a uwb message of AutoDiffXd, with the derivatives of position and covariance.
+
+    The position p* minimises the cost, so g(p*, r) = 0; a step p* + N^-1 g(p*, r) has the derivative of p* by r, up to
+    what the curvature of the ranges times their residuals adds (Gauss-Newton), which is 0 without noise.
     """
+    values = values_of(uwb)
+    message: np.ndarray = fix_message(values, anchors, noise, values_of(xhat), three).astype(uwb.dtype)
+    if message[0] == 0.0:
+        return message
+    p, used, ranges = message[2:5], used_ranges(values, three), uwb[2 : 2 + len(anchors)]
+    _, N, g = normal_equations.py_func(p, ranges, used, anchors, noise)
+    _, C = inverse.py_func(N)
+    message[1], p[:] = uwb[1], p + product.py_func(C, g)
+    _, N, _ = normal_equations.py_func(p, ranges, used, anchors, noise)
+    _, (xx, xy, xz, yy, yz, zz) = inverse.py_func(N)
+    message[5:14] = [xx, xy, xz, xy, yy, yz, xz, yz, zz]
+    return message
 
-    def __init__(self, settings: MultilaterationSettings, anchors: np.ndarray):
-        super().__init__()
-        self.set_name("multilateration")
-        noise = settings.noise
-        self._noise = np.array([noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction])
-        self._anchors = np.ascontiguousarray(anchors, dtype=float)
-        self._three = settings.method == "nearest_three"
-        self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))
-        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
-        ports = {self._uwb.ticket(), self._estimate.ticket()}
-        self.DeclareVectorOutputPort("fix", FIX_SIZE, self._calc_fix, prerequisites_of_calc=ports)
 
-    def _calc_fix(self, context: Context, output: BasicVector) -> None:
-        uwb = self._uwb.Eval(context)
-        if uwb[ARRIVED]:
-            xhat = self._estimate.Eval(context)
-            output.set_value(fix_message(uwb, self._anchors, self._noise, xhat, self._three))
-        else:
-            output.SetZero()
+# Without a scope Drake reads the sources of all frames to find it.
+@TemplateSystem.define("Multilateration_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+def Multilateration_(T: type) -> type:
+    """Return the solver for a scalar type: float or AutoDiffXd."""
+
+    class Impl(LeafSystem_[T]):
+        """A memoryless solver for the position of the UWB antenna.
+
+        Ports:
+            uwb (2 + 2 n): the uwb message as it arrives, see model/signals.py.
+            estimate (15): the filter's xhat; its first three are the last estimate of p_WB.
+            fix (14, output): the fix message, stamped as the uwb message; zeros if nothing arrived or no fix.
+
+        Args:
+            settings: method, and the noise it believes of the ranges.
+            anchors: a_i in W (n, 3).
+        """
+
+        def _construct(self, settings: MultilaterationSettings, anchors: np.ndarray, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name("multilateration")
+            self._arguments = {"settings": settings, "anchors": anchors}
+            self._fix_message = fix_message if T is float else differentiable_fix_message
+            noise = settings.noise
+            self._noise = np.array([noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction])
+            self._anchors = np.ascontiguousarray(anchors, dtype=float)
+            self._three = settings.method == "nearest_three"
+            self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))
+            self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+            ports = {self._uwb.ticket(), self._estimate.ticket()}
+            self.DeclareVectorOutputPort("fix", FIX_SIZE, self._calc_fix, prerequisites_of_calc=ports)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, **other._arguments, converter=converter)
+
+        def _calc_fix(self, context: Any, output: Any) -> None:
+            uwb = self._uwb.Eval(context)
+            if uwb[ARRIVED] != 0.0:
+                xhat = self._estimate.Eval(context)
+                output.set_value(self._fix_message(uwb, self._anchors, self._noise, xhat, self._three))
+            else:
+                output.SetZero()
+
+    return Impl

@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.systems.framework import System
 from scipy.linalg import block_diag
 
 from ortilo_drake.model.pinhole import Camera
@@ -28,7 +29,7 @@ from ortilo_drake.model.signals import (
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.kalman_filter import filter_model, initial_covariance
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
-from ortilo_drake.onboard.ranging.multilateration import Multilateration
+from ortilo_drake.onboard.ranging.multilateration import Multilateration_
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.sensors.described import described
@@ -61,11 +62,11 @@ def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
 
 
 @lru_cache(maxsize=16)
-def _solvers(scenario: Scenario) -> tuple[Multilateration, LandmarkFix]:
+def _solvers(scenario: Scenario) -> tuple[System, LandmarkFix]:
     """Return what flies between the messages and the handler."""
     room = scenario.load_room()
     return (
-        Multilateration(scenario.multilateration, room.anchor_positions),
+        Multilateration_[float](scenario.multilateration, room.anchor_positions),
         LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
     )
 
