@@ -8,12 +8,9 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
-from ortilo_drake.onboard.estimator.kalman_filter import (
-    KalmanFilter,
-    ReplayKalmanFilter,
-    filter_model,
-    initial_covariance,
-)
+from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter, ReplayKalmanFilter
 from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.scenario import Scenario
@@ -40,6 +37,8 @@ class IntermittentEstimator(Diagram):
         reference (9): r, r_dot, r_ddot.
         estimate (15, output): xhat_{k|k-1} and the integral.
         covariance (225, output): P_k row by row.
+        force (3, output): the disturbance force in W as estimated [N]; only where estimator.force has it estimated.
+        extra (2 e, output): all states beside x and their standard deviations, see extra_states.py; likewise.
         y (p), delta (s), V2 (q) (outputs): the measurement as it reaches the filter in this tick, late ones included.
 
     Args:
@@ -60,15 +59,18 @@ class IntermittentEstimator(Diagram):
         about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
 
         builder = DiagramBuilder()
-        model = filter_model(settings, scenario.vehicle, scenario.estimator.integrator, h)
-        arguments = model, measurement, scenario.vehicle.hover_thrust, xbar_0, initial_covariance(settings), h
+        extras = extra_states(settings, scenario.vehicle, h)
+        model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras)
+        P_0, hover_thrust = initial_covariance(settings, extras), scenario.vehicle.hover_thrust
+        arguments = model, augmented_rows(measurement.rows, extras), hover_thrust, xbar_0, P_0, h
+        measures = np.array(settings.V.specific_force) if settings.force == "measured" else None
         replays = settings.delay == "replay"
         if replays:
             sizes = {name: message_port(solvers[name]).size() for name in about}
             ticks = history_ticks(settings.horizon, h)
-            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes))
+            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, measures))
         else:
-            kalman = builder.AddSystem(KalmanFilter(*arguments))
+            kalman = builder.AddSystem(KalmanFilter(*arguments, measures))
         self._kalman = kalman
 
         def split(belief: OutputPort) -> dict[str, OutputPort]:
@@ -112,6 +114,13 @@ class IntermittentEstimator(Diagram):
                 builder.Connect(present[port], handler.GetInputPort(port))
         for port in (*measurement.sizes, *(["stamps"] * replays)):
             builder.Connect(handler.GetOutputPort(port), kalman.GetInputPort(port))
+        if measures is not None:
+            builder.ConnectInput("imu", kalman.GetInputPort("imu"))
+        if extras:
+            parts = builder.AddNamedSystem("extra", Demultiplexer([3, 2 * len(model.extra) - 3]))
+            builder.Connect(kalman.GetOutputPort("extra"), parts.get_input_port())
+            builder.ExportOutput(parts.get_output_port(0), "force")
+            builder.ExportOutput(kalman.GetOutputPort("extra"), "extra")
         for port in ("control", "reference"):
             builder.ExportInput(kalman.GetInputPort(port), port)
         for name, port in present.items():
@@ -128,4 +137,4 @@ class IntermittentEstimator(Diagram):
     @property
     def has_history(self) -> bool:
         """Whether past ticks decide what it will estimate, beside the present belief."""
-        return isinstance(self._kalman, ReplayKalmanFilter)
+        return isinstance(self._kalman, ReplayKalmanFilter) or self._kalman.HasOutputPort("extra")

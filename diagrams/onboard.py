@@ -2,8 +2,10 @@
 
     estimator(scenario, xbar_0)       -> System with the sensors' messages as inputs, named as the world's outputs, and
                                          control (4) and reference (9) if it wants them; outputs estimate (12, or 15
-                                         with the integral of the position error) and covariance (its square)
-    servo(scenario)                   -> System with inputs estimate (15), reference (9); output control (4)
+                                         with the integral of the position error) and covariance (its square), and
+                                         force (3), the disturbance force in W [N], if it knows it
+    servo(scenario)                   -> System with inputs estimate (15), reference (9) and, if it wants it, force (3),
+                                         0 where no estimator knows it; output control (4)
     planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m]
 
 Such a function may be given to make_closed_loop, or registered and named in the scenario by its kind. The System may be
@@ -40,7 +42,7 @@ class Parts(NamedTuple):
 NO_PARTS: Final = Parts()
 
 
-_OWN_INPUTS = ("control", "reference")  # of an estimator, beside messages
+_OWN_INPUTS = ("estimate", "control", "reference", "force")  # of an estimator or a servo, beside messages
 
 
 def initial_estimate(scenario: Scenario, r_0: np.ndarray) -> np.ndarray:
@@ -100,7 +102,7 @@ class Onboard(Diagram):
 
         xbar_0 = initial_estimate(scenario, r_0)
         estimator = builder.AddSystem(_estimator_of(scenario, xbar_0, detects, parts.estimator))
-        servo = builder.AddSystem(_servo_of(scenario, parts.servo))
+        servo = builder.AddSystem(_servo_of(scenario, parts.servo, estimator.HasOutputPort("force")))
         self._estimator = estimator
         _require(servo, ("estimate", "reference"), ("control",), "servo")
         _require(estimator, (), ("estimate", "covariance"), "estimator")
@@ -108,13 +110,19 @@ class Onboard(Diagram):
         estimate, covariance = _whole_estimate(builder, estimator, reference, scenario.h)
         builder.Connect(estimate, servo.GetInputPort("estimate"))
         builder.Connect(reference, servo.GetInputPort("reference"))
+        if servo.HasInputPort("force"):
+            if estimator.HasOutputPort("force"):
+                force = estimator.GetOutputPort("force")
+            else:
+                force = builder.AddNamedSystem("no_force", ConstantVectorSource(np.zeros(3))).get_output_port()
+            builder.Connect(force, servo.GetInputPort("force"))
         for name, port in (("control", control), ("reference", reference)):
             if estimator.HasInputPort(name):
                 builder.Connect(port, estimator.GetInputPort(name))
         for system in (estimator, servo):
             for i in range(system.num_input_ports()):
                 port = system.get_input_port(i)
-                if port.get_name() not in ("estimate", *_OWN_INPUTS):
+                if port.get_name() not in _OWN_INPUTS:
                     builder.ExportInput(port, port.get_name())
         builder.ExportOutput(control, "control")
         builder.ExportOutput(estimate, "estimate")
@@ -174,12 +182,12 @@ def _estimator_of(
     return make(scenario, xbar_0)
 
 
-def _servo_of(scenario: Scenario, make: Callable[[Scenario], System] | None) -> System:
+def _servo_of(scenario: Scenario, make: Callable[[Scenario], System] | None, knows_force: bool) -> System:
     """Return the servo that is given, or that the scenario names."""
     if make is None:
         found = find_part("servo", scenario.servo.kind) if not _is_built_in(scenario.servo) else None
         if found is None:
-            return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h)
+            return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h, knows_force)
         make = found.make
     return make(scenario)
 

@@ -49,7 +49,7 @@ class Layout(NamedTuple):
     """The measurement's layout as compiled functions take it.
 
     Attributes:
-        C: rows of y over the states (p, 12).
+        C: rows of y over the states (p, 12), or more, see Measurement.
         states: the same sparsely: which states a row sees (p, w), w the most of any row ...
         weights: ... and with which coefficients (p, w), 0 where it sees fewer.
         first: first row of each sensor, and p (s + 1).
@@ -65,31 +65,42 @@ class Layout(NamedTuple):
     is_position: np.ndarray
 
 
+def _measures_position(rows: tuple[Row, ...]) -> bool:
+    """Return whether a sensor's rows are p_WB, whatever else than the vehicle's states they see."""
+    of_vehicle = [tuple(seen for seen in r.sees if seen[0] in STATE_NAMES) for r in rows]
+    return of_vehicle == [((axis, 1.0),) for axis in POSITION]
+
+
 class Measurement:
     """The measurement of a list of sensors; make_measurement keeps one for each list.
 
     Attributes:
+        rows: as they were given.
         sensors: their names (s).
         outputs: names of the rows of y (p).
         layout: for compiled functions.
         sizes: of the signals y, delta and V2.
+
+    Args:
+        rows: of each sensor.
+        states: names of the states that C is over; more than STATE_NAMES in a filter that carries more.
     """
 
-    def __init__(self, rows: Rows):
-        self.sensors = tuple(name for name, _ in rows)
+    def __init__(self, rows: Rows, states: tuple[str, ...] = STATE_NAMES):
+        self.rows, self.sensors = rows, tuple(name for name, _ in rows)
         self.outputs = tuple(r.name for _, own in rows for r in own)
         widest = max((len(r.sees) for _, own in rows for r in own), default=1)
-        C = np.zeros((len(self.outputs), N_X))
-        states, weights = np.zeros((len(C), widest), dtype=np.int64), np.zeros((len(C), widest))
+        C = np.zeros((len(self.outputs), len(states)))
+        seen, weights = np.zeros((len(C), widest), dtype=np.int64), np.zeros((len(C), widest))
         for i, r in enumerate(r for _, own in rows for r in own):
             for k, (state, coefficient) in enumerate(r.sees):
-                states[i, k], weights[i, k] = STATE_NAMES.index(state), coefficient
-                C[i, states[i, k]] = coefficient
+                seen[i, k], weights[i, k] = states.index(state), coefficient
+                C[i, seen[i, k]] = coefficient
         lengths = np.array([len(own) for _, own in rows], dtype=np.int64)
-        is_position = [tuple(r.sees for r in own) == tuple(((axis, 1.0),) for axis in POSITION) for _, own in rows]
+        is_position = [_measures_position(own) for _, own in rows]
         first = np.concatenate(([0], np.cumsum(lengths)))
         block = np.concatenate(([0], np.cumsum(lengths**2)))
-        self.layout = Layout(C, states, weights, first, block, np.array(is_position, dtype=np.bool_))
+        self.layout = Layout(C, seen, weights, first, block, np.array(is_position, dtype=np.bool_))
         self.sizes = {"y": int(first[-1]), "delta": len(rows), "V2": int(block[-1])}
 
     def rows_of(self, sensor: str) -> slice:

@@ -33,6 +33,7 @@ from ortilo_drake.scenario.onboard import (
     Multilateration,
     Noise,
     ServoWeights,
+    Walks,
 )
 from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
@@ -87,6 +88,7 @@ __all__ = [
     "TimeBlackout",
     "Uwb",
     "Vehicle",
+    "Walks",
     "WallEffect",
     "WallsBias",
     "WallsBlock",

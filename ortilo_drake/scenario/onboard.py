@@ -101,11 +101,13 @@ class Noise(Frozen):
         uwb: variances of a uwb fix per axis [m^2].
         camera: variances of a camera fix per axis [m^2].
         imu: variances of roll, pitch and yaw [rad^2].
+        specific_force: variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'.
     """
 
     uwb: PositiveVec3 | None = None
     camera: PositiveVec3 | None = None
     imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
+    specific_force: PositiveVec3 = (2.5e-3, 2.5e-3, 2.5e-3)
 
 
 class DisturbanceW(Frozen):
@@ -140,6 +142,22 @@ class DiagonalW(Frozen):
     rate: NonNegativeFloat
 
 
+class Walks(Frozen):
+    """What the filter estimates beside the vehicle's states: random walks that begin about 0, see estimator.force.
+
+    Attributes:
+        force_sd: standard deviation of the disturbance force per axis at first [N].
+        force_rate: of its change, times the square root of the time that it takes [N/s^(1/2)].
+        accelerometer_sd: of the bias of the specific force per axis at first [m/s^2].
+        accelerometer_rate: of its change, likewise [m/s^(5/2)].
+    """
+
+    force_sd: NonNegativeFloat = 0.5
+    force_rate: NonNegativeFloat = 0.011
+    accelerometer_sd: NonNegativeFloat = 0.2
+    accelerometer_rate: NonNegativeFloat = 0.0027
+
+
 class IntermittentFilter(Frozen):
     """The paper's estimator: fixes, their gates, and the intermittent Kalman filter.
 
@@ -156,6 +174,11 @@ class IntermittentFilter(Frozen):
         integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
             filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
             integrates r - xhat, as in the authors' code.
+        force: how the filter learns of the disturbance force, in which a wrong mass and a tilted imu show as well.
+            'none' is the paper: it does not. 'thrust' takes for force what thrust and attitude do not explain of the
+            fixes; 'measured' takes the imu's specific force as well, whose bias it estimates. The servo counters the
+            force.
+        walks: how the force and the biases vary.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
             from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
     """
@@ -167,6 +190,8 @@ class IntermittentFilter(Frozen):
     delay: Literal["ignore", "drop", "replay"] = "ignore"
     horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
     integrator: Literal["literal", "hold", "estimate"] = "hold"
+    force: Literal["none", "thrust", "measured"] = "none"
+    walks: Walks = Walks()
     gates: Gates = Field(default={}, validate_default=True)
 
 

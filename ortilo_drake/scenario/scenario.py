@@ -163,6 +163,14 @@ class Scenario(Frozen):
                 raise ValueError(f"estimator.gates.{sensor}: does not fly, of sensors {list(self.sensors)}")
         return self
 
+    @model_validator(mode="after")
+    def _force_is_measured(self) -> "Scenario":
+        if getattr(self.estimator, "force", "none") == "measured" and "imu" not in self.sensors:
+            raise ValueError(
+                f"estimator.force: measured: must be none or thrust, no imu in sensors {list(self.sensors)}"
+            )
+        return self
+
     def settings_of(self, sensor: str) -> Any:
         """Return the settings of a registered sensor, its defaults where the scenario has none."""
         found = find_sensor(sensor)

@@ -16,12 +16,15 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_LITERAL,
     FilterModel,
+    Numbers,
     arrived_rows,
     integrated_sensor,
+    tilted_lift,
 )
 
 
@@ -51,14 +54,17 @@ def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
 
 
 @register_jitable
-def augmented_dynamics(Phi: np.ndarray, chosen: int) -> np.ndarray:
-    """Return Phibar = [[Phi, 0], [-E C, I]]; E C selects the position where a sensor is chosen."""
-    Phibar = np.zeros((15, 15))
-    Phibar[:12, :12] = Phi
-    for i in range(12, 15):
-        Phibar[i, i] = 1.0
+def augmented_dynamics(Phi: np.ndarray, extra: Numbers, chosen: int, layout: Layout) -> np.ndarray:
+    """Return Phibar = [[Phi, 0], [-E C, I]], with E C the rows of the chosen sensor."""
+    _, states, weights, first, _, _ = layout
+    N = N_X + len(extra)
+    Phibar = np.zeros((N + 3, N + 3))
+    Phibar[:N, :N] = Phi
+    for i in range(3):
+        Phibar[N + i, N + i] = 1.0
         if chosen >= 0:
-            Phibar[i, i - 12] = -1.0
+            for w in range(states.shape[1]):
+                Phibar[N + i, states[first[chosen] + i, w]] -= weights[first[chosen] + i, w]
     return Phibar
 
 
@@ -78,17 +84,19 @@ def sensors_of_rows(rows: np.ndarray, first: np.ndarray) -> np.ndarray:
 def transposed_gain(
     P: np.ndarray,
     Phibar: np.ndarray,
+    extra: Numbers,
     V2: np.ndarray,
     rows: np.ndarray,
     sensors: np.ndarray,
     chosen: int,
     layout: Layout,
 ) -> np.ndarray:
-    """Return K^T (m, 15) for the m rows of y that arrived.
+    """Return K^T (m, n) for the m rows of y that arrived.
 
     Args:
-        P: covariance (15, 15), symmetric.
-        Phibar: augmented dynamics (15, 15).
+        P: covariance (n, n), symmetric.
+        Phibar: augmented dynamics (n, n).
+        extra: of the model.
         V2: covariances of the sensors (q).
         rows: which rows of y arrived (m).
         sensors: the sensor of each (m).
@@ -96,25 +104,25 @@ def transposed_gain(
         layout: of the measurement.
     """
     _, states, weights, first, block, _ = layout
-    m = rows.shape[0]
-    HP = np.zeros((m, 15))
-    KT = np.zeros((m, 15))  # H P Phibar^T + V12^T Ebar^T, then K^T
+    m, n = rows.shape[0], N_XBAR + len(extra)
+    HP = np.zeros((m, n))
+    KT = np.zeros((m, n))  # H P Phibar^T + V12^T Ebar^T, then K^T
     S = np.zeros((m, m))  # H P H^T + V2
     for a in range(m):
         for w in range(states.shape[1]):
             state, c = states[rows[a], w], weights[rows[a], w]
-            for j in range(15):
+            for j in range(n):
                 HP[a, j] += c * P[state, j]
     for a in range(m):
         s = sensors[a]
-        n, start = first[s + 1] - first[s], block[s] + (rows[a] - first[s]) * (first[s + 1] - first[s])
-        for i in range(15):
-            for j in range(15):
+        start = block[s] + (rows[a] - first[s]) * (first[s + 1] - first[s])
+        for i in range(n):
+            for j in range(n):
                 if Phibar[i, j] != 0.0:
                     KT[a, i] += Phibar[i, j] * HP[a, j]
         if s == chosen:
-            for i in range(n):
-                KT[a, 12 + i] -= V2[start + i]
+            for i in range(3):
+                KT[a, n - 3 + i] -= V2[start + i]
         for b in range(m):
             for w in range(states.shape[1]):
                 S[a, b] += weights[rows[b], w] * HP[a, states[rows[b], w]]
@@ -128,6 +136,7 @@ def transposed_gain(
 def joseph(
     P: np.ndarray,
     Phibar: np.ndarray,
+    extra: Numbers,
     KT: np.ndarray,
     W: np.ndarray,
     V2: np.ndarray,
@@ -139,45 +148,42 @@ def joseph(
 ) -> None:
     """Write P_{k+1} = F P F^T + blkdiag(W, 0) + G V2 G^T, symmetric, to P_next. Arguments as transposed_gain."""
     _, states, weights, first, block, _ = layout
-    m = rows.shape[0]
-    FT = np.empty((15, 15))  # F = Phibar - K H
-    for i in range(15):
-        for j in range(15):
-            FT[j, i] = Phibar[i, j]
+    m, n = rows.shape[0], N_XBAR + len(extra)
+    FT = np.ascontiguousarray(Phibar.T)  # F = Phibar - K H
     for a in range(m):
         for w in range(states.shape[1]):
             state, c = states[rows[a], w], weights[rows[a], w]
-            for i in range(15):
+            for i in range(n):
                 FT[state, i] -= c * KT[a, i]
-    FP = np.zeros((15, 15))
-    for i in range(15):
-        for k in range(15):
+    FP = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
             if FT[k, i] != 0.0:
-                for j in range(15):
+                for j in range(n):
                     FP[i, j] += FT[k, i] * P[k, j]
     GT = KT.copy()  # G = K + [0; E]
     for a in range(m):
-        if sensors[a] == chosen:
-            GT[a, 12 + rows[a] - first[chosen]] += 1.0
+        if sensors[a] == chosen and rows[a] - first[chosen] < 3:
+            GT[a, n - 3 + rows[a] - first[chosen]] += 1.0
     P_next[:] = 0.0
-    P_next[:12, :12] = W
-    GV = np.empty(15)  # a column of G V2
+    P_next[: n - 3, : n - 3] = W
+    GV = np.empty(n)  # a column of G V2
     for a in range(m):
         s = sensors[a]
-        n, axis = first[s + 1] - first[s], rows[a] - first[s]
+        size, axis = first[s + 1] - first[s], rows[a] - first[s]
         GV[:] = 0.0
-        for b in range(n):
-            v = V2[block[s] + b * n + axis]
-            for i in range(15):
+        for b in range(size):
+            v = V2[block[s] + b * size + axis]
+            for i in range(n):
                 GV[i] += GT[a - axis + b, i] * v
-        for i in range(15):
-            for j in range(i, 15):
+        for i in range(n):
+            for j in range(i, n):
                 P_next[i, j] += GV[i] * GT[a, j]
-    for i in range(15):
-        for k in range(15):
-            for j in range(i, 15):
+    for i in range(n):
+        for k in range(n):
+            for j in range(i, n):
                 P_next[i, j] += FP[i, k] * FT[k, j]
-    for i in range(15):
+    for i in range(n):
         for j in range(i):
             P_next[i, j] = P_next[j, i]
 
@@ -193,53 +199,62 @@ def filter_step(
     model: FilterModel,
     layout: Layout,
 ) -> np.ndarray:
-    """Return [xhat_{k+1|k}, P_{k+1} row by row] (240) from the same of tick k. Arguments as intermittent_step."""
-    Phi, Gamma, W, integrator = model
+    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2) from the same of tick k. Arguments as intermittent_step."""
+    Phi, Gamma, W, integrator, extra, Gamma_a, mass = model
+    N, n = N_X + len(extra), N_XBAR + len(extra)
     _, states, weights, first, _, is_position = layout
-    xhat, P = belief[:15], belief[15:].reshape(15, 15)
+    xhat, P = belief[:n], belief[n:].reshape(n, n)
     rows = arrived_rows(delta, first)
     sensors = sensors_of_rows(rows, first)
     chosen = integrated_sensor(delta, is_position, integrator)
-    Phibar = augmented_dynamics(Phi, chosen)
-    KT = transposed_gain(P, Phibar, V2, rows, sensors, chosen, layout)
+    Phibar = augmented_dynamics(Phi, extra, chosen, layout)
+    KT = transposed_gain(P, Phibar, extra, V2, rows, sensors, chosen, layout)
 
-    out = np.empty(240)
+    out = np.empty(n + n * n)
     e = np.empty(rows.size)
     for a in range(rows.size):
         predicted = 0.0
         for w in range(states.shape[1]):
             predicted += weights[rows[a], w] * xhat[states[rows[a], w]]
         e[a] = y[rows[a]] - predicted
-    for i in range(15):
+    for i in range(n):
         total = 0.0
-        for j in range(15):
+        for j in range(n):
             total += Phibar[i, j] * xhat[j]
         for a in range(rows.size):
             total += KT[a, i] * e[a]
         out[i] = total
-    for i in range(12):
+    for i in range(N):
         for j in range(4):
             out[i] += Gamma[i, j] * u[j]
+    if len(extra) > 0:
+        out[:N] += Gamma_a @ tilted_lift(xhat, u, mass)
     for i in range(3):
         if integrator == INTEGRATOR_ESTIMATE:
-            out[12 + i] += r[i] - xhat[i]
+            out[N + i] += r[i] - xhat[i]
         elif integrator == INTEGRATOR_LITERAL or chosen >= 0:  # Ibar r
-            out[12 + i] += r[i]
-    joseph(P, Phibar, KT, W, V2, rows, sensors, chosen, layout, out[15:].reshape(15, 15))
+            out[N + i] += r[i]
+    joseph(P, Phibar, extra, KT, W, V2, rows, sensors, chosen, layout, out[n:].reshape(n, n))
     return out
 
 
 @njit(cache=True)
 def filter_gain(
-    P: np.ndarray, delta: np.ndarray, V2: np.ndarray, Phi: np.ndarray, integrator: int, layout: Layout
+    P: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    Phi: np.ndarray,
+    integrator: int,
+    layout: Layout,
+    extra: Numbers = (),
 ) -> np.ndarray:
-    """Return K_k at full size (15 x p), its columns 0 where nothing arrived. Arguments as in filter_step."""
+    """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in filter_step."""
     _, _, _, first, _, is_position = layout
     rows = arrived_rows(delta, first)
     sensors = sensors_of_rows(rows, first)
     chosen = integrated_sensor(delta, is_position, integrator)
-    K = np.zeros((15, first[-1]))
-    KT = transposed_gain(P, augmented_dynamics(Phi, chosen), V2, rows, sensors, chosen, layout)
+    K = np.zeros((N_XBAR + len(extra), first[-1]))
+    KT = transposed_gain(P, augmented_dynamics(Phi, extra, chosen, layout), extra, V2, rows, sensors, chosen, layout)
     for a in range(rows.size):
         K[:, rows[a]] = KT[a]
     return K

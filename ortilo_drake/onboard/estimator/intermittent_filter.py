@@ -17,6 +17,10 @@ holds it to this one.
 
 Rows that did not arrive are left out, which equals the full-size formula because V2 is block diagonal. The
 integrator is a known quantity: from P_ii = 0 the last three rows of K equal -E_k, and its block of P stays 0.
+
+A filter that estimates more than the paper's, such as the disturbance force, has xbar = [x; e; i] and, in the place of
+Phi, Gamma, W and C, their like over [x; e], see extra_states.py; the lines are the same. Its prediction adds what the
+hover model leaves out of a tilted lift, Gamma_a tilted_lift.
 """
 
 from typing import NamedTuple
@@ -25,7 +29,10 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.equations import thrust_direction
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.vehicle import GRAVITY
 
 # What the last three states integrate. 'literal' (the paper) and 'hold' take the measured position and belong to
 # the filter's model: i_{k+1} = i_k + r_k - E_k y_k, which 'hold' leaves out where E_k = 0. 'estimate' (the authors'
@@ -34,20 +41,47 @@ INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL, INTEGRATOR_HOLD = 0, 1, 2
 INTEGRATORS = {"estimate": INTEGRATOR_ESTIMATE, "literal": INTEGRATOR_LITERAL, "hold": INTEGRATOR_HOLD}
 
 
+Numbers = tuple[int, ...]  # of states
+
+
 class FilterModel(NamedTuple):
     """What the filter believes of the vehicle.
 
     Attributes:
-        Phi: discrete hover dynamics (12, 12).
-        Gamma: discrete control input (12, 4).
-        W: process noise covariance (12, 12).
+        Phi: discrete dynamics of x (N, N).
+        Gamma: discrete control input (N, 4).
+        W: process noise covariance (N, N).
         integrator: INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL or INTEGRATOR_HOLD.
+        extra: numbers of the states e in xbar, between x and i. Their count is part of the type, so that compiled loops
+            know their length, which halves their time.
+        Gamma_a: how an acceleration enters (N, 3); (N, 0) where lift does not tilt, as in the paper's hover model.
+        mass: m [kg]; read where lift tilts.
     """
 
     Phi: np.ndarray
     Gamma: np.ndarray
     W: np.ndarray
     integrator: int
+    extra: Numbers = ()
+    Gamma_a: np.ndarray = np.zeros((N_X, 3))
+    mass: float = 1.0
+
+
+@register_jitable
+def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float) -> np.ndarray:
+    """Return what the hover model leaves out of the lift's acceleration in W (3).
+
+    The lift is l = (f_T + d_z) / m, d_z the vertical part of the disturbance force, in which a wrong mass or thrust
+    shows. It acts along z_B; the hover model takes l z_B to be [g theta, -g phi, l].
+
+    Args:
+        xbar: [x; d; ...].
+        u: control less hover (4).
+        mass: m [kg].
+    """
+    lift = GRAVITY + (u[0] + xbar[N_X + 2]) / mass
+    z_B = thrust_direction(xbar[3], xbar[4], xbar[5])
+    return np.array([lift * z_B[0] - GRAVITY * xbar[4], lift * z_B[1] + GRAVITY * xbar[3], lift * (z_B[2] - 1.0)])
 
 
 @register_jitable
@@ -101,45 +135,50 @@ def intermittent_step(
         model: what the filter believes of the vehicle.
         layout: of the measurement.
     """
-    Phi, Gamma, W, integrator = model
+    Phi, Gamma, W, integrator, extra, Gamma_a, mass = model
+    N, n = N_X + len(extra), N_XBAR + len(extra)
     arrived = arrived_rows(delta, layout.first)
     chosen = integrated_sensor(delta, layout.is_position, integrator)
     m = arrived.size
 
-    H = np.zeros((m, 15))
+    H = np.zeros((m, n))
     V2 = np.zeros((m, m))
     E = np.zeros((3, m))
     a = 0
     for s in range(delta.size):
         if delta[s] != 0.0:
-            n = layout.first[s + 1] - layout.first[s]
-            H[a : a + n, :12] = layout.C[layout.first[s] : layout.first[s + 1]]
-            V2[a : a + n, a : a + n] = V2_blocks[layout.block[s] : layout.block[s + 1]].reshape(n, n)
+            size = layout.first[s + 1] - layout.first[s]
+            H[a : a + size, :N] = layout.C[layout.first[s] : layout.first[s + 1]]
+            V2[a : a + size, a : a + size] = V2_blocks[layout.block[s] : layout.block[s + 1]].reshape(size, size)
             if s == chosen:
-                E[:, a : a + n] = np.eye(3)
-            a += n
+                E[:, a : a + 3] = np.eye(3)
+            a += size
 
-    Phibar = np.eye(15)
-    Phibar[:12, :12] = Phi
-    Phibar[12:, :] -= E @ H
-    Gammabar = np.zeros((15, 4))
-    Gammabar[:12] = Gamma
-    Ebar_V1_EbarT = np.zeros((15, 15))
-    Ebar_V1_EbarT[:12, :12] = W
-    Ebar_V1_EbarT[12:, 12:] = E @ V2 @ E.T
-    Ebar_V12 = np.zeros((15, m))
-    Ebar_V12[12:] = -E @ V2
-    Ibar_r = np.zeros(15)
+    Phibar = np.eye(n)
+    Phibar[:N, :N] = Phi
+    Phibar[N:, :] -= E @ H
+    Gammabar = np.zeros((n, 4))
+    Gammabar[:N] = Gamma
+    Ebar_V1_EbarT = np.zeros((n, n))
+    Ebar_V1_EbarT[:N, :N] = W
+    Ebar_V1_EbarT[N:, N:] = E @ V2 @ E.T
+    Ebar_V12 = np.zeros((n, m))
+    Ebar_V12[N:] = -E @ V2
+    Ibar_r = np.zeros(n)
     if integrator == INTEGRATOR_ESTIMATE:
-        Ibar_r[12:] = r[:3] - xhat[:3]
+        Ibar_r[N:] = r[:3] - xhat[:3]
     elif integrator == INTEGRATOR_LITERAL or chosen >= 0:
-        Ibar_r[12:] = r[:3]
+        Ibar_r[N:] = r[:3]
+
+    Gammabar_a = np.zeros(n)
+    if len(extra) > 0:
+        Gammabar_a[:N] = Gamma_a @ tilted_lift(xhat, u, mass)
 
     K = np.ascontiguousarray(np.linalg.solve(H @ P @ H.T + V2, (Phibar @ P @ H.T + Ebar_V12).T).T)
     P_next = Phibar @ P @ Phibar.T + Ebar_V1_EbarT - K @ (H @ P @ Phibar.T + Ebar_V12.T)
-    xhat_next = Phibar @ xhat + Gammabar @ u + Ibar_r + K @ (y[arrived] - H @ xhat)
+    xhat_next = Phibar @ xhat + Gammabar @ u + Gammabar_a + Ibar_r + K @ (y[arrived] - H @ xhat)
 
-    gain = np.zeros((15, y.size))
+    gain = np.zeros((n, y.size))
     for a in range(m):
         gain[:, arrived[a]] = K[:, a]
     return xhat_next, (P_next + P_next.T) / 2.0, gain

@@ -26,7 +26,7 @@ from ortilo_drake.model.signals import N_I, N_U, N_XBAR
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
-N_BELIEF = N_XBAR + N_XBAR * N_XBAR  # [xhat, P row by row]
+N_BELIEF = N_XBAR + N_XBAR * N_XBAR  # [xhat, P row by row] of [x; i]
 
 
 class Slot(NamedTuple):
@@ -42,9 +42,9 @@ class Slot(NamedTuple):
     size: int
 
 
-def slot_of(measurement: Measurement) -> Slot:
-    """Return the slot that holds such a measurement."""
-    sizes = (1, N_BELIEF, *measurement.sizes.values(), N_U, N_I)
+def slot_of(measurement: Measurement, n: int = N_XBAR) -> Slot:
+    """Return the slot that holds such a measurement, and the belief of n states."""
+    sizes = (1, n + n * n, *measurement.sizes.values(), N_U, N_I)
     return Slot(*(int(n) for n in np.cumsum((0, *sizes))))
 
 
@@ -100,7 +100,7 @@ def replay_step(
     model: FilterModel,
     layout: Layout,
 ) -> np.ndarray:
-    """Return [xhat_{k+1|k}, P_{k+1} row by row] (240) from all that has arrived up to tick k; changes the history.
+    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2) from all that has arrived up to tick k; changes the history.
 
     Not used are measurements older than the history or than a gap in it, ones stamped later than t_k, and a second one
     of the same sensor and tick.
@@ -108,7 +108,7 @@ def replay_step(
     Args:
         history: the last ticks (N, slot.size).
         slot: where everything is in a row of it.
-        belief: [xhat_{k|k-1}, P_k row by row] (240).
+        belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
         k: tick.
         y: what arrived in tick k (p).
         delta: of which sensors (s).

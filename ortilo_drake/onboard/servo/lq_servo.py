@@ -14,6 +14,8 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo as ServoSettings
 
+NO_FORCE = np.zeros(3)
+
 
 @register_jitable
 def less_product(u_0: float, row: np.ndarray, x_error: np.ndarray, xbar: np.ndarray) -> float:
@@ -34,11 +36,13 @@ def servo_control(
     mass: float,
     yaw: float,
     error_form: bool,
+    force: np.ndarray = NO_FORCE,
 ) -> np.ndarray:
     """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i] (4).
 
     Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0]
-    with the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0].
+    with the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0]. In either
+    form a disturbance force d that is known is countered: phi_r, theta_r and u_ff make the acceleration less d / m.
 
     Args:
         xbar: estimate of [x; i], i the integral of the position error (15).
@@ -47,15 +51,15 @@ def servo_control(
         mass: m [kg].
         yaw: psi_r [rad].
         error_form: whether to fly the error form.
+        force: d in W [N] (3).
     """
-    u_0 = mass * GRAVITY
-    x_ref = np.zeros(12)
-    if error_form:
-        r, r_dot, a = reference[0:3], reference[3:6], reference[6:9]
-        phi_r = (a[0] * np.sin(yaw) - a[1] * np.cos(yaw)) / GRAVITY
-        theta_r = (a[0] * np.cos(yaw) + a[1] * np.sin(yaw)) / GRAVITY
-        x_ref = np.array([r[0], r[1], r[2], phi_r, theta_r, yaw, r_dot[0], r_dot[1], r_dot[2], 0.0, 0.0, 0.0])
-        u_0 += mass * a[2]
+    aim = reference if error_form else np.zeros(9)
+    r, r_dot, a = aim[0:3], aim[3:6], aim[6:9] - force / mass
+    phi_r = (a[0] * np.sin(yaw) - a[1] * np.cos(yaw)) / GRAVITY
+    theta_r = (a[0] * np.cos(yaw) + a[1] * np.sin(yaw)) / GRAVITY
+    psi_r = yaw if error_form else 0.0
+    x_ref = np.array([r[0], r[1], r[2], phi_r, theta_r, psi_r, r_dot[0], r_dot[1], r_dot[2], 0.0, 0.0, 0.0])
+    u_0 = mass * GRAVITY + mass * a[2]
     x_error = xbar[:12] - x_ref
     return np.array(
         [
@@ -85,6 +89,7 @@ def LqServo_(T: type) -> type:
         Ports:
             estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
             reference (9): r, r_dot, r_ddot.
+            force (3): the disturbance force in W that the estimator found [N]; only where it finds one.
             velocity (8): velocity message; only where the scenario lends the servo the truth.
             control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
 
@@ -95,9 +100,17 @@ def LqServo_(T: type) -> type:
             settings: form, yaw and whether velocities are lent.
             mass: m [kg] of the model.
             L: servo gain (4, 15), see lq_gain.
+            takes_force: whether it is told the force.
         """
 
-        def _construct(self, settings: ServoSettings, mass: float, L: np.ndarray, converter: Any = None) -> None:
+        def _construct(
+            self,
+            settings: ServoSettings,
+            mass: float,
+            L: np.ndarray,
+            takes_force: bool = False,
+            converter: Any = None,
+        ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("lq_servo")
             self._settings, self._mass, self._L = settings, mass, L
@@ -107,30 +120,37 @@ def LqServo_(T: type) -> type:
             self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
             self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
             needs = {self._estimate.ticket(), self._reference.ticket()}
+            self._takes_force = takes_force
+            if takes_force:
+                self._force = self.DeclareVectorInputPort("force", 3)
+                needs.add(self._force.ticket())
             if self._borrows_truth:
                 self._velocity = self.DeclareVectorInputPort("velocity", VELOCITY_SIZE)
                 needs.add(self._velocity.ticket())
             self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, other._settings, other._mass, other._L, converter=converter)
+            Impl._construct(self, other._settings, other._mass, other._L, other._takes_force, converter)
 
         def _calc_control(self, context: Any, output: Any) -> None:
             xbar = self._estimate.Eval(context)
             if self._borrows_truth:
                 xbar = np.concatenate((xbar[:6], self._velocity.Eval(context)[PAYLOAD:], xbar[N_X:]))
             reference = self._reference.Eval(context)
-            output.set_value(self._servo_control(xbar, reference, self._L, self._mass, self._yaw, self._error_form))
+            known = (self._force.Eval(context),) if self._takes_force else ()
+            arguments = xbar, reference, self._L, self._mass, self._yaw, self._error_form, *known
+            output.set_value(self._servo_control(*arguments))
 
     return Impl
 
 
-def make_lq_servo(settings: ServoSettings, vehicle: Vehicle, h: float) -> LeafSystem:
+def make_lq_servo(settings: ServoSettings, vehicle: Vehicle, h: float, takes_force: bool = False) -> LeafSystem:
     """Return the servo of a scenario; InputError if there is no gain.
 
     Args:
         settings: form, yaw and weights.
         vehicle: mass and inertia of the model.
         h: tick [s].
+        takes_force: whether it is told the disturbance force.
     """
-    return LqServo_[float](settings, vehicle.mass, servo_gain(vehicle, settings.weights, h))
+    return LqServo_[float](settings, vehicle.mass, servo_gain(vehicle, settings.weights, h), takes_force)

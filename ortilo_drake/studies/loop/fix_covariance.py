@@ -27,7 +27,7 @@ from ortilo_drake.model.signals import (
     PAYLOAD,
 )
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.kalman_filter import filter_model, initial_covariance
+from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.multilateration import Multilateration_
 from ortilo_drake.scenario import Scenario

@@ -14,7 +14,7 @@ from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.kalman_filter import process_noise
+from ortilo_drake.onboard.estimator.filter_model import process_noise
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
@@ -50,8 +50,18 @@ class HoverLoop(NamedTuple):
     measurement: Measurement
 
 
+def check_filter(scenario: Scenario) -> None:
+    """Raise an InputError unless the filter's states are the paper's, which is what the linear studies know."""
+    force = getattr(scenario.estimator, "force", "none")
+    if force != "none":
+        raise InputError(
+            f"estimator.force: {force}: must be none here: the linear studies know the paper's filter alone"
+        )
+
+
 def hover_loop(scenario: Scenario) -> HoverLoop:
-    """Return the loop of a scenario; InputError if it has no servo gain."""
+    """Return the loop of a scenario; InputError if it has no servo gain, or if its filter estimates a force."""
+    check_filter(scenario)
     Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.filter_model import initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
-from ortilo_drake.onboard.estimator.kalman_filter import initial_covariance
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.loop.hover_loop import hover_loop

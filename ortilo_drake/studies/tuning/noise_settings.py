@@ -15,9 +15,10 @@ import numpy as np
 
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import validate
-from ortilo_drake.onboard.estimator.kalman_filter import process_noise
+from ortilo_drake.onboard.estimator.filter_model import process_noise
 from ortilo_drake.scenario import DiagonalW, Scenario
 from ortilo_drake.sensors.described import described
+from ortilo_drake.studies.loop.hover_loop import check_filter
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
 _SCALED_BY = {"uwb": "multilateration.noise", "camera": "landmark_fix.center_sd"}
@@ -70,7 +71,11 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
         scenario: the scenario; its sensors and the sources of its V are those of the recorded one.
         recorded: the scenario of the record.
         counted: the sensors that the likelihood counts; by default all.
+
+    Raises:
+        InputError: if the filter estimates a force.
     """
+    check_filter(scenario)
     numbers, before = noise_numbers(scenario), noise_numbers(recorded)
     W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
     sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)

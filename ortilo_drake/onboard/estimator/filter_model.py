@@ -1,0 +1,61 @@
+"""What the filter believes of the vehicle, from the scenario: the paper's twelve states, and those beside them."""
+
+import numpy as np
+
+from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
+from ortilo_drake.model.signals import N_I, N_U, N_X
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.onboard.estimator.extra_states import Extra, names_of
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
+from ortilo_drake.scenario import DiagonalW, DisturbanceW
+from ortilo_drake.scenario import IntermittentFilter as FilterSettings
+
+
+def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float) -> np.ndarray:
+    """Return W (12 x 12) as the scenario gives it."""
+    W = settings.W
+    if isinstance(W, DiagonalW):
+        return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3))
+    return disturbance_W(vehicle, h, W.force_sd, W.torque_sd)
+
+
+def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ()) -> np.ndarray:
+    """Return P_0 of [x; e; i] (15 x 15 without e): the scenario's variances, and 0 for the integral, which is known."""
+    variances = [e.walk.initial_sd**2 for e in extras for _ in e.names]
+    return np.diag([*np.repeat(np.square(settings.initial_sd), 3), *variances, 0.0, 0.0, 0.0])
+
+
+def filter_model(settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float) -> FilterModel:
+    """Return what the paper's filter believes of the vehicle; integrator is 'literal', 'hold' or 'estimate'."""
+    Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
+    return FilterModel(Phi, Gamma, process_noise(settings, vehicle, h), INTEGRATORS[integrator])
+
+
+def augmented_model(
+    settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, extras: tuple[Extra, ...]
+) -> FilterModel:
+    """Return what the filter believes of [x; e], see extra_states.py; without extra states that is filter_model."""
+    model = filter_model(settings, vehicle, integrator, h)
+    if not extras:
+        return model
+    names = names_of(extras)
+    N = N_X + len(names)
+    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+    Phi, Gamma, W = np.zeros((N, N)), np.zeros((N, N_U)), np.zeros((N, N))
+    by_force = np.zeros((N, 6))  # how the new part of the disturbance enters [x; e]
+    Phi[:N_X, :N_X], Gamma[:N_X], by_force[:N_X] = model.Phi, model.Gamma, Gamma_d
+    at = N_X
+    for extra in extras:
+        own = slice(at, at + len(extra.names))
+        Phi[:N_X, own], Gamma[own], by_force[own] = extra.G, extra.Gamma, extra.Gamma_d
+        for i, followed in enumerate(extra.follows):
+            Phi[at + i, N_X + names.index(followed)] = 1.0
+            W[at + i, at + i] = extra.walk.step_sd**2
+        at = own.stop
+    if isinstance(settings.W, DisturbanceW):
+        sd = np.repeat([settings.W.force_sd, settings.W.torque_sd], 3)
+        W += by_force @ np.diag(sd**2) @ by_force.T
+    W[:N_X, :N_X] = model.W
+    Gamma_a = np.zeros((N, N_I))
+    Gamma_a[:N_X] = vehicle.mass * Gamma_d[:, :3]
+    return FilterModel(Phi, Gamma, W, model.integrator, tuple(range(N_X, N)), Gamma_a, vehicle.mass)

@@ -1,0 +1,125 @@
+"""Filters that estimate the force, in flight: what they learn, and that halves, logs and checkpoints take them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.replay import replay_log
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.studies.tuning.noise_settings import noise_model
+from ortilo_drake.world.truth import set_vehicle
+
+HOVER = "planner={kind: hover, duration: 9.0}"
+
+
+def hovering(force: str, *settings: str) -> Scenario:
+    return load_scenario("imu_uwb", (HOVER, "settle=0", f"estimator.force={force}", *settings))
+
+
+@pytest.mark.parametrize("force", ["thrust", "measured"])
+def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_counters(force: str) -> None:
+    scenario = hovering(force)
+    diagram = make_closed_loop(scenario)
+    simulator = make_simulator(diagram, scenario)
+    context = simulator.get_mutable_context()
+    vehicle = scenario.vehicle
+    heavier = vehicle.model_copy(update={"mass": 1.1 * vehicle.mass})
+    level = 0.01  # the imu is turned about x and y: its angles, and gravity in its specific force
+    bias = np.array([level, level, 0.0, 0.0, 0.0, 0.0, -9.81 * level, 9.81 * level, 0.0])
+    set_vehicle(diagram.GetSubsystemByName("world"), context, heavier, bias)
+    simulator.AdvanceTo(8.0)
+    estimator = diagram.GetSubsystemByName("onboard").GetSubsystemByName("estimator")
+    its = estimator.GetMyContextFromRoot(context)
+    extra = estimator.GetOutputPort("extra").Eval(its)
+    value, sd = np.split(extra, 2)
+    # d_z = f_T (m / m_true - 1) at hover; roll and pitch that read too large look like a force of m g each.
+    weight = vehicle.mass * 9.81
+    expected = np.array([-weight * level, weight * level, -0.1 * weight])
+    np.testing.assert_allclose(value[:3], expected, rtol=0.0, atol=0.15)
+    assert np.all(np.abs(value[:3] - expected) < 4.0 * sd[:3])
+    assert np.all(sd[:3] < 0.1)
+    np.testing.assert_array_equal(estimator.GetOutputPort("force").Eval(its), value[:3])
+    if force == "measured":  # the whole imu is turned: its specific force fits its angles, and has no bias beside
+        assert np.all(np.abs(value[6:9]) < 4.0 * sd[6:9])
+        assert np.all(sd[6:9] < 0.1)
+    state = diagram.GetOutputPort("state").Eval(context)
+    assert abs(state[2] - 1.5) < 0.15
+
+
+@pytest.mark.parametrize("settings", [(), ("estimator.delay=replay", "uwb.link.delay=3")], ids=["now", "late"])
+def test_two_halves_fly_it_and_a_log_repeats_it_bit_for_bit(tmp_path: Path, settings: tuple[str, ...]) -> None:
+    scenario = hovering("measured", "planner={kind: hover, duration: 2.0}", *settings)
+    whole = fly(scenario)
+    np.testing.assert_array_equal(fly_lockstep(scenario, in_this_process(scenario))["truth"], whole["truth"])
+    fly_logged(scenario, tmp_path / "log")
+    assert replay_log(tmp_path / "log")["identical"]
+    other = fly(load_scenario("imu_uwb", ("planner={kind: hover, duration: 2.0}", "settle=0", *settings)))
+    assert np.any(other["truth"].values != whole["truth"].values)
+
+
+def test_a_filter_that_replays_is_the_same_where_nothing_is_late() -> None:
+    kept = [fly(hovering("measured", f"estimator.delay={delay}"))["estimate"].values for delay in ("ignore", "replay")]
+    np.testing.assert_array_equal(*kept)
+
+
+def test_a_checkpoint_holds_the_force() -> None:
+    scenario = hovering("measured")
+    world, old, new = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
+    for _ in range(60):
+        old.take(world.sample())
+        u = old.answer()
+        old.advance()
+        world.advance(u)
+    new.resume(60, old.state(), 0.0)
+    kept = []
+    for half in (old, new):
+        estimator = half.diagram.GetSubsystemByName("estimator")
+        kept.append(estimator.GetOutputPort("extra").Eval(estimator.GetMyContextFromRoot(half.context)))
+    np.testing.assert_array_equal(*kept)
+    assert np.all(kept[0] != 0.0)
+
+
+class Listening(LeafSystem):
+    """A servo of one's own that wants the force."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        for name, size in (("estimate", 15), ("reference", 9), ("force", 3)):
+            self.DeclareVectorInputPort(name, size)
+        self.DeclareVectorOutputPort("control", 4, self._calc)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        d = self.GetInputPort("force").Eval(context)
+        output.SetFromVector([26.487 - d[2], 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("force", ["none", "thrust"])
+def test_a_servo_of_one_s_own_is_told_the_force_or_zero(force: str) -> None:
+    scenario = hovering(force)
+    diagram = make_closed_loop(scenario, servo=lambda _: Listening())
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(2.0)
+    onboard = diagram.GetSubsystemByName("onboard")
+    control = onboard.GetOutputPort("control").Eval(onboard.GetMyContextFromRoot(simulator.get_context()))
+    assert (control[0] == 26.487) == (force == "none")
+
+
+@pytest.mark.parametrize("study", [hover_loop, lambda scenario: noise_model(scenario, scenario)])
+def test_the_linear_studies_refuse_what_they_do_not_know(study: object) -> None:
+    with pytest.raises(InputError, match=r"^estimator.force: thrust: must be none here: .* the paper's filter alone$"):
+        study(hovering("thrust"))  # type: ignore[operator]
+
+
+def test_without_an_imu_no_force_is_measured() -> None:
+    with pytest.raises(InputError, match=r"estimator.force: measured: must be none or thrust, no imu in sensors"):
+        hovering("measured", "sensors=[uwb]")

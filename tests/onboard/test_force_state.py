@@ -1,0 +1,339 @@
+"""The filter with a force state against closed forms, Drake, SciPy, and a dense twin of its equations."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.linalg import matrix_power
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+from pydrake.systems.primitives import IsObservable, LinearSystem
+from scipy.linalg import block_diag, solve_discrete_are
+
+from ortilo_drake.model.equations import rotation, translational_acceleration
+from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
+from ortilo_drake.model.measurement import PAPER, Measurement
+from ortilo_drake.model.vehicle import GRAVITY, M100
+from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
+from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_model, initial_covariance
+from ortilo_drake.onboard.estimator.intermittent_filter import (
+    INTEGRATORS,
+    FilterModel,
+    intermittent_step,
+    tilted_lift,
+)
+from ortilo_drake.onboard.estimator.specific_force import with_specific_force
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import servo_control
+from ortilo_drake.scenario import DiagonalW, IntermittentFilter, LqServo, Walks
+from ortilo_drake.theory.modes.staircase import rescale, tick_scaling
+from ortilo_drake.world.sensors.imu import imu_message
+
+H = 1.0 / 30.0
+M = M100.mass
+PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
+_, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
+HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
+FORCES = ("thrust", "measured")
+V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) * 3, "accelerometer": (0.05,) * 3}
+
+
+def made(force: str, **settings: object) -> tuple[IntermittentFilter, tuple[Extra, ...], FilterModel, Measurement]:
+    """Settings, extra states, model and measurement of a filter."""
+    its = IntermittentFilter(force=force, **settings)
+    extras = extra_states(its, M100, H)
+    return its, extras, augmented_model(its, M100, its.integrator, H, extras), augmented_rows(PAPER, extras)
+
+
+def all_V(measurement: Measurement) -> np.ndarray:
+    return np.diag(np.concatenate([np.square(V_OF[s]) for s in measurement.sensors]))
+
+
+def blocks(V: np.ndarray) -> np.ndarray:
+    """The sensors' blocks, each row by row."""
+    return np.concatenate([V[i : i + 3, i : i + 3].ravel() for i in range(0, len(V), 3)])
+
+
+@lru_cache
+def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Phi, Gamma, W over [x; e] and C of all four sensors, written down here once more.
+
+    d' = d + w_d; x' = Phi x + Gamma u + Gamma_d (d + w); f' = d + f_T e_z + w; b' = b + w_b; y_a = f / m + b.
+    """
+    o, eye, e_z = np.zeros((3, 3)), np.eye(3), np.eye(3, 4, k=0)[[1, 2, 0]] * [[0.0], [0.0], [1.0]]
+    G, Q = GAMMA_D[:, :3], np.diag([0.27**2] * 3 + [0.005**2] * 3)
+    C_x = np.kron([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], eye) @ np.eye(6, 12)
+    if force == "thrust":
+        Phi = np.block([[PHI, G], [np.zeros((3, 12)), eye]])
+        W = block_diag(GAMMA_D @ Q @ GAMMA_D.T, (0.011**2 * H) * eye)
+        return Phi, np.vstack([GAMMA, np.zeros((3, 4))]), W, np.hstack([C_x, np.zeros((9, 3))])
+    no = np.zeros((3, 12))
+    Phi = np.block(
+        [[PHI, G, np.zeros((12, 6))], [no, eye, o, o], [no, eye, o, o], [no, o, o, eye]],
+    )
+    Gamma = np.vstack([GAMMA, np.zeros((3, 4)), e_z, np.zeros((3, 4))])
+    by_force = np.vstack([GAMMA_D, np.zeros((3, 6)), np.eye(3, 6), np.zeros((3, 6))])
+    W = by_force @ Q @ by_force.T + block_diag(np.zeros((12, 12)), (0.011**2 * H) * eye, o, (0.0027**2 * H) * eye)
+    C = np.vstack([np.hstack([C_x, np.zeros((9, 9))]), np.hstack([no, o, eye / M, eye])])
+    return Phi, Gamma, W, C
+
+
+@pytest.mark.parametrize("force", FORCES)
+def test_the_model_is_the_equations_of_the_force_state(force: str) -> None:
+    _, _, model, measurement = made(force)
+    for mine, expected in zip((model.Phi, model.Gamma, model.W, measurement.layout.C), dense(force), strict=True):
+        np.testing.assert_allclose(mine, expected, rtol=1e-13, atol=1e-18)
+    # Gamma_d = (h^2/2, h)/m on position and velocity
+    np.testing.assert_allclose(model.Phi[:3, 12:15], H**2 / 2.0 / M * np.eye(3), rtol=1e-13)
+    np.testing.assert_allclose(model.Phi[6:9, 12:15], H / M * np.eye(3), rtol=1e-13)
+
+
+def test_without_a_force_the_model_is_the_papers() -> None:
+    its, extras, model, measurement = made("none")
+    paper = filter_model(its, M100, its.integrator, H)
+    assert extras == ()
+    assert model.extra == ()
+    assert measurement.outputs == Measurement(PAPER).outputs
+    for mine, papers in zip(model, paper, strict=True):
+        np.testing.assert_array_equal(mine, papers)
+
+
+@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize(
+    ("sensors", "observable"),
+    [(("uwb", "imu"), True), (("camera", "imu"), True), (("uwb", "camera", "imu"), True), (("imu",), False)],
+)
+def test_the_force_is_observable_with_fixes_and_not_without(
+    force: str, sensors: tuple[str, ...], observable: bool
+) -> None:
+    _, _, model, measurement = made(force)
+    seen = [j for s in (*sensors, *measurement.sensors[3:]) for j in range(*measurement.rows_of(s).indices(99))]
+    # In units of ticks, the force as what it accelerates in one: Drake judges the rank by the entries' size.
+    scale = np.concatenate([tick_scaling(H), np.full(len(model.extra), 1.0 / H**2)])
+    Phi, C = rescale(model.Phi, measurement.layout.C[seen], scale)
+    n, m = len(Phi), len(C)
+    system = LinearSystem(Phi, np.zeros((n, 1)), C, np.zeros((m, 1)), H)
+    assert IsObservable(system) == observable
+    if not observable:  # position, velocity and force stay unknown in each axis; the accelerometer adds f/m + b alone
+        rank = np.linalg.matrix_rank(np.vstack([C @ matrix_power(Phi, k) for k in range(n)]))
+        assert rank == n - 9
+
+
+@pytest.mark.parametrize("force", FORCES)
+def test_with_all_sensors_the_covariance_settles_at_the_solution_of_the_dare(force: str) -> None:
+    walks = Walks(force_rate=0.11, accelerometer_rate=0.055)
+    its, extras, model, measurement = made(force, walks=walks, integrator="estimate")
+    N = len(model.Phi)
+    V, layout = all_V(measurement), measurement.layout
+    belief = np.concatenate([np.zeros(N + 3), initial_covariance(its, extras).ravel()])
+    y, delta = np.zeros(len(V)), np.ones(len(measurement.sensors))
+    for _ in range(4000):
+        belief = filter_step(belief, y, delta, blocks(V), np.zeros(4), np.zeros(3), model, layout)
+    P = belief[N + 3 :].reshape(N + 3, N + 3)
+    expected = solve_discrete_are(model.Phi.T, layout.C.T, model.W, V)
+    sd = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(P[:N, :N] / np.outer(sd, sd), expected / np.outer(sd, sd), rtol=0.0, atol=1e-7)
+    # Drake's regulator is dual to the predictor; its check wants W definite.
+    W = model.W + 1e-12 * np.eye(N)
+    K = filter_gain(P, delta, blocks(V), model.Phi, model.integrator, layout, model.extra)[:N]
+    dual, _ = DiscreteTimeLinearQuadraticRegulator(model.Phi.T, layout.C.T, W, V)
+    np.testing.assert_allclose(K, dual.T, rtol=0.0, atol=1e-4 * np.max(np.abs(K)))
+
+
+def test_without_fixes_an_unknown_force_makes_the_position_uncertain_with_the_fourth_power_of_time() -> None:
+    still = Walks(force_sd=0.5, force_rate=0.0)
+    W = DiagonalW(kind="diagonal", position=0.0, angle=0.0, velocity=0.0, rate=0.0)
+    its, extras, model, measurement = made("thrust", walks=still, W=W)
+    P = initial_covariance(its, extras)
+    P[:12] = 0.0
+    belief = np.concatenate([np.zeros(18), P.ravel()])
+    y, delta = np.zeros(9), np.zeros(3)
+    for k in range(1, 343):
+        given = np.zeros(4), np.zeros(3), model, measurement.layout
+        belief = filter_step(belief, y, delta, np.zeros(27), *given)
+        P, t = belief[18:].reshape(18, 18), k * H
+        np.testing.assert_allclose(np.diag(P)[:3], (0.5 * t**2 / 2.0 / M) ** 2, rtol=1e-10)
+        np.testing.assert_allclose(np.diag(P)[12:15], 0.25, rtol=1e-12)  # the force is held
+
+
+def offset(force: str, integrator: str, integral: bool, told: bool = True) -> np.ndarray:
+    """Where the position ends under a force of 0.3, -0.5 and 0.8 N, by simulation of servo and filter, and by the
+    final value of the loop's matrices; the two are compared here."""
+    d = np.array([0.3, -0.5, 0.8])
+    its, extras, model, measurement = made(force, integrator=integrator)
+    N, layout = len(model.Phi), measurement.layout
+    L = servo_gain(M100, LqServo().weights, H)
+    if not integral:
+        L[:, 12:] = 0.0
+    V, delta = blocks(all_V(measurement)), np.ones(len(measurement.sensors))
+    paper = FilterModel(model.Phi, model.Gamma, model.W, model.integrator, model.extra, 0.0 * model.Gamma_a)
+    belief = np.concatenate([np.zeros(N + 3), initial_covariance(its, extras).ravel()])
+    x, f = np.zeros(12), np.zeros(3)
+    for _ in range(6000):
+        xbar = np.concatenate([belief[:12], belief[N : N + 3]])
+        known = belief[12:15] if extras and told else np.zeros(3)
+        u = servo_control(xbar, np.zeros(9), L, M, 0.0, True, known) - HOVER
+        y = measurement.layout.C[:, :12] @ x
+        if force == "measured":
+            y[9:] = f / M
+        belief = filter_step(belief, y, delta, V, u, np.zeros(3), paper, layout)
+        x, f = PHI @ x + GAMMA @ u + GAMMA_D[:, :3] @ d, d + u[0] * np.array([0.0, 0.0, 1.0])
+    # z = [x; e_hat; i]: u = -L [xhat; i] - F dhat, and z' = A z + B d; at rest z = (I - A)^-1 B d
+    P = belief[N + 3 :].reshape(N + 3, N + 3)
+    if force != "measured":
+        K = filter_gain(P, delta, V, model.Phi, model.integrator, layout, model.extra)[:N]
+        F = np.zeros((4, N))
+        F[:, :12] = L[:, :12]
+        if extras and told:  # the servo's tilt and lift against d: theta = -d_x / (m g), phi = d_y / (m g), f_T = -d_z
+            tilt = np.zeros((12, 3))
+            tilt[4, 0], tilt[3, 1] = -1.0 / (M * GRAVITY), 1.0 / (M * GRAVITY)
+            F[:, 12:15] = -L[:, :12] @ tilt
+            F[0, 14] += 1.0
+        C, C_x = layout.C, layout.C[:, :12]
+        p_hat, p = np.eye(3, N), np.eye(3, 12)
+        i_rows = [np.zeros((3, 12)), -p_hat] if integrator == "estimate" else [-p, np.zeros((3, N))]
+        A = np.block([
+            [PHI, -GAMMA @ F, -GAMMA @ L[:, 12:]],
+            [K @ C_x, model.Phi - K @ C - model.Gamma @ F, -model.Gamma @ L[:, 12:]],
+            [*i_rows, np.eye(3)],
+        ])  # fmt: skip
+        if not integral:
+            A = A[:-3, :-3]
+        assert np.max(np.abs(np.linalg.eigvals(A))) < 1.0
+        B = np.vstack([GAMMA_D[:, :3], np.zeros((len(A) - 12, 3))])
+        final = np.linalg.solve(np.eye(len(A)) - A, B @ d)
+        np.testing.assert_allclose(x, final[:12], rtol=0.0, atol=2e-6)
+    return x[:3]
+
+
+@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize(("integrator", "integral"), [("estimate", True), ("estimate", False), ("hold", True)])
+def test_a_constant_force_leaves_no_offset(force: str, integrator: str, integral: bool) -> None:
+    np.testing.assert_allclose(offset(force, integrator, integral), 0.0, atol=1e-6)
+
+
+def test_a_constant_force_leaves_an_offset_where_it_is_not_known_or_not_countered() -> None:
+    # Without a force state the estimate is off, and an integral of the estimate's error does not see that.
+    assert np.all(np.abs(offset("none", "estimate", True)) > 5e-3)
+    assert np.all(np.abs(offset("none", "estimate", False)) > 0.02)
+    # The estimate alone does not help a servo without an integral.
+    assert np.all(np.abs(offset("thrust", "estimate", False, told=False)) > 0.02)
+
+
+def twin_step(
+    xbar: np.ndarray, P: np.ndarray, y: np.ndarray, delta: np.ndarray, V: np.ndarray, u: np.ndarray, r: np.ndarray,
+    force: str, integrator: str,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """The paper's filter over [x; e; i], at full size, with rows masked and the lift tilted."""
+    Phi, Gamma, W, C = dense(force)
+    N, p = len(Phi), len(C)
+    Delta, E = np.diag(np.repeat(delta, 3)), np.zeros((3, p))
+    if integrator != "estimate" and (delta[0] or delta[1]):
+        first = 0 if delta[0] else 3
+        E[:, first : first + 3] = np.eye(3)
+    Phibar = np.block([[Phi, np.zeros((N, 3))], [-E @ C, np.eye(3)]])
+    Ebar, V1 = block_diag(np.eye(N), -E), block_diag(W, V)
+    V12 = np.vstack([np.zeros((N, p)), V])
+    Hk = Delta @ np.hstack([C, np.zeros((p, 3))])
+    cross = Hk @ P @ Phibar.T + V12.T @ Ebar.T
+    K = np.linalg.solve(Hk @ P @ Hk.T + V, Delta @ cross).T
+    P_next = Phibar @ P @ Phibar.T + Ebar @ V1 @ Ebar.T - K @ cross
+    # a = (f_T + d_z) / m z_B - g, in place of the hover model's g theta, -g phi, u_0 / m + d_z / m
+    a = (M * GRAVITY + u[0] + xbar[14]) / M * rotation(xbar[3:6])[:, 2]
+    a = a - [GRAVITY * xbar[4], -GRAVITY * xbar[3], GRAVITY + (u[0] + xbar[14]) / M]
+    tilt = np.concatenate([H**2 / 2.0 * a, np.zeros(3), H * a, np.zeros(N - 9 + 3)])
+    step = Phibar @ xbar + np.concatenate([Gamma @ u, np.zeros(3)]) + tilt + K @ (Delta @ y - Hk @ xbar)
+    if integrator == "estimate":
+        step[N:] += r - xbar[:3]
+    elif integrator == "literal" or E.any():
+        step[N:] += r
+    return step, (P_next + P_next.T) / 2.0
+
+
+@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize(
+    ("steps", "integrator"),
+    [*((60, name) for name in INTEGRATORS), pytest.param(20_000, "hold", marks=pytest.mark.long)],
+)
+def test_a_dense_twin_over_thousands_of_random_steps(steps: int, integrator: str, force: str) -> None:
+    # Each runs on its own values from first to last: the comparison never re-synchronises them.
+    its, extras, model, measurement = made(force, integrator=integrator)
+    rng, N, layout = np.random.default_rng(21), len(model.Phi), measurement.layout
+    p, s, n = len(layout.C), len(measurement.sensors), N + 3
+    P = initial_covariance(its, extras)
+    xbar = np.concatenate([0.1 * rng.normal(size=N), np.zeros(3)])
+    belief, x_lines, P_lines = np.concatenate([xbar, P.ravel()]), xbar, P
+    rates, scale = np.array([0.3, 0.3, 0.8, 0.8])[:s], np.repeat([0.3, 0.3, 0.05, 0.2], 3)[:p]
+    for k in range(steps):
+        delta = (rng.random(s) < rates).astype(float)
+        V = block_diag(*[sd**2 * _spd(rng) for sd in (0.1, 0.15, 0.01, 0.05)[:s]])
+        y, u, r = rng.normal(size=p) * scale, rng.normal(size=4) * [2.0, 0.01, 0.01, 0.01], 0.1 * rng.normal(size=3)
+        given = y, delta, blocks(V), u, r, model, layout
+        belief = filter_step(belief, *given)
+        xbar, P = twin_step(xbar, P, y, delta, V, u, r, force, integrator)
+        mine = belief[n:].reshape(n, n)
+        assert np.max(np.abs(belief[:n] - xbar)) < 1e-8 * max(1.0, np.max(np.abs(xbar))), k
+        assert np.max(np.abs(mine - P)) < 1e-9 * np.max(np.abs(P)), k
+        assert np.max(np.abs(mine[N:])) < 1e-20, k  # the integral is known as before
+        if k < 300:
+            x_lines, P_lines, _ = intermittent_step(x_lines, P_lines, *given)
+            np.testing.assert_allclose(belief[:n], x_lines, rtol=0.0, atol=1e-9 * max(1.0, np.abs(x_lines).max()))
+            np.testing.assert_allclose(mine, P_lines, rtol=0.0, atol=1e-9 * np.abs(P_lines).max())
+        if k % 50 == 0:
+            assert np.array_equal(mine, mine.T)
+            assert np.linalg.eigvalsh(mine)[0] > -1e-15 * np.max(mine), k
+            gain = filter_gain(mine, delta, blocks(V), model.Phi, model.integrator, layout, model.extra)
+            E = np.zeros((3, p))
+            if integrator != "estimate" and (delta[0] or delta[1]):
+                E[:, :3] = np.eye(3) * delta[0]
+                E[:, 3:6] = np.eye(3) * (1.0 - delta[0])
+            np.testing.assert_allclose(gain[N:], -E, atol=1e-9)
+
+
+def _spd(rng: np.random.Generator) -> np.ndarray:
+    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    V = Q @ np.diag(rng.uniform(0.3, 3.0, 3)) @ Q.T
+    return np.asarray((V + V.T) / 2.0)
+
+
+def test_a_wrong_mass_is_a_vertical_force_whatever_the_tilt() -> None:
+    """The lift of a vehicle 10 % heavier, thrust for thrust, is that of the believed mass with a force along z_B."""
+    rng = np.random.default_rng(22)
+    for _ in range(20):
+        x, f_T, heavier = 0.3 * rng.normal(size=12), 26.0 + rng.normal(), 1.1 * M
+        true = translational_acceleration(x, np.array([f_T, 0.0, 0.0, 0.0]), np.zeros(6), heavier)
+        d_z = f_T * (M / heavier - 1.0)  # (f_T + d_z) / m = f_T / heavier
+        xbar = np.concatenate([x, [0.0, 0.0, d_z], np.zeros(3)])
+        u = np.array([f_T - M * GRAVITY, 0.0, 0.0, 0.0])
+        hover = np.array([GRAVITY * x[4], -GRAVITY * x[3], (u[0] + d_z) / M])
+        np.testing.assert_allclose(hover + tilted_lift(xbar, u, M), true, atol=1e-12)
+
+
+def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
+    rng, zero = np.random.default_rng(23), np.zeros(3)
+    for tilt in (1e-3, 1e-2, 1e-1):
+        x = np.concatenate([rng.normal(size=3), tilt * rng.normal(size=2), rng.normal(size=7)])
+        force, b = 0.5 * rng.normal(size=3), 0.1 * rng.normal(size=3)
+        u, bias = np.array([27.5, 0.0, 0.0, 0.0]), np.concatenate([np.zeros(6), b])
+        imu = imu_message(x, u, np.concatenate([force, zero]), M, bias, zero, 0, np.uint64(1), 0.5, H)
+        y, delta, V2 = np.arange(9.0), np.array([0.0, 0.0, 1.0]), np.arange(27.0)
+        y_all, delta_all, V2_all = with_specific_force(y, delta, V2, imu, 2, np.array([1.0, 2.0, 3.0]))
+        f = force + [0.0, 0.0, u[0] - M * GRAVITY]
+        c, s = np.cos(x[5]), np.sin(x[5])
+        expected = f / M + [c * b[0] - s * b[1], s * b[0] + c * b[1], b[2]]
+        # To first order in the tilt; what is left is the force turned, and nothing of gravity or lift.
+        np.testing.assert_allclose(y_all[9:], expected, rtol=0.0, atol=3.0 * tilt * np.abs(force).max() / M)
+        np.testing.assert_array_equal(y_all[:9], y)
+        np.testing.assert_array_equal(V2_all[27:].reshape(3, 3), np.diag([1.0, 2.0, 3.0]))
+        assert delta_all.tolist() == [0.0, 0.0, 1.0, 1.0]
+    _, delta_all, _ = with_specific_force(y, np.array([1.0, 1.0, 0.0]), V2, imu, 2, np.ones(3))
+    assert delta_all.tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_compiled_and_plain_form_agree() -> None:
+    its, extras, model, measurement = made("measured")
+    rng, n = np.random.default_rng(24), len(model.Phi) + 3
+    belief = np.concatenate([0.1 * rng.normal(size=n), initial_covariance(its, extras).ravel()])
+    given = rng.normal(size=12), np.array([1.0, 0.0, 1.0, 1.0]), blocks(all_V(measurement)), rng.normal(size=4)
+    arguments = belief, *given, np.zeros(3), model, measurement.layout
+    np.testing.assert_allclose(filter_step(*arguments), filter_step.py_func(*arguments), atol=1e-13)
