@@ -11,7 +11,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.diagrams.onboard import NO_PARTS, Onboard, Parts
 from ortilo_drake.diagrams.world import World
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.world.scenery.meshcat_flight import MeshcatFlight
 
 
@@ -90,9 +90,9 @@ def make_closed_loop(
     scenario: Scenario,
     trajectory: Trajectory | None = None,
     meshcat: Meshcat | None = None,
-    estimator: Callable[[Scenario, np.ndarray], System] | None = None,
-    servo: Callable[[Scenario], System] | None = None,
-    planner: Callable[[Scenario], Trajectory] | None = None,
+    estimator: Callable[[Belief, np.ndarray], System] | None = None,
+    servo: Callable[[Belief], System] | None = None,
+    planner: Callable[[Belief], Trajectory] | None = None,
 ) -> ClosedLoop:
     """Return the closed loop of a scenario, with parts of one's own where they are given.
 

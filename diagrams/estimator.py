@@ -13,13 +13,13 @@ from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial
 from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter, ReplayKalmanFilter
 from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described, message_port, message_size
 
 _PREDICTIONS = ("estimate", "covariance")
 
 
-def make_detector(scenario: Scenario, room: Room) -> Detector:
+def make_detector(scenario: Belief, room: Room) -> Detector:
     """Return what finds landmarks in the pictures of a rendered camera; InputError if its files are wrong."""
     camera = room.camera.scaled_to(scenario.camera.width)
     size = camera.width, camera.height
@@ -42,7 +42,7 @@ class IntermittentEstimator(Diagram):
         y (p), delta (s), V2 (q) (outputs): the measurement as it reaches the filter in this tick, late ones included.
 
     Args:
-        scenario: the scenario.
+        scenario: the scenario, of which the belief is all that is taken.
         xbar_0: first estimate (15).
         detects: whether the pictures of a rendered camera come here; if not, detections do.
 
@@ -50,8 +50,9 @@ class IntermittentEstimator(Diagram):
         InputError: if the detector's files are wrong.
     """
 
-    def __init__(self, scenario: Scenario, xbar_0: np.ndarray, detects: bool = True):
+    def __init__(self, scenario: Belief, xbar_0: np.ndarray, detects: bool = True):
         super().__init__()
+        scenario = scenario.belief
         room, h, settings = scenario.load_room(), scenario.h, scenario.estimator
         measurement = scenario.measurement
         sensors = [described(name) for name in measurement.sensors if name in scenario.sensors]

@@ -9,7 +9,8 @@
     planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m]
 
 Such a function may be given to make_closed_loop, or registered and named in the scenario by its kind. The System may be
-a LeafSystem or a Diagram; it sees nothing of the world but messages.
+a LeafSystem or a Diagram; it sees nothing of the world but messages, and of the scenario nothing but the Belief, which
+leaves out what only the world knows (scenario/belief.py).
 """
 
 from collections.abc import Callable
@@ -28,15 +29,15 @@ from ortilo_drake.onboard.planner.path_player import PathPlayer
 from ortilo_drake.onboard.planner.planner import make_planner, plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral
-from ortilo_drake.scenario import LqServo, Scenario
+from ortilo_drake.scenario import Belief, LqServo
 
 
 class Parts(NamedTuple):
     """Parts in place of those that a scenario names, as the functions above."""
 
-    estimator: Callable[[Scenario, np.ndarray], System] | None = None
-    servo: Callable[[Scenario], System] | None = None
-    planner: Callable[[Scenario], Trajectory] | None = None
+    estimator: Callable[[Belief, np.ndarray], System] | None = None
+    servo: Callable[[Belief], System] | None = None
+    planner: Callable[[Belief], Trajectory] | None = None
 
 
 NO_PARTS: Final = Parts()
@@ -45,7 +46,7 @@ NO_PARTS: Final = Parts()
 _OWN_INPUTS = ("estimate", "control", "reference", "force")  # of an estimator or a servo, beside messages
 
 
-def initial_estimate(scenario: Scenario, r_0: np.ndarray) -> np.ndarray:
+def initial_estimate(scenario: Belief, r_0: np.ndarray) -> np.ndarray:
     """Return xbar_0 (15): hovering at r_0, with the integral at rest."""
     xbar_0 = np.zeros(N_XBAR)
     xbar_0[0:3] = r_0
@@ -72,7 +73,7 @@ class Onboard(Diagram):
         reference (9, output): r, r_dot, r_ddot.
 
     Args:
-        scenario: the scenario.
+        scenario: the scenario, of which the belief is all that is taken.
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
         detects: whether the pictures of a rendered camera come here; if not, detections do.
         parts: in place of the scenario's.
@@ -85,13 +86,14 @@ class Onboard(Diagram):
 
     def __init__(
         self,
-        scenario: Scenario,
+        scenario: Belief,
         trajectory: Trajectory | None = None,
         detects: bool = True,
         parts: Parts = NO_PARTS,
         takes_paths: bool = False,
     ):
         super().__init__()
+        scenario = scenario.belief
         trajectory = trajectory or path_of(scenario, parts.planner)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
         builder = DiagramBuilder()
@@ -153,8 +155,9 @@ class Onboard(Diagram):
         return bool(getattr(self._estimator, "has_history", True))
 
 
-def path_of(scenario: Scenario, planner: Callable[[Scenario], Trajectory] | None = None) -> Trajectory:
+def path_of(scenario: Belief, planner: Callable[[Belief], Trajectory] | None = None) -> Trajectory:
     """Return the path that a scenario's planner plans, or the one given, p_WB(t) (3 rows) [m]."""
+    scenario = scenario.belief
     found = find_part("planner", scenario.planner.kind) if not _is_built_in(scenario.planner) else None
     planner = planner or (found.make if found else None)
     if planner is not None:
@@ -170,7 +173,7 @@ def _is_built_in(settings: object) -> bool:
 
 
 def _estimator_of(
-    scenario: Scenario, xbar_0: np.ndarray, detects: bool, make: Callable[[Scenario, np.ndarray], System] | None
+    scenario: Belief, xbar_0: np.ndarray, detects: bool, make: Callable[[Belief, np.ndarray], System] | None
 ) -> System:
     """Return the estimator that is given, or that the scenario names."""
     if make is None:
@@ -182,7 +185,7 @@ def _estimator_of(
     return make(scenario, xbar_0)
 
 
-def _servo_of(scenario: Scenario, make: Callable[[Scenario], System] | None, knows_force: bool) -> System:
+def _servo_of(scenario: Belief, make: Callable[[Belief], System] | None, knows_force: bool) -> System:
     """Return the servo that is given, or that the scenario names."""
     if make is None:
         found = find_part("servo", scenario.servo.kind) if not _is_built_in(scenario.servo) else None
@@ -239,7 +242,7 @@ def _whole_estimate(
 
 
 def make_onboard(
-    scenario: Scenario,
+    scenario: Belief,
     trajectory: Trajectory | None = None,
     detects: bool = True,
     parts: Parts = NO_PARTS,

@@ -1,28 +1,29 @@
 """The world: the vehicle, its sensors and the links."""
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
+from ortilo_drake.diagrams.vehicle import Ports, add_vehicle
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_U, N_X
+from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Link, Scenario
+from ortilo_drake.scenario.truth import ClockTruth, Truth
 from ortilo_drake.sensors.described import described
-from ortilo_drake.world.radio.command_link import CommandLink_
+from ortilo_drake.world.drawn_truth import Drawn, check_size, draw_truth
 from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
 from ortilo_drake.world.radio.link import SensorLink_
 from ortilo_drake.world.seeded_system import set_seed
+from ortilo_drake.world.sensors.message_error import MessageError_
+from ortilo_drake.world.sensors.sensor_clock import SensorClock_
+from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.shutter import Shutter
 from ortilo_drake.world.sensors.true_velocity import TrueVelocity_
-from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
-from ortilo_drake.world.vehicle.failsafe import Failsafe
-from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
-from ortilo_drake.world.vehicle.rotors import Rotors_
-
-Ports = dict[str, OutputPort]
+from ortilo_drake.world.slow_error import SlowError_
+from ortilo_drake.world.truth import set_truth
 
 
 class World(Diagram):
@@ -59,19 +60,25 @@ class World(Diagram):
             raise InputError("command_link: must be left as it is where commands come from outside, in real time")
         room, builder = scenario.load_room(), DiagramBuilder()
         self._hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or scenario.h, N_U))
-        self._vehicle = scenario.vehicle
-        self._plant, ports = _add_vehicle(builder, scenario, self._hold, command_period)
+        self._vehicle, self._room, self._truth = scenario.vehicle, room, scenario.truth
+        self._payloads: dict[str, int] = {}  # of the sensors that fly
+        self._plant, ports = add_vehicle(builder, scenario, self._hold, command_period)
         builder.ExportOutput(ports["state"], "state")
         for name in scenario.measurement.sensors:
+            if name not in scenario.sensors:
+                continue
+            seen = ports | {"state": _as_seen(builder, scenario, name, ports["state"])}
             if name == "camera" and scenario.is_rendered:
-                _add_rendered_camera(builder, scenario, room, ports)
-            elif name in scenario.sensors:
-                sensor = described(name)
-                latency = scenario.camera.latency if name == "camera" else 0
-                source = builder.AddSystem(sensor.make_world(scenario, room))
-                builder.ExportOutput(
-                    _add_link(builder, scenario, name, source, ports, latency), source.get_output_port().get_name()
-                )
+                _add_rendered_camera(builder, scenario, room, seen, ports["state"])
+                self._payloads[name] = 0
+                continue
+            latency = scenario.camera.latency if name == "camera" else 0
+            source = builder.AddSystem(described(name).make_world(scenario, room))
+            _connect(builder, seen, source)
+            self._payloads[name] = source.get_output_port().size() - PAYLOAD
+            message = _with_errors(builder, scenario, name, source.get_output_port())
+            delivered = _add_link(builder, scenario, name, message, ports["state"], latency)
+            builder.ExportOutput(delivered, source.get_output_port().get_name())
         if scenario.lends_velocities:
             velocity = builder.AddSystem(TrueVelocity_[float]())
             builder.Connect(ports["state"], velocity.get_input_port())
@@ -80,71 +87,74 @@ class World(Diagram):
         self.set_name("world")
 
     def SetHovering(self, context: Context, r_0: np.ndarray, yaw: float) -> None:
-        """Put the vehicle hovering at rest at r_0, p_WB (3), under that yaw [rad]; the context is the root's."""
+        """Put the vehicle hovering at rest where it is believed to be; the context is the root's, its seed set.
+
+        Args:
+            context: the root's.
+            r_0: believed p_WB (3) [m]; the truth may differ.
+            yaw: believed yaw [rad]; the truth may differ.
+        """
         x_0 = np.zeros(N_X)
         x_0[0:3], x_0[5] = r_0, yaw
+        if self._truth != Truth():
+            drawn = self.Drawn(context)
+            x_0[0:3] += drawn["start.position"]
+            x_0[5] += drawn["start.yaw"]
         self._plant.SetState(self._plant.GetMyMutableContextFromRoot(context), x_0)
         hover = [self._vehicle.hover_thrust, 0.0, 0.0, 0.0]
         self._hold.SetVectorState(self._hold.GetMyMutableContextFromRoot(context), hover)
 
     def SetSeed(self, context: Context, seed: int) -> None:
-        """Set the seed of all noise; the context is the root's."""
+        """Set the seed of all noise, and how the world of that seed differs; the context is the root's."""
         set_seed(self, context, seed)
+        if self._truth != Truth():
+            set_truth(self, context, self._vehicle, self._room, self.Drawn(context), self._payloads)
+
+    def Drawn(self, context: Context) -> Drawn:
+        """Return how the world of the context's seed differs from what is believed; the context is the root's."""
+        source = self.GetSubsystemByName("disturbance")
+        seed = source.seed_in(source.GetMyContextFromRoot(context))
+        return draw_truth(self._truth, seed, self._room, self._payloads)
 
 
-def _add_vehicle(
-    builder: DiagramBuilder, scenario: Scenario, hold: ZeroOrderHold, command_period: float | None
-) -> tuple[System, Ports]:
-    """Add the plant with what commands and pushes it; return it, and the ports state, control and disturbance."""
-    sampled = scenario.world.plant == "sampled" and command_period is None
-    h = scenario.h
-    plant = builder.AddSystem(
-        QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
-    )
-    disturbance = builder.AddSystem(DisturbanceSource_[float](scenario.world.disturbance, scenario.seed, h))
-    disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
-    builder.Connect(disturbance.get_output_port(), disturbance_hold.get_input_port())
-    actuator: LeafSystem = hold
-    if scenario.world.rotors.kind == "first_order":
-        actuator = builder.AddSystem(Rotors_[float](scenario.vehicle))
-        builder.Connect(hold.get_output_port(), actuator.get_input_port())
-    direct = plant.GetInputPort("control") if sampled else None  # a sampled plant samples and holds its inputs itself
-    if command_period is not None:
-        failsafe = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
-        builder.ExportInput(failsafe.GetInputPort("command"), "command")
-        builder.Connect(failsafe.GetOutputPort("control"), hold.get_input_port())
-        builder.Connect(plant.GetOutputPort("state"), failsafe.GetInputPort("state"))
-        builder.ExportOutput(failsafe.GetOutputPort("mode"), "failsafe_mode")
-    elif scenario.command_link == CommandLinkSettings():  # a perfect link
-        control = builder.ExportInput(hold.get_input_port(), "control")
-        if direct is not None:
-            builder.ConnectInput(control, direct)
-    else:
-        link = builder.AddSystem(CommandLink_[float](scenario.command_link, scenario.vehicle, scenario.seed, h))
-        builder.ExportInput(link.get_input_port(), "control")
-        builder.Connect(link.get_output_port(), hold.get_input_port())
-        if direct is not None:
-            builder.Connect(link.get_output_port(), direct)
-    if sampled:
-        builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
-    else:
-        builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))
-        builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
-    return plant, {
-        "state": plant.GetOutputPort("state"),
-        "control": actuator.get_output_port(),
-        "disturbance": disturbance_hold.get_output_port(),
-    }
+def _as_seen(builder: DiagramBuilder, scenario: Scenario, sensor: str, state: OutputPort) -> OutputPort:
+    """Return the state as a sensor sees it, by its own clock; the imu's is the onboard computer's."""
+    if sensor == "imu" or scenario.truth.clock == ClockTruth():
+        return state
+    clock = builder.AddSystem(SensorClock_[float](f"{sensor}_clock"))
+    builder.Connect(state, clock.get_input_port())
+    seen: OutputPort = clock.get_output_port()
+    return seen
+
+
+def _connect(builder: DiagramBuilder, ports: Ports, sensor: System) -> None:
+    """Connect a sensor to what it sees."""
+    for name, port in ports.items():
+        if sensor.HasInputPort(name):
+            builder.Connect(port, sensor.GetInputPort(name))
+
+
+def _with_errors(builder: DiagramBuilder, scenario: Scenario, sensor: str, message: OutputPort) -> OutputPort:
+    """Add the errors that the scenario's truth gives a sensor's messages; return where they come out."""
+    payload = message.size() - PAYLOAD
+    if sensor in dict(scenario.truth.sensors):
+        check_size(sensor, dict(scenario.truth.sensors)[sensor], payload)
+    errors = errors_of(scenario.truth, sensor, payload, scenario.h)
+    if errors is None:
+        return message
+    slow = builder.AddSystem(SlowError_[float](f"{sensor}_slow_error", errors.noise, scenario.seed, scenario.h))
+    n = slow.get_output_port().size()
+    error = builder.AddSystem(MessageError_[float](f"{sensor}_error", message.size(), n, errors.flagged))
+    builder.Connect(message, error.GetInputPort("message"))
+    builder.Connect(slow.get_output_port(), error.GetInputPort("error"))
+    measured: OutputPort = error.get_output_port()
+    return measured
 
 
 def _add_link(
-    builder: DiagramBuilder, scenario: Scenario, sensor: str, source: System, ports: Ports, latency: int = 0
+    builder: DiagramBuilder, scenario: Scenario, sensor: str, message: OutputPort, state: OutputPort, latency: int = 0
 ) -> OutputPort:
-    """Connect a sensor to what it sees and add the link of its messages; return where they come out."""
-    for name, port in ports.items():
-        if source.HasInputPort(name):
-            builder.Connect(port, source.GetInputPort(name))
-    message = source.get_output_port()
+    """Add the link of a sensor's messages; return where they come out."""
     settings = scenario.link_of(sensor)
     settings = settings.model_copy(update={"delay": settings.delay + latency})
     if settings == Link():  # a perfect link
@@ -153,17 +163,21 @@ def _add_link(
     else:
         link = builder.AddSystem(SensorLink_[float](sensor, message.size(), settings, scenario.seed, scenario.h))
         builder.Connect(message, link.GetInputPort("message"))
-        builder.Connect(ports["state"], link.GetInputPort("state"))
+        builder.Connect(state, link.GetInputPort("state"))
     delivered: OutputPort = link.get_output_port()
     return delivered
 
 
-def _add_rendered_camera(builder: DiagramBuilder, scenario: Scenario, room: Room, ports: Ports) -> None:
-    """Add a camera whose pictures Drake renders, with its shutter's link."""
+def _add_rendered_camera(
+    builder: DiagramBuilder, scenario: Scenario, room: Room, seen: Ports, state: OutputPort
+) -> None:
+    """Add a camera whose pictures Drake renders of the state as it is seen, with its shutter's link."""
     width, link = scenario.camera.width, scenario.link_of("camera")
     rendered = builder.AddSystem(make_rendered_camera(room, width))
-    builder.Connect(ports["state"], rendered.GetInputPort("state"))
-    shutter = _add_link(builder, scenario, "camera", builder.AddSystem(Shutter()), ports)
+    builder.Connect(seen["state"], rendered.GetInputPort("state"))
+    source = builder.AddSystem(Shutter())
+    _connect(builder, seen, source)
+    shutter = _add_link(builder, scenario, "camera", source.get_output_port(), state)
     builder.ExportOutput(shutter, "shutter")
     image, ticks = rendered.GetOutputPort("color_image"), link.delay + link.random_delay
     if ticks:

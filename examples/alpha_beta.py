@@ -21,7 +21,7 @@ G_W = np.array([0.0, 0.0, -9.81])
 class AlphaBeta(LeafSystem):
     """Position and velocity by an alpha-beta filter; attitude and rates straight from the IMU."""
 
-    def __init__(self, scenario: od.Scenario, xbar_0: np.ndarray):
+    def __init__(self, scenario: od.Belief, xbar_0: np.ndarray):
         super().__init__()
         self._h, self._period = scenario.h, scenario.every("uwb") * scenario.h
         self._anchors = scenario.load_room().anchor_positions

@@ -23,7 +23,7 @@ R = np.diag([0.02, 1.0, 1.0, 1.0])
 class MpcServo(LeafSystem):
     """u_0 of  min sum_k e_k^T Q e_k + u_k^T R u_k + e_N^T S e_N,  e_{k+1} = Phi e_k + Gamma u_k,  |u_k| <= LIMITS."""
 
-    def __init__(self, scenario: od.Scenario):
+    def __init__(self, scenario: od.Belief):
         super().__init__()
         self._hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0])
         self._mass = scenario.vehicle.mass

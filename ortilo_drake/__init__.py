@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ortilo_drake.api import (
+        Belief,
         FixSolver,
         Flight,
         Flights,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
+    "Belief",
     "FixSolver",
     "Flight",
     "Flights",

@@ -17,11 +17,12 @@ from ortilo_drake.model.parts import Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.onboard.fix_solver import FixSolver
-from ortilo_drake.scenario import InputError, Scenario
+from ortilo_drake.scenario import Belief, InputError, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.world.sensors.state_sensor import StateSensor
 
 __all__ = [
+    "Belief",
     "FixSolver",
     "Flight",
     "Flights",

@@ -19,7 +19,7 @@ from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight import flight, metrics, saved_flight
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.interop.log.writer import LogWriter
-from ortilo_drake.scenario import InputError, Scenario
+from ortilo_drake.scenario import Belief, InputError, Scenario
 from ortilo_drake.views.figures import draw_flight
 
 
@@ -134,9 +134,9 @@ def fly(
     *,
     seed: int | None = None,
     progress: Callable[[int], None] | None = None,
-    estimator: Callable[[Scenario, np.ndarray], System] | Mapping[str, Any] | None = None,
-    servo: Callable[[Scenario], System] | Mapping[str, Any] | None = None,
-    planner: Callable[[Scenario], Trajectory] | Mapping[str, Any] | None = None,
+    estimator: Callable[[Belief, np.ndarray], System] | Mapping[str, Any] | None = None,
+    servo: Callable[[Belief], System] | Mapping[str, Any] | None = None,
+    planner: Callable[[Belief], Trajectory] | Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Flight:
     """Fly a scenario once, with parts of one's own where they are given.

@@ -8,10 +8,10 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.parts import Part, register_part
 from ortilo_drake.model.typed_yaml import Frozen
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Belief
 
 
-def register_estimator(kind: str, settings: type[Frozen], make: Callable[[Scenario, np.ndarray], System]) -> None:
+def register_estimator(kind: str, settings: type[Frozen], make: Callable[[Belief, np.ndarray], System]) -> None:
     """Let scenarios name an estimator: `estimator: {kind: mine, ...}`.
 
     Args:
@@ -25,11 +25,11 @@ def register_estimator(kind: str, settings: type[Frozen], make: Callable[[Scenar
     register_part("estimator", Part(kind, settings, make))
 
 
-def register_servo(kind: str, settings: type[Frozen], make: Callable[[Scenario], System]) -> None:
+def register_servo(kind: str, settings: type[Frozen], make: Callable[[Belief], System]) -> None:
     """Let scenarios name a servo: `servo: {kind: mine, ...}`; arguments and errors as register_estimator."""
     register_part("servo", Part(kind, settings, make))
 
 
-def register_planner(kind: str, settings: type[Frozen], make: Callable[[Scenario], Trajectory]) -> None:
+def register_planner(kind: str, settings: type[Frozen], make: Callable[[Belief], Trajectory]) -> None:
     """Let scenarios name a planner: `planner: {kind: mine, ...}`; it returns a Trajectory p_WB(t) (3 rows) [m]."""
     register_part("planner", Part(kind, settings, make))

@@ -4,10 +4,13 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import path_of
 from ortilo_drake.model.input_files import MIB
+from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
+from ortilo_drake.sensors.described import described, message_size
+from ortilo_drake.world.drawn_truth import check_size
 from ortilo_drake.world.radio.image_delay import check_kept
 from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
@@ -36,13 +39,17 @@ def check_flyable(scenario: Scenario, path: Trajectory | None = None) -> int:
     """Return how many ticks a flight takes, once all that it needs has been found to be there.
 
     Raises:
-        InputError: if there is no path or no servo gain, the flight needs too much memory, a file of detector or
-            calibration is wrong, or nothing can be rendered here.
+        InputError: if there is no path or no servo gain, the flight needs too much memory, a registered sensor has
+            not as many errors as its payload numbers, a file of detector or calibration is wrong, or nothing can be
+            rendered here.
     """
     room = scenario.load_room()
     ticks = flight_ticks(scenario, path)
     if isinstance(scenario.servo, LqServo):
         servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    for sensor, errors in dict(scenario.truth.sensors).items():
+        if sensor in scenario.sensors:
+            check_size(sensor, errors, message_size(described(sensor), scenario, room) - PAYLOAD)
     if "camera" not in scenario.sensors:
         return ticks
     try:

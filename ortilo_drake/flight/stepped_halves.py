@@ -23,7 +23,7 @@ from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
 from ortilo_drake.onboard.planner.path_player import path_value
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.world.vehicle.failsafe import MODES
 
 
@@ -57,6 +57,7 @@ class WorldHalf:
         fix_steps(self._simulator, scenario)
         trajectory = path_of(scenario)
         r_0 = trajectory.value(trajectory.start_time())[:, 0]
+        self._diagram.SetSeed(self._simulator.get_mutable_context(), scenario.seed)
         self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, scenario.yaw)
         self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
         self._simulator.Initialize()
@@ -98,12 +99,13 @@ class OnboardHalf:
     """The onboard half of a scenario.
 
     Args:
-        scenario: the scenario.
+        scenario: the scenario, of which the belief is all that is taken.
         trajectory: the path to fly; by default what the scenario's planner plans.
         detects: whether it looks at a rendered camera's pictures; if not, it takes detections.
     """
 
-    def __init__(self, scenario: Scenario, trajectory: Trajectory | None = None, detects: bool = True):
+    def __init__(self, scenario: Belief, trajectory: Trajectory | None = None, detects: bool = True):
+        scenario = scenario.belief
         self._path = trajectory or path_of(scenario)
         self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True)
         self._simulator = Simulator(self._diagram)

@@ -9,6 +9,7 @@ Its groups of settings are modules of this folder, one a subject; whatever they 
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario.belief import Belief
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import (
     BernoulliLoss,
@@ -49,10 +50,12 @@ from ortilo_drake.scenario.sensors import (
     WallsBlock,
     WallsIgnored,
 )
+from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.scenario.world import Disturbance, FirstOrderRotors, IdealRotors, World
 
 __all__ = [
     "SCENARIO_FOLDER",
+    "Belief",
     "BernoulliLoss",
     "Blackout",
     "BurstLoss",
@@ -86,6 +89,7 @@ __all__ = [
     "Scenario",
     "ServoWeights",
     "TimeBlackout",
+    "Truth",
     "Uwb",
     "Vehicle",
     "Walks",

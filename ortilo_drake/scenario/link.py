@@ -107,7 +107,21 @@ Loss = Annotated[AnyLoss, BeforeValidator(_from_number, json_schema_input_type=A
 Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind")]
 
 
-class Link(Frozen):
+class LinkRate(Frozen):
+    """How often a sensor sends.
+
+    Attributes:
+        rate: messages a second [Hz]; must divide the scenario's control_rate. null sends on every tick.
+    """
+
+    rate: Annotated[float, Field(ge=1e-3)] | None = None
+
+    def every(self, h: float) -> int:
+        """Return how many ticks of h [s] lie from one message to the next."""
+        return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
+
+
+class Link(LinkRate):
     """How one sensor's messages reach the vehicle.
 
     Attributes:
@@ -118,15 +132,10 @@ class Link(Frozen):
         random_delay: largest additional delay [ticks], drawn uniformly for each message.
     """
 
-    rate: Annotated[float, Field(ge=1e-3)] | None = None
     loss: Loss = NoLoss()
     blackouts: Annotated[tuple[Blackout, ...], Field(max_length=1000)] = ()
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
-
-    def every(self, h: float) -> int:
-        """Return how many ticks of h [s] lie from one message to the next."""
-        return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
 
     @model_validator(mode="after")
     def _blackouts_have_a_length(self) -> "Link":

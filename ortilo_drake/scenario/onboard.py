@@ -83,6 +83,8 @@ class LandmarkFix(Frozen):
             deviations [1].
         prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
             filter's covariance.
+        shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
+            sizes alone.
     """
 
     method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
@@ -90,6 +92,7 @@ class LandmarkFix(Frozen):
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
     max_residual: Positive = 4.0
     prior_sd: tuple[Positive, Positive] | None = None
+    shapes: Literal["outlines", "boxes"] = "outlines"
 
 
 class Noise(Frozen):

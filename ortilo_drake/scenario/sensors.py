@@ -5,23 +5,33 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
-from ortilo_drake.scenario.link import Link, Probability
+from ortilo_drake.scenario.link import Link, LinkRate, Probability
 
 
-class Imu(Frozen):
+class SensorSetup(Frozen):
+    """What the onboard half knows of a sensor.
+
+    Attributes:
+        link: rate of its messages.
+    """
+
+    link: LinkRate = LinkRate()
+
+
+class Imu(SensorSetup):
     """An IMU with its own attitude filter: white noise on each output.
 
     Attributes:
+        link: rate and delivery of its messages.
         angle_sd: standard deviation of roll, pitch and yaw [rad].
         rate_sd: standard deviation of the body rates per axis [rad/s].
         specific_force_sd: standard deviation of the specific force per axis [m/s^2].
-        link: rate and delivery of its messages.
     """
 
+    link: Link = Link()
     angle_sd: NonNegativeFloat = 0.01
     rate_sd: NonNegativeFloat = 0.01
     specific_force_sd: NonNegativeFloat = 0.05
-    link: Link = Link()
 
 
 class ProportionalNoise(Frozen):
@@ -84,20 +94,20 @@ RangeNoise = Annotated[ProportionalNoise | ConstantNoise, Field(discriminator="k
 WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock, Field(discriminator="kind")]
 
 
-class Uwb(Frozen):
+class Uwb(SensorSetup):
     """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls.
 
     Attributes:
+        link: rate and delivery of its messages.
         noise: noise of each range.
         walls: what walls in the line of sight do to a range.
         max_distance: farther anchors give no range [m].
-        link: rate and delivery of its messages.
     """
 
+    link: Link = Link(rate=10.0)
     noise: RangeNoise = ProportionalNoise()
     walls: WallEffect = WallsIgnored()
     max_distance: Positive = 100.0
-    link: Link = Link(rate=10.0)
 
 
 class MeasuredErrors(Frozen):
@@ -140,10 +150,37 @@ class ParametricErrors(Frozen):
 CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
 
 
-class Camera(Frozen):
+class CameraSetup(SensorSetup):
+    """What the onboard half knows of the landmark camera.
+
+    Attributes:
+        link: rate of the pictures or boxes.
+        kind: 'rendered' draws pictures for a detector to look at; 'projected' draws the boxes that a detector would
+            have found, by what was measured of it, eighty times as fast.
+        width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
+        latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
+            third of a tick of 1/30 s).
+    """
+
+    link: LinkRate = LinkRate(rate=10.0)
+    kind: Literal["projected", "rendered"] = "projected"
+    width: Annotated[int, Field(ge=16, le=8192)] = 320
+    latency: Annotated[int, Field(ge=0, le=1000)] = 1
+
+    @model_validator(mode="after")
+    def _can_be_rendered(self) -> "CameraSetup":
+        if self.kind == "rendered" and not 64 <= self.width <= 2048:
+            raise ValueError(f".width: {self.width}: must be 64 to 2048 where the camera is rendered")
+        if self.kind == "rendered" and self.latency < 1:
+            raise ValueError(f".latency: {self.latency}: must be at least 1 tick where the camera is rendered")
+        return self
+
+
+class Camera(CameraSetup):
     """The landmark camera: pictures or boxes, and their link.
 
     Attributes:
+        link: rate and delivery of the pictures or boxes.
         kind: 'rendered' draws pictures for a detector to look at; 'projected' draws the boxes that a detector would
             have found, by what was measured of it, eighty times as fast.
         width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
@@ -151,19 +188,7 @@ class Camera(Frozen):
             third of a tick of 1/30 s).
         errors: which landmarks are missed, how boxes err, and false boxes; flown where the camera is projected, and
             what the theory goes by.
-        link: rate and delivery of the pictures or boxes.
     """
 
-    kind: Literal["projected", "rendered"] = "projected"
-    width: Annotated[int, Field(ge=16, le=8192)] = 320
-    latency: Annotated[int, Field(ge=0, le=1000)] = 1
-    errors: CameraErrors = MeasuredErrors()
     link: Link = Link(rate=10.0)
-
-    @model_validator(mode="after")
-    def _can_be_rendered(self) -> "Camera":
-        if self.kind == "rendered" and not 64 <= self.width <= 2048:
-            raise ValueError(f".width: {self.width}: must be 64 to 2048 where the camera is rendered")
-        if self.kind == "rendered" and self.latency < 1:
-            raise ValueError(f".latency: {self.latency}: must be at least 1 tick where the camera is rendered")
-        return self
+    errors: CameraErrors = MeasuredErrors()

@@ -9,9 +9,9 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.multilateration import Multilateration_
+from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
-from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario import Uwb as UwbSettings
 from ortilo_drake.world.sensors.imu import Imu_
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
@@ -25,6 +25,11 @@ def _diagonal(variances: tuple[float, ...] | None) -> np.ndarray | None:
 def _of_fix(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
     """Say that a position's noise follows from geometry: studies/loop/fix_covariance.py has it."""
     raise NotImplementedError("the noise of a fix from ranges or boxes is that of studies/loop/fix_covariance.py")
+
+
+def _as_known(scenario: Belief, room: Room) -> Room:
+    """Return the room with the landmarks' shapes as far as they are known onboard."""
+    return room if scenario.landmark_fix.shapes == "outlines" else room.model_copy(update={"landmark_outline": {}})
 
 
 BUILT_IN = {
@@ -43,7 +48,9 @@ BUILT_IN = {
         CAMERA,
         make_world=lambda scenario, room: ProjectedCamera(scenario.camera, room, scenario.seed, scenario.h),
         sd=_of_fix,
-        make_onboard=lambda scenario, room: LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
+        make_onboard=lambda scenario, room: LandmarkFix(
+            scenario.landmark_fix, _as_known(scenario, room), scenario.image_width
+        ),
         V=lambda scenario: _diagonal(scenario.estimator.V.camera),
     ),
     "imu": Sensor(
@@ -72,10 +79,10 @@ def message_port(system: System) -> InputPort:
     return next(port for port in ports if port.get_name() not in ("estimate", "covariance"))
 
 
-def message_size(sensor: Sensor, scenario: Scenario, room: Room) -> int:
+def message_size(sensor: Sensor, scenario: Belief, room: Room) -> int:
     """Return the size of a sensor's message."""
     if sensor.make_onboard is not None:
-        return int(message_port(sensor.make_onboard(scenario, room)).size())
+        return int(message_port(sensor.make_onboard(scenario.belief, room)).size())
     m = len(sensor.rows)
     payload = sensor.payload or (m if sensor.V(scenario) is not None else m + m * m)
     return PAYLOAD + payload

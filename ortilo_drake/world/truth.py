@@ -4,13 +4,61 @@ Each function sets the parameters of every system that has a part in the matter,
 default Context holds the scenario's vehicle and room. The context is the root's throughout.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, Diagram
 
-from ortilo_drake.model.pinhole import R_BC
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.world.scenery.rendering import move_landmarks
+from ortilo_drake.world.drawn_truth import Drawn
+from ortilo_drake.world.scenery.rendering import mount_camera, move_landmarks
+from ortilo_drake.world.sensors.sensor_errors import bias_of, factor_of
+from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
+
+
+def set_truth(
+    world: Diagram, context: Context, vehicle: Vehicle, room: Room, drawn: Drawn, payloads: Mapping[str, int]
+) -> None:
+    """Set how a world differs from what is believed of it.
+
+    Args:
+        world: the world; systems that it has not are left out.
+        context: the root's; its seed is set already.
+        vehicle: as it is believed to be.
+        room: as it was surveyed.
+        drawn: the differences, see drawn_truth.py.
+        payloads: size of each sensor's payload, of those that fly.
+    """
+    inertia = tuple(float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia)
+    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
+    imu_bias = np.array([*drawn["imu.level"], drawn["imu.yaw"], *drawn["imu.rates"], *drawn["imu.specific_force"]])
+    set_vehicle(world, context, vehicle.model_copy(update={"mass": mass, "inertia": inertia}), imu_bias)
+    set_anchors(world, context, room.anchor_positions + drawn["survey.anchors"], drawn["uwb.bias"])
+    set_landmarks(world, context, room.landmark_positions + drawn["survey.landmarks"])
+    p_BC = np.array(room.camera.position) + drawn["camera.position"]
+    set_camera(world, context, p_BC, drawn["camera.angles"], float(drawn["camera.focal_factor"]))
+    for error, its in _named(world, context, "wrench_error"):
+        matrix = wrench_matrix(float(drawn["vehicle.thrust_factor"]), drawn["vehicle.center_of_gravity"])
+        error.set_wrench_in(its, matrix)
+    for force, its in _named(world, context, "lasting_force"):
+        force.start_in(its, np.concatenate((drawn["force.mean"], np.zeros(3))))
+    for sensor in payloads:
+        for error, its in _named(world, context, f"{sensor}_error"):
+            error.set_factor_in(its, factor_of(drawn, sensor, error.GetInputPort("error").size()))
+        for slow, its in _named(world, context, f"{sensor}_slow_error"):
+            slow.start_in(its, bias_of(drawn, sensor, slow.get_output_port().size()))
+        for clock, its in _named(world, context, f"{sensor}_clock"):
+            clock.set_clock_in(its, float(drawn[f"clock.offset.{sensor}"]), float(drawn[f"clock.drift.{sensor}"]))
+
+
+def _named(world: Diagram, context: Context, name: str) -> list[tuple[Any, Context]]:
+    """Return the system of that name and its context, if the world has one."""
+    if not world.HasSubsystemNamed(name):
+        return []
+    system = world.GetSubsystemByName(name)
+    return [(system, system.GetMyMutableContextFromRoot(context))]
 
 
 def set_vehicle(world: Diagram, context: Context, vehicle: Vehicle, imu_bias: np.ndarray | None = None) -> None:
@@ -45,11 +93,21 @@ def set_landmarks(world: Diagram, context: Context, p_WL: np.ndarray) -> None:
         move_landmarks(scene_graph, scene_graph.GetMyMutableContextFromRoot(context), p_WL)
 
 
-def set_camera(world: Diagram, context: Context, p_BC: np.ndarray) -> None:
-    """Set where on the vehicle the camera is (3) [m], of either kind; it looks ahead as before."""
-    if world.HasSubsystemNamed("projected_camera"):
-        camera = world.GetSubsystemByName("projected_camera")
-        camera.set_camera_in(camera.GetMyMutableContextFromRoot(context), p_BC)
+def set_camera(
+    world: Diagram, context: Context, p_BC: np.ndarray, rpy: np.ndarray | None = None, focal_factor: float = 1.0
+) -> None:
+    """Set how the camera is mounted and its lens, of either kind.
+
+    Args:
+        world: the world.
+        context: the root's.
+        p_BC: where on the vehicle it is (3) [m].
+        rpy: roll, pitch and yaw by which it is turned from looking ahead (3) [rad]; by default not at all.
+        focal_factor: by which its focal length differs from the room's [1].
+    """
+    rpy = np.zeros(3) if rpy is None else rpy
+    for camera, its in _named(world, context, "projected_camera"):
+        camera.set_camera_in(its, p_BC, rpy, focal_factor)
     if world.HasSubsystemNamed("rendered_camera"):
         sensor = world.GetSubsystemByName("rendered_camera").GetSubsystemByName("rgbd_sensor")
-        sensor.SetX_PB(sensor.GetMyMutableContextFromRoot(context), RigidTransform(RotationMatrix(R_BC), p_BC))
+        mount_camera(sensor, sensor.GetMyMutableContextFromRoot(context), p_BC, rpy, focal_factor)

@@ -151,9 +151,9 @@ def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
             flight.result(HANGS)
 
 
-def ask(bus: str, reason_for: ReasonFor, wait: float = HANGS, seed: int | None = None) -> None:
+def ask(bus: str, reason_for: ReasonFor, wait: float = HANGS, settings: tuple[str, ...] = SETTINGS) -> None:
     with flying(bus, reason_for):
-        ask_goal(bus, KEY, load_scenario("imu_uwb", SETTINGS, seed), 1.0, 2.0, wait)
+        ask_goal(bus, KEY, load_scenario("imu_uwb", settings), 1.0, 2.0, wait)
 
 
 def test_a_goal_is_taken_although_two_packets_are_lost(bus: str) -> None:
@@ -174,8 +174,8 @@ def test_every_refusal_is_one_line(bus: str, other_bus: str) -> None:
         ask(bus, lambda goal, n: "in an obstacle")
     with pytest.raises(InputError, match=r"^goal \(1, 2\): no answer in 1 s$"):
         ask(bus, lambda goal, n: None, wait=1.0)
-    with pytest.raises(InputError, match=r"^world: flies another scenario \(.*seed included$"):
-        ask(bus, lambda goal, n: "", seed=77)
+    with pytest.raises(InputError, match=r"^world: flies another scenario \(.*only the world knows$"):
+        ask(bus, lambda goal, n: "", settings=(*SETTINGS, "control_rate=60"))
     with pytest.raises(InputError, match=r"^world: not heard in 0.2 s; start it with: ortilo hil world$"):
         ask_goal(other_bus, KEY, load_scenario("imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
 

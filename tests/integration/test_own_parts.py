@@ -61,12 +61,12 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
 
     made = []
 
-    def estimator(scenario: od.Scenario, xbar_0: np.ndarray) -> IntermittentEstimator:
+    def estimator(scenario: od.Belief, xbar_0: np.ndarray) -> IntermittentEstimator:
         made.append(scenario.estimator.gain)
         settings = od.load_scenario("imu_uwb").estimator
         return IntermittentEstimator(scenario.model_copy(update={"estimator": settings}), xbar_0)
 
-    def planner(scenario: od.Scenario) -> PiecewisePolynomial:
+    def planner(scenario: od.Belief) -> PiecewisePolynomial:
         ends = np.array([[0.0, scenario.planner.speed], [0.0, 0.0], [1.5, 1.5]])
         return PiecewisePolynomial.FirstOrderHold([0.0, 1.0], ends)
 

@@ -12,9 +12,12 @@ from ortilo_drake.scenario import Disturbance, Imu, Link, Uwb, load_scenario
 from ortilo_drake.world.radio.command_link import CommandLink_
 from ortilo_drake.world.radio.link import SensorLink_
 from ortilo_drake.world.sensors.imu import Imu_
+from ortilo_drake.world.sensors.message_error import MessageError_
+from ortilo_drake.world.sensors.sensor_clock import SensorClock_
 from ortilo_drake.world.sensors.true_velocity import TrueVelocity_
 from ortilo_drake.world.sensors.uwb import UwbRanging_
 from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
+from ortilo_drake.world.vehicle.wrench_error import WrenchError_
 
 H = 1.0 / 30.0
 ROOM = load_scenario("imu_uwb").load_room()
@@ -30,6 +33,12 @@ SYSTEMS = {
     "true_velocity": (lambda: TrueVelocity_[float](), {"state": X}),
     "link": (lambda: SensorLink_[float]("uwb", 4, Link(), 7, H), {"message": MESSAGE, "state": X}),
     "command_link": (lambda: CommandLink_[float](CommandLinkSettings(), M100, 7, H), {"control": U}),
+    "wrench_error": (lambda: WrenchError_[float](), {"commanded": U}),
+    "sensor_clock": (lambda: SensorClock_[float]("uwb_clock"), {"state": X}),
+    "message_error": (
+        lambda: MessageError_[float]("uwb_error", 6, 2, True),
+        {"message": np.array([1.0, 0.1, 3.0, 2.0, 1.0, 0.0]), "error": np.array([0.2, 0.3])},
+    ),
     "disturbance": (lambda: DisturbanceSource_[float](Disturbance(), 7, H), {}),
 }
 

@@ -30,8 +30,8 @@ EVERY: Final = 0.1  # between two hellos [s]
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Return a digest of the scenario with its seed, and of its room, which both halves must have in common."""
-    text = scenario.model_dump_json() + scenario.load_room().model_dump_json()
+    """Return a digest of what the onboard half believes, its room included, which both halves must have in common."""
+    text = scenario.belief.model_dump_json() + scenario.load_room().model_dump_json()
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -73,7 +73,8 @@ def refusal(hello: Hello, digest: str) -> str:
         return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
     if hello.scenario_digest != digest:
         return (
-            f"flies another scenario ({hello.scenario_digest}, this half {digest}): give both the same, seed included"
+            f"flies another scenario ({hello.scenario_digest}, this half {digest}): "
+            "give both the same but for what only the world knows"
         )
     return ""
 

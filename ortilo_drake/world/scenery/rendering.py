@@ -22,9 +22,9 @@ from pydrake.geometry import (
     Rgba,
     SceneGraph,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import Context
-from pydrake.systems.sensors import CameraInfo
+from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import CameraModel
@@ -156,3 +156,28 @@ def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderC
 def camera_in_body(camera: CameraModel) -> RigidTransform:
     """Return X_BC, the camera on the vehicle."""
     return RigidTransform(RotationMatrix(R_BC), camera.position)
+
+
+def mount_camera(
+    sensor: RgbdSensor, context: Context, p_BC: np.ndarray, rpy: np.ndarray, focal_factor: float = 1.0
+) -> None:
+    """Set how a camera is mounted and its lens, in a context of its RgbdSensor.
+
+    Args:
+        sensor: the camera.
+        context: its.
+        p_BC: where on the vehicle it is (3) [m].
+        rpy: roll, pitch and yaw by which it is turned from looking ahead (3) [rad].
+        focal_factor: by which its default focal length is multiplied [1].
+    """
+    turned = RotationMatrix(RollPitchYaw(rpy)) @ RotationMatrix(R_BC) if np.any(rpy) else RotationMatrix(R_BC)
+    sensor.SetX_PB(context, RigidTransform(turned, p_BC))
+    if focal_factor == 1.0:
+        return
+    color, depth = sensor.default_color_render_camera(), sensor.default_depth_render_camera()
+    i = color.core().intrinsics()
+    f = focal_factor * i.focal_x()
+    info = CameraInfo(i.width(), i.height(), f, f, i.center_x(), i.center_y())
+    core = RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, FARTHEST), RigidTransform())
+    sensor.SetColorRenderCamera(context, ColorRenderCamera(core))
+    sensor.SetDepthRenderCamera(context, DepthRenderCamera(core, depth.depth_range()))

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
@@ -156,6 +157,20 @@ def detections_message(
     return message
 
 
+def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> np.ndarray:
+    """Return the state (12) of a body whose camera, at the same p_BC, looks ahead as a turned one does on this body.
+
+    Args:
+        x: state (12).
+        p_BC: where the camera is (3).
+        rpy: roll, pitch and yaw by which it is turned from looking ahead about its own centre (3) [rad].
+    """
+    R_WB = rotation_matrix(np.ascontiguousarray(x[3:6]))
+    R_WA = R_WB @ rotation_matrix(np.ascontiguousarray(rpy))
+    pose = [*(x[0:3] + (R_WB - R_WA) @ p_BC), *RollPitchYaw(RotationMatrix(R_WA)).vector()]
+    return np.concatenate((pose, x[6:12]))
+
+
 class ProjectedCamera(SeededSystem):
     """A memoryless camera and detector in one, of measured or given errors.
 
@@ -168,7 +183,8 @@ class ProjectedCamera(SeededSystem):
 
     Parameters of the Context, beside the seed:
         landmarks (3 n): p_W of their centres row by row [m]; the room's by default.
-        p_BC (3): where the camera is [m]; the room's by default.
+        mounting (7): where the camera is, p_BC [m], the room's by default; roll, pitch and yaw by which it is turned
+            from looking ahead [rad], 0 by default; by what its focal length differs from the room's [1], 1 by default.
 
     Args:
         settings: image width and errors.
@@ -192,7 +208,7 @@ class ProjectedCamera(SeededSystem):
         self._room, self._camera, self._tables = surroundings(room), camera, tables
         self._labels = room.landmark_labels
         self._landmarks = self.DeclareNumericParameter(BasicVector(room.landmark_positions.ravel()))
-        self._p_BC = self.DeclareNumericParameter(BasicVector(camera.p_BC))
+        self._mounting = self.DeclareNumericParameter(BasicVector([*camera.p_BC, 0.0, 0.0, 0.0, 1.0]))
         self._streams = (
             np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
             stream_id("camera false boxes"),
@@ -210,15 +226,18 @@ class ProjectedCamera(SeededSystem):
         """Set where the landmarks are, p_W (n, 3) [m], in a context of this system."""
         context.get_mutable_numeric_parameter(self._landmarks).SetFromVector(positions.ravel())
 
-    def set_camera_in(self, context: Context, p_BC: np.ndarray) -> None:
-        """Set where on the vehicle the camera is, p_BC (3) [m], in a context of this system."""
-        context.get_mutable_numeric_parameter(self._p_BC).SetFromVector(p_BC)
+    def set_camera_in(self, context: Context, p_BC: np.ndarray, rpy: np.ndarray, focal_factor: float) -> None:
+        """Set where on the vehicle the camera is, p_BC (3) [m], how it is turned, and its lens; see the parameters."""
+        context.get_mutable_numeric_parameter(self._mounting).SetFromVector([*p_BC, *rpy, focal_factor])
 
     def _calc_detections(self, context: Context, output: BasicVector) -> None:
         x, seed, time = self._state.Eval(context), self.seed_in(context), context.get_time()
         positions = context.get_numeric_parameter(self._landmarks).CopyToVector().reshape(-1, 3)
         room = self._room._replace(positions=positions)
-        camera = self._camera._replace(p_BC=context.get_numeric_parameter(self._p_BC).CopyToVector())
+        mounting = context.get_numeric_parameter(self._mounting).CopyToVector()
+        camera = self._camera._replace(p_BC=mounting[0:3], f=self._camera.f * mounting[6])
+        if np.any(mounting[3:6]):
+            x = body_that_looks_ahead(x, mounting[0:3], mounting[3:6])
         output.set_value(
             detections_message(x, room, self._labels, camera, self._tables, seed, *self._streams, time, self._h)
         )

@@ -1,0 +1,93 @@
+"""The vehicle in the world: its plant, what commands it and what pushes it."""
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.primitives import Adder, ZeroOrderHold
+
+from ortilo_drake.scenario import CommandLink as CommandLinkSettings
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
+from ortilo_drake.world.radio.command_link import CommandLink_
+from ortilo_drake.world.slow_error import SlowError_, gauss_markov
+from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
+from ortilo_drake.world.vehicle.failsafe import Failsafe
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.rotors import Rotors_
+from ortilo_drake.world.vehicle.wrench_error import WrenchError_
+
+Ports = dict[str, OutputPort]
+
+
+def add_vehicle(
+    builder: DiagramBuilder, scenario: Scenario, hold: ZeroOrderHold, command_period: float | None
+) -> tuple[System, Ports]:
+    """Add the plant with what commands and pushes it; return it, and the ports state, control and disturbance.
+
+    Args:
+        builder: of the world.
+        scenario: the scenario.
+        hold: of the commanded u.
+        command_period: see diagrams/world.py.
+    """
+    sampled = scenario.world.plant == "sampled" and command_period is None
+    h = scenario.h
+    plant = builder.AddSystem(
+        QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
+    )
+    disturbance = _add_disturbance(builder, scenario)
+    disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
+    builder.Connect(disturbance, disturbance_hold.get_input_port())
+    # A sampled plant samples and holds its inputs itself.
+    commanded = [hold.get_input_port(), *([plant.GetInputPort("control")] if sampled else [])]
+    actuator: LeafSystem = hold
+    error = builder.AddSystem(WrenchError_[float]()) if scenario.truth.vehicle != VehicleTruth() else None
+    if scenario.world.rotors.kind == "first_order":
+        actuator = builder.AddSystem(Rotors_[float](scenario.vehicle))
+        builder.Connect(hold.get_output_port(), actuator.get_input_port())
+        if error is not None:
+            builder.Connect(actuator.get_output_port(), error.get_input_port())
+            actuator = error
+    elif error is not None:
+        for port in commanded:
+            builder.Connect(error.get_output_port(), port)
+        commanded = [error.get_input_port()]
+    if command_period is not None:
+        failsafe = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
+        builder.ExportInput(failsafe.GetInputPort("command"), "command")
+        builder.Connect(failsafe.GetOutputPort("control"), commanded[0])
+        builder.Connect(plant.GetOutputPort("state"), failsafe.GetInputPort("state"))
+        builder.ExportOutput(failsafe.GetOutputPort("mode"), "failsafe_mode")
+    elif scenario.command_link == CommandLinkSettings():  # a perfect link
+        control = builder.ExportInput(commanded[0], "control")
+        for port in commanded[1:]:
+            builder.ConnectInput(control, port)
+    else:
+        link = builder.AddSystem(CommandLink_[float](scenario.command_link, scenario.vehicle, scenario.seed, h))
+        builder.ExportInput(link.get_input_port(), "control")
+        for port in commanded:
+            builder.Connect(link.get_output_port(), port)
+    if sampled:
+        builder.Connect(disturbance, plant.GetInputPort("disturbance"))
+    else:
+        builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))
+        builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
+    return plant, {
+        "state": plant.GetOutputPort("state"),
+        "control": actuator.get_output_port(),
+        "disturbance": disturbance_hold.get_output_port(),
+    }
+
+
+def _add_disturbance(builder: DiagramBuilder, scenario: Scenario) -> OutputPort:
+    """Add what pushes the vehicle about, as it is drawn in each tick; return where it comes out."""
+    white = builder.AddSystem(DisturbanceSource_[float](scenario.world.disturbance, scenario.seed, scenario.h))
+    lasting = scenario.truth.force
+    if lasting == ForceTruth():
+        return white.get_output_port()
+    sd = np.array([*[lasting.gust_sd] * 3, 0.0, 0.0, 0.0])
+    noise = gauss_markov(sd, lasting.gust_time, scenario.h)
+    force = builder.AddSystem(SlowError_[float]("lasting_force", noise, scenario.seed, scenario.h))
+    both = builder.AddSystem(Adder(2, 6))
+    builder.Connect(white.get_output_port(), both.get_input_port(0))
+    builder.Connect(force.get_output_port(), both.get_input_port(1))
+    return both.get_output_port()

@@ -1,0 +1,153 @@
+"""What the onboard half gets to see of a scenario.
+
+A scenario decides a whole flight. Its Belief is the part that a team knows before it flies: the surveyed room, the
+vehicle as it was weighed, the rates of the sensors, and the settings of everything onboard. It holds neither the seed
+nor how the world differs (scenario/truth.py), nor what only the world draws by: disturbance, noise, losses, delays.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field
+
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.parts import find_sensor, measurement_of
+from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
+from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.model.typed_yaml import FileName, Frozen
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario.link import LinkRate
+from ortilo_drake.scenario.onboard import Detector, IntermittentFilter, LandmarkFix, LqServo, Multilateration
+from ortilo_drake.scenario.own_parts import model_for
+from ortilo_drake.scenario.planner import GcsPlanner, Planner
+from ortilo_drake.scenario.sensors import CameraSetup, SensorSetup
+
+
+def _as_file_name(name: str) -> str:
+    if not name.isprintable() or set(name) & set("/\\") or not 0 < len(name.encode()) <= 100 or name[0] == ".":
+        raise ValueError(
+            f"{name!r}: must be 1 to 100 bytes of printable text without / and \\, and not begin with a point"
+        )
+    return name
+
+
+Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is called so
+
+
+class Belief(Frozen):
+    """What the onboard half knows of a flight.
+
+    Attributes:
+        name: what tables and files call it.
+        control_rate: ticks a second, 1 / h [Hz].
+        room: 'ortilo' or the path of a room file, relative to the scenario's own folder: the map as it was surveyed.
+        vehicle: mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead,
+            found as a room's is.
+        sensors: which of uwb, camera and imu fly; the others never arrive.
+        imu: attitude, body rates and specific force.
+        uwb: ranges to the room's anchors.
+        camera: boxes of landmarks.
+        detector: the network that looks at a rendered camera's pictures.
+        multilateration: position from ranges.
+        landmark_fix: position from boxes.
+        estimator: what makes a state of the fixes and the imu's angles.
+        servo: what makes a control of state and reference.
+        planner: the path to fly.
+    """
+
+    name: Name = "default"
+    control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
+    room: FileName = "ortilo"
+    vehicle: Vehicle = Vehicle()
+    sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
+    imu: SensorSetup = SensorSetup()
+    uwb: SensorSetup = SensorSetup(link=LinkRate(rate=10.0))
+    camera: CameraSetup = CameraSetup()
+    detector: Detector = Detector()
+    multilateration: Multilateration = Multilateration()
+    landmark_fix: LandmarkFix = LandmarkFix()
+    estimator: IntermittentFilter = IntermittentFilter()
+    servo: LqServo = LqServo()
+    planner: Planner = GcsPlanner()
+
+    @property
+    def belief(self) -> "Belief":
+        """What the onboard half gets to see: of a Belief itself."""
+        return self
+
+    @property
+    def h(self) -> float:
+        """The control period, the tick of every discrete system [s]."""
+        return 1.0 / self.control_rate
+
+    @property
+    def yaw(self) -> float:
+        """The heading that is held [rad]; 0 with a servo of one's own that has no such setting."""
+        return float(getattr(self.servo, "yaw", 0.0))
+
+    @property
+    def lends_velocities(self) -> bool:
+        """Whether the servo is given the true velocities."""
+        return getattr(self.servo, "velocities", "estimate") == "truth"
+
+    @property
+    def is_rendered(self) -> bool:
+        """Whether there is a camera and it renders."""
+        return self.camera.kind == "rendered" and "camera" in self.sensors
+
+    @property
+    def image_width(self) -> int:
+        """Width of the image that the camera's boxes are in [px]."""
+        return self.camera.width
+
+    def group_of(self, sensor: str) -> Any:
+        """Return the settings of a sensor, built-in or registered."""
+        return getattr(self, sensor) if sensor in SENSORS else self.settings_of(sensor)
+
+    def every(self, sensor: str) -> int:
+        """Return how many ticks lie from one message of a sensor to the next."""
+        ticks: int = self.group_of(sensor).link.every(self.h)
+        return ticks
+
+    def settings_of(self, sensor: str) -> Any:
+        """Return the settings of a registered sensor, its defaults where the scenario has none."""
+        found = find_sensor(sensor)
+        if found is None:
+            raise ValueError(f"sensors: {sensor!r}: is not registered")
+        return getattr(self, sensor, None) or found.settings()
+
+    @property
+    def own_sensors(self) -> tuple[str, ...]:
+        """Those that fly and are not built in."""
+        return tuple(sensor for sensor in self.sensors if sensor not in SENSORS)
+
+    @property
+    def measurement(self) -> Measurement:
+        """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly."""
+        return measurement_of(self.sensors)
+
+    def load_room(self) -> Room:
+        """Return the room as it was surveyed; InputError if its file is wrong."""
+        return load_room(ORTILO_ROOM if self.room == "ortilo" else Path(self.room))
+
+    @classmethod
+    def model_for(cls, data: Any) -> type[Self]:
+        """Return the model of data that may name registered parts."""
+        model: Any = model_for(cls, data)
+        return model
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """Return a scenario, or a belief, from JSON, which may name registered parts."""
+        try:
+            model: Any = cls.model_for(json.loads(json_data))
+        except ValueError:  # no JSON, which pydantic says better
+            model = cls
+        found: Any = super(Belief, model).model_validate_json(json_data, **options)
+        return found
+
+    def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
+        """Pickle as JSON: a model with registered parts has no name to be found by."""
+        return Belief.model_validate_json, (self.model_dump_json(),)

@@ -1,0 +1,72 @@
+"""How one world differs from what the onboard half believes: the numbers of one seed."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import Frozen, InputError
+from ortilo_drake.scenario.truth import SensorTruth, Truth
+from ortilo_drake.world.noise import normals, stream_id
+
+Drawn = dict[str, np.ndarray]  # by dotted key within `truth`, such as 'vehicle.mass_factor'
+
+LEAST_FACTOR = 0.1  # what is drawn is no smaller
+
+
+def draw_truth(truth: Truth, seed: int, room: Room, payloads: Mapping[str, int]) -> Drawn:
+    """Return value + sd n of every entry that has a spread, n standard normal, a function of seed and key.
+
+    Each entry has a noise stream of its own: a draw does not move when another entry changes. What is drawn for each
+    anchor, landmark or number of a payload has a row for each. Of a clock each sensor has its own, 'clock.offset.uwb'.
+
+    Args:
+        truth: the scenario's entries.
+        seed: seed of all noise.
+        room: the surveyed room.
+        payloads: size of each sensor's payload, of those that fly.
+
+    Raises:
+        InputError: if a registered sensor's entries are not as many as its payload has numbers.
+    """
+    n, m = len(room.anchors), len(room.landmarks)
+    shapes = {"uwb.bias": (n,), "survey.anchors": (n, 3), "survey.landmarks": (m, 3)}
+    drawn = {}
+    for group in Truth.model_fields:
+        if group == "sensors":
+            continue
+        for name, value, sd in _entries(getattr(truth, group)):
+            key = f"{group}.{name}"
+            for its in (f"{key}.{sensor}" for sensor in payloads) if group == "clock" else (key,):
+                drawn[its] = _draw(its, value, sd, shapes.get(key, np.shape(value)), seed)
+    for sensor, settings in dict(truth.sensors).items():
+        if sensor not in payloads:
+            continue
+        check_size(sensor, settings, payloads[sensor])
+        for name, value, sd in _entries(settings):
+            key, nothing = f"sensors.{sensor}.{name}", 1.0 if name == "factor" else 0.0
+            drawn[key] = _draw(key, value if len(value) else nothing, sd, (payloads[sensor],), seed)
+    return drawn
+
+
+def check_size(sensor: str, settings: SensorTruth, payload: int) -> None:
+    """Raise InputError if an entry of a registered sensor is not as long as its payload."""
+    for name, value in settings:
+        if isinstance(value, tuple) and len(value) not in (0, payload):
+            raise InputError(
+                f"truth.sensors.{sensor}.{name}: {list(value)}: must have {payload} numbers, as its payload has"
+            )
+
+
+def _entries(settings: Frozen) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield name, value and sd of the entries that have a spread beside them."""
+    fields = type(settings).model_fields
+    for name in fields:
+        if f"{name}_sd" in fields:
+            yield name, np.array(getattr(settings, name)), np.array(getattr(settings, f"{name}_sd"))
+
+
+def _draw(key: str, value: np.ndarray | float, sd: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
+    v = normals(seed, stream_id(f"truth/{key}"), 0, int(np.prod(shape))).reshape(shape)
+    drawn = value + (sd if np.size(sd) else 0.0) * v
+    return np.maximum(drawn, LEAST_FACTOR) if key.endswith("factor") else drawn
