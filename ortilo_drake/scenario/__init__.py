@@ -25,6 +25,7 @@ from ortilo_drake.scenario.link import (
 )
 from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed, with_settings
 from ortilo_drake.scenario.onboard import (
+    Biases,
     Detector,
     DiagonalW,
     DisturbanceW,
@@ -57,6 +58,7 @@ __all__ = [
     "SCENARIO_FOLDER",
     "Belief",
     "BernoulliLoss",
+    "Biases",
     "Blackout",
     "BurstLoss",
     "Camera",

@@ -146,7 +146,7 @@ class DiagonalW(Frozen):
 
 
 class Walks(Frozen):
-    """What the filter estimates beside the vehicle's states: random walks that begin about 0, see estimator.force.
+    """How the force and the accelerometer's bias vary: random walks that begin about 0, see estimator.force.
 
     Attributes:
         force_sd: standard deviation of the disturbance force per axis at first [N].
@@ -155,10 +155,30 @@ class Walks(Frozen):
         accelerometer_rate: of its change, likewise [m/s^(5/2)].
     """
 
-    force_sd: NonNegativeFloat = 0.5
+    force_sd: NonNegativeFloat = 1.5
     force_rate: NonNegativeFloat = 0.011
     accelerometer_sd: NonNegativeFloat = 0.2
-    accelerometer_rate: NonNegativeFloat = 0.0027
+    accelerometer_rate: NonNegativeFloat = 0.0005
+
+
+class Biases(Frozen):
+    """Errors that last, of which the filter knows how large they are; it estimates those whose sd is not 0.
+
+    Each varies as a first-order Gauss-Markov process, whose sd stays what it is.
+
+    Attributes:
+        uwb_sd: standard deviation of a bias of uwb fixes per axis [m]: survey of the anchors, ranges.
+        camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
+        yaw_sd: of the imu's yaw [rad].
+        time: correlation time of the fixes' biases [s], about as long as the same anchors and landmarks are near.
+        yaw_time: of the yaw's [s].
+    """
+
+    uwb_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
+    camera_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
+    yaw_sd: NonNegativeFloat = 0.0
+    time: Positive = 20.0
+    yaw_time: Positive = 300.0
 
 
 class IntermittentFilter(Frozen):
@@ -181,7 +201,9 @@ class IntermittentFilter(Frozen):
             'none' is the paper: it does not. 'thrust' takes for force what thrust and attitude do not explain of the
             fixes; 'measured' takes the imu's specific force as well, whose bias it estimates. The servo counters the
             force.
-        walks: how the force and the biases vary.
+        walks: how force and accelerometer's bias vary.
+        biases: errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The
+            gates do not know of them.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
             from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
     """
@@ -195,6 +217,7 @@ class IntermittentFilter(Frozen):
     integrator: Literal["literal", "hold", "estimate"] = "hold"
     force: Literal["none", "thrust", "measured"] = "none"
     walks: Walks = Walks()
+    biases: Biases = Biases()
     gates: Gates = Field(default={}, validate_default=True)
 
 

@@ -113,6 +113,15 @@ class Scenario(Belief):
         return self
 
     @model_validator(mode="after")
+    def _biases_with_a_force(self) -> "Scenario":
+        if getattr(self.estimator, "force", None) == "none":
+            for name in ("uwb_sd", "camera_sd", "yaw_sd"):
+                sd = getattr(self.estimator.biases, name)
+                if any(sd) if isinstance(sd, tuple) else sd:
+                    raise ValueError(f"estimator.biases.{name}: {sd}: must be 0 with force none, the paper's filter")
+        return self
+
+    @model_validator(mode="after")
     def _erring_sensors_are_registered(self) -> "Scenario":
         for sensor in dict(self.truth.sensors):
             if find_sensor(sensor) is None:

@@ -120,6 +120,11 @@ def test_the_linear_studies_refuse_what_they_do_not_know(study: object) -> None:
         study(hovering("thrust"))  # type: ignore[operator]
 
 
+def test_the_papers_filter_has_no_biases() -> None:
+    with pytest.raises(InputError, match=r"estimator.biases.uwb_sd: .0.0, 0.0, 0.1.: must be 0 with force none"):
+        hovering("none", "estimator.biases={uwb_sd: [0, 0, 0.1]}")
+
+
 def test_without_an_imu_no_force_is_measured() -> None:
     with pytest.raises(InputError, match=r"estimator.force: measured: must be none or thrust, no imu in sensors"):
         hovering("measured", "sensors=[uwb]")

@@ -13,7 +13,7 @@ from ortilo_drake.model.equations import rotation, translational_acceleration
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.measurement import PAPER, Measurement
 from ortilo_drake.model.vehicle import GRAVITY, M100
-from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, gauss_markov
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_model, initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import (
@@ -25,7 +25,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
 from ortilo_drake.onboard.estimator.specific_force import with_specific_force
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
-from ortilo_drake.scenario import DiagonalW, IntermittentFilter, LqServo, Walks
+from ortilo_drake.scenario import Biases, DiagonalW, IntermittentFilter, LqServo, Walks
 from ortilo_drake.theory.modes.staircase import rescale, tick_scaling
 from ortilo_drake.world.sensors.imu import imu_message
 
@@ -35,11 +35,15 @@ PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
 _, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
 FORCES = ("thrust", "measured")
+ALL = (*FORCES, "biases")  # the last is 'measured' with biases of both fixes and the yaw
+BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, yaw_sd=0.03, time=20.0, yaw_time=300.0)
 V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) * 3, "accelerometer": (0.05,) * 3}
 
 
 def made(force: str, **settings: object) -> tuple[IntermittentFilter, tuple[Extra, ...], FilterModel, Measurement]:
     """Settings, extra states, model and measurement of a filter."""
+    if force == "biases":
+        force, settings = "measured", {"biases": BIASES, **settings}
     its = IntermittentFilter(force=force, **settings)
     extras = extra_states(its, M100, H)
     return its, extras, augmented_model(its, M100, its.integrator, H, extras), augmented_rows(PAPER, extras)
@@ -58,7 +62,8 @@ def blocks(V: np.ndarray) -> np.ndarray:
 def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Phi, Gamma, W over [x; e] and C of all four sensors, written down here once more.
 
-    d' = d + w_d; x' = Phi x + Gamma u + Gamma_d (d + w); f' = d + f_T e_z + w; b' = b + w_b; y_a = f / m + b.
+    d' = d + w_d; x' = Phi x + Gamma u + Gamma_d (d + w); f' = d + f_T e_z + w; b' = b + w_b; y_a = f / m + b;
+    s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera; beta' = e^(-h/300) beta + w, psi_imu = psi + beta.
     """
     o, eye, e_z = np.zeros((3, 3)), np.eye(3), np.eye(3, 4, k=0)[[1, 2, 0]] * [[0.0], [0.0], [1.0]]
     G, Q = GAMMA_D[:, :3], np.diag([0.27**2] * 3 + [0.005**2] * 3)
@@ -73,12 +78,20 @@ def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     )
     Gamma = np.vstack([GAMMA, np.zeros((3, 4)), e_z, np.zeros((3, 4))])
     by_force = np.vstack([GAMMA_D, np.zeros((3, 6)), np.eye(3, 6), np.zeros((3, 6))])
-    W = by_force @ Q @ by_force.T + block_diag(np.zeros((12, 12)), (0.011**2 * H) * eye, o, (0.0027**2 * H) * eye)
+    W = by_force @ Q @ by_force.T + block_diag(np.zeros((12, 12)), (0.011**2 * H) * eye, o, (0.0005**2 * H) * eye)
     C = np.vstack([np.hstack([C_x, np.zeros((9, 9))]), np.hstack([no, o, eye / M, eye])])
+    if force == "biases":
+        keeps = np.exp(-H / np.repeat([20.0, 300.0], [6, 1]))
+        sd = np.array([0.05, 0.05, 0.12, 0.08, 0.08, 0.08, 0.03])
+        Phi, W = block_diag(Phi, np.diag(keeps)), block_diag(W, np.diag(sd**2 * (1.0 - keeps**2)))
+        Gamma = np.vstack([Gamma, np.zeros((7, 4))])
+        sees = np.zeros((12, 7))
+        sees[:6, :6], sees[8, 6] = np.eye(6), 1.0
+        C = np.hstack([C, sees])
     return Phi, Gamma, W, C
 
 
-@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize("force", ALL)
 def test_the_model_is_the_equations_of_the_force_state(force: str) -> None:
     _, _, model, measurement = made(force)
     for mine, expected in zip((model.Phi, model.Gamma, model.W, measurement.layout.C), dense(force), strict=True):
@@ -119,10 +132,11 @@ def test_the_force_is_observable_with_fixes_and_not_without(
         assert rank == n - 9
 
 
-@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize("force", ALL)
 def test_with_all_sensors_the_covariance_settles_at_the_solution_of_the_dare(force: str) -> None:
     walks = Walks(force_rate=0.11, accelerometer_rate=0.055)
-    its, extras, model, measurement = made(force, walks=walks, integrator="estimate")
+    fast = {"biases": BIASES.model_copy(update={"time": 2.0, "yaw_time": 3.0})} if force == "biases" else {}
+    its, extras, model, measurement = made(force, walks=walks, integrator="estimate", **fast)
     N = len(model.Phi)
     V, layout = all_V(measurement), measurement.layout
     belief = np.concatenate([np.zeros(N + 3), initial_covariance(its, extras).ravel()])
@@ -250,7 +264,7 @@ def twin_step(
     return step, (P_next + P_next.T) / 2.0
 
 
-@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize("force", ALL)
 @pytest.mark.parametrize(
     ("steps", "integrator"),
     [*((60, name) for name in INTEGRATORS), pytest.param(20_000, "hold", marks=pytest.mark.long)],
@@ -328,6 +342,31 @@ def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
         assert delta_all.tolist() == [0.0, 0.0, 1.0, 1.0]
     _, delta_all, _ = with_specific_force(y, np.array([1.0, 1.0, 0.0]), V2, imu, 2, np.ones(3))
     assert delta_all.tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("sensor", "sd"), [("uwb", 0.05), ("camera", 0.08)])
+def test_no_number_of_fixes_tells_the_position_better_than_their_bias(sensor: str, sd: float) -> None:
+    """At rest, one constant bias and white noise: P_n = P_0 - P_0^2 / (P_0 + sd^2 + v^2 / n), all at once."""
+    biases = Biases(**{f"{sensor}_sd": (sd,) * 3}, time=1e9)
+    W = DiagonalW(kind="diagonal", position=0.0, angle=0.0, velocity=0.0, rate=0.0)
+    its, extras, model, measurement = made("thrust", biases=biases, W=W, walks=Walks(force_sd=0.0, force_rate=0.0))
+    P_0, v, layout = 0.3**2, 0.1, measurement.layout
+    P = initial_covariance(its, extras)
+    P[:15, :15] = np.diag([P_0] * 3 + [0.0] * 12)
+    n = len(P)
+    delta = np.array([float(s == sensor) for s in measurement.sensors])
+    V, belief = blocks(v**2 * np.eye(9)), np.concatenate([np.zeros(n), P.ravel()])
+    for k in range(1, 501):
+        belief = filter_step(belief, np.zeros(9), delta, V, np.zeros(4), np.zeros(3), model, layout)
+        expected = P_0 - P_0**2 / (P_0 + sd**2 + v**2 / k)
+        np.testing.assert_allclose(np.diag(belief[n:].reshape(n, n))[:3], expected, rtol=1e-6)
+    assert expected > 0.9 * sd**2  # without the bias it would be v^2 / n, a tenth of that
+
+
+def test_a_gauss_markov_process_keeps_its_variance() -> None:
+    walk = gauss_markov(0.08, 20.0, H)
+    np.testing.assert_allclose(walk.keeps**2 * walk.initial_sd**2 + walk.step_sd**2, 0.08**2, rtol=1e-12)
+    np.testing.assert_allclose(walk.keeps ** (20.0 / H), np.exp(-1.0), rtol=1e-9)
 
 
 def test_compiled_and_plain_form_agree() -> None:

@@ -1,7 +1,7 @@
 """The states that the filter carries beside the vehicle's twelve: what is unknown and varies slowly.
 
-Each is a random walk of its own standard deviations. They stand between x and the integral, xbar = [x; e; i], and
-enter the paper's equations by larger matrices alone:
+Each is a random walk or a Gauss-Markov process of its own standard deviations. They stand between x and the integral,
+xbar = [x; e; i], and enter the paper's equations by larger matrices alone:
 
     [x; e]_{k+1} = [[Phi, G], [0, F]] [x; e]_k + [Gamma; Gamma_e] u_k + w_k,   y_k = Delta_k ([C, C_e] [x; e]_k + v_k)
 
@@ -12,6 +12,9 @@ rows of K stay as they are.
     f     'measured' only: force of the step just flown less the hover lift, f_{k+1} = d_k + f_T e_z + w [N], w the new
           part of the disturbance force that W holds
     b     'measured' only: bias of the accelerometer [m/s^2]; its rows are f/m + b, see specific_force.py
+    s     errors of a fix that last [m], one process for each kind of fix: its rows are p + s. What the filter averages
+          as if it were noise otherwise, such as the survey's error, stays in the covariance of p this way
+    beta  bias of the imu's yaw [rad]: psi_imu = psi + beta
 """
 
 from typing import NamedTuple
@@ -19,21 +22,39 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
-from ortilo_drake.model.measurement import Measurement, Row, Rows
+from ortilo_drake.model.measurement import CAMERA, IMU, UWB, Measurement, Row, Rows
 from ortilo_drake.model.signals import N_U, N_X, STATE_NAMES
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario import Biases, Walks
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 ACCELEROMETER = "accelerometer"  # the sensor whose rows the filter makes of the imu's specific force
 D, F, B = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfb")
+BETA = "beta"
 _A = tuple(f"a_{axis}" for axis in "xyz")  # its rows
 
 
+Sees = tuple[tuple[str, str, float], ...]  # (row, state, coefficient)
+
+
 class Walk(NamedTuple):
-    """A random walk: standard deviations of its first value and of what is new in a tick."""
+    """A process e_{k+1} = keeps e_k + w_k: a random walk where all is kept.
+
+    Attributes:
+        initial_sd: standard deviation of e_0, which is believed 0.
+        step_sd: of w.
+        keeps: share of the value that is left a tick later.
+    """
 
     initial_sd: float
     step_sd: float
+    keeps: float = 1.0
+
+
+def gauss_markov(sd: float, time: float, h: float) -> Walk:
+    """Return the first-order Gauss-Markov process of that sd at all times and that correlation time [s]."""
+    keeps = np.exp(-h / time)
+    return Walk(sd, sd * np.sqrt(1.0 - keeps**2), keeps)
 
 
 class Extra(NamedTuple):
@@ -41,12 +62,12 @@ class Extra(NamedTuple):
 
     Attributes:
         names: of the states (e).
-        walk: how uncertain they are at first, when they are believed 0, and what is new in them in a tick.
-        follows: names of the extra states whose values they take in the next tick, their own for a random walk (e).
+        walk: how they vary.
+        follows: names of the extra states whose values they keep in the next tick, their own for a random walk (e).
         G: how they drive x (12, e).
         Gamma: how the control drives them (e, 4).
         Gamma_d: how the new part of the disturbance's force and torque drives them (e, 6).
-        sees: rows of y that see them, (row, state, coefficient).
+        sees: rows of y that see them.
     """
 
     names: tuple[str, ...]
@@ -55,33 +76,50 @@ class Extra(NamedTuple):
     G: np.ndarray
     Gamma: np.ndarray
     Gamma_d: np.ndarray
-    sees: tuple[tuple[str, str, float], ...]
+    sees: Sees
 
 
-def random_walk(
-    names: tuple[str, ...], walk: Walk, sees: tuple[tuple[str, str, float], ...], G: np.ndarray | None = None
-) -> Extra:
-    """Return states that walk; arguments as Extra's."""
+def _slow(names: tuple[str, ...], walk: Walk, sees: Sees, G: np.ndarray | None = None) -> Extra:
+    """Return states that vary by themselves; arguments as Extra's."""
     e = len(names)
     G = np.zeros((N_X, e)) if G is None else G
     return Extra(names, walk, names, G, np.zeros((e, N_U)), np.zeros((e, 6)), sees)
 
 
+def _each(rows: tuple[str, ...], states: tuple[str, ...], coefficient: float = 1.0) -> Sees:
+    return tuple((row, state, coefficient) for row, state in zip(rows, states, strict=True))
+
+
+def _force(walks: Walks, vehicle: Vehicle, h: float) -> Extra:
+    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+    return _slow(D, Walk(walks.force_sd, walks.force_rate * np.sqrt(h)), (), Gamma_d[:, :3])
+
+
+def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
+    e_z = np.zeros((3, N_U))
+    e_z[2, 0] = 1.0
+    f = Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), _each(_A, F, 1.0 / vehicle.mass))
+    return [f, _slow(B, Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h)), _each(_A, B))]
+
+
+def _biases(biases: Biases, h: float) -> list[Extra]:
+    found = []
+    for row, sd in zip((*UWB, *CAMERA), (*biases.uwb_sd, *biases.camera_sd), strict=True):
+        if sd > 0.0:
+            own = (f"s_{row.name}",)
+            found.append(_slow(own, gauss_markov(sd, biases.time, h), _each((row.name,), own)))
+    if biases.yaw_sd > 0.0:
+        walk = gauss_markov(biases.yaw_sd, biases.yaw_time, h)
+        found.append(_slow((BETA,), walk, _each((IMU[2].name,), (BETA,))))
+    return found
+
+
 def extra_states(settings: FilterSettings, vehicle: Vehicle, h: float) -> tuple[Extra, ...]:
-    """Return the extra states of a scenario's filter, in their order in xbar."""
+    """Return the extra states of a scenario's filter, in their order in xbar: the force comes first."""
     if settings.force == "none":
         return ()
-    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
-    walks = settings.walks
-    found = [random_walk(D, Walk(walks.force_sd, walks.force_rate * np.sqrt(h)), (), Gamma_d[:, :3])]
-    if settings.force == "measured":
-        e_z = np.zeros((3, N_U))
-        e_z[2, 0] = 1.0
-        rows = tuple((row, state, 1.0 / vehicle.mass) for row, state in zip(_A, F, strict=True))
-        found.append(Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), rows))
-        bias = Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h))
-        found.append(random_walk(B, bias, tuple((r, b, 1.0) for r, b in zip(_A, B, strict=True))))
-    return tuple(found)
+    measured = _accelerometer(settings.walks, vehicle, h) if settings.force == "measured" else []
+    return (_force(settings.walks, vehicle, h), *measured, *_biases(settings.biases, h))
 
 
 def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:

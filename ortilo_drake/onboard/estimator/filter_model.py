@@ -49,7 +49,7 @@ def augmented_model(
         own = slice(at, at + len(extra.names))
         Phi[:N_X, own], Gamma[own], by_force[own] = extra.G, extra.Gamma, extra.Gamma_d
         for i, followed in enumerate(extra.follows):
-            Phi[at + i, N_X + names.index(followed)] = 1.0
+            Phi[at + i, N_X + names.index(followed)] = extra.walk.keeps
             W[at + i, at + i] = extra.walk.step_sd**2
         at = own.stop
     if isinstance(settings.W, DisturbanceW):
