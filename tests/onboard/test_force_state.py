@@ -174,7 +174,8 @@ def offset(force: str, integrator: str, integral: bool, told: bool = True) -> np
     """Where the position ends under a force of 0.3, -0.5 and 0.8 N, by simulation of servo and filter, and by the
     final value of the loop's matrices; the two are compared here."""
     d = np.array([0.3, -0.5, 0.8])
-    its, extras, model, measurement = made(force, integrator=integrator)
+    walks = Walks(force_rate=0.1, accelerometer_rate=0.01)  # quick ones, to be at rest in 200 s
+    its, extras, model, measurement = made(force, integrator=integrator, walks=walks)
     N, layout = len(model.Phi), measurement.layout
     L = servo_gain(M100, LqServo().weights, H)
     if not integral:
@@ -361,6 +362,20 @@ def test_no_number_of_fixes_tells_the_position_better_than_their_bias(sensor: st
         expected = P_0 - P_0**2 / (P_0 + sd**2 + v**2 / k)
         np.testing.assert_allclose(np.diag(belief[n:].reshape(n, n))[:3], expected, rtol=1e-6)
     assert expected > 0.9 * sd**2  # without the bias it would be v^2 / n, a tenth of that
+
+
+def test_the_first_specific_force_is_shared_between_force_and_bias_by_their_variances() -> None:
+    """A vehicle heavier than believed shows at once: y_a = d / m + b + v, of which b takes sd_b^2 / (sum of all)."""
+    its, extras, model, measurement = made("measured", walks=Walks(force_sd=1.5, accelerometer_sd=0.2))
+    P = initial_covariance(its, extras)
+    np.testing.assert_array_equal(P[12:15, 15:18], 1.5**2 * np.eye(3))
+    np.testing.assert_array_equal(P[15:18, 15:18], 1.5**2 * np.eye(3))
+    n, y = len(P), np.array([0.0] * 9 + [0.1, -0.2, -0.89])
+    given = np.array([0.0, 0.0, 0.0, 1.0]), blocks(all_V(measurement)), np.zeros(4), np.zeros(3)
+    after = filter_step(np.concatenate([np.zeros(n), P.ravel()]), y, *given, model, measurement.layout)
+    S = 0.2**2 + (1.5 / M) ** 2 + 0.05**2
+    np.testing.assert_allclose(after[18:21], y[9:] * 0.2**2 / S, rtol=1e-9)
+    np.testing.assert_allclose(after[12:15], y[9:] * 1.5**2 / M / S, rtol=1e-9)
 
 
 def test_a_gauss_markov_process_keeps_its_variance() -> None:

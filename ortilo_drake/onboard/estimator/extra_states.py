@@ -41,7 +41,7 @@ class Walk(NamedTuple):
     """A process e_{k+1} = keeps e_k + w_k: a random walk where all is kept.
 
     Attributes:
-        initial_sd: standard deviation of e_0, which is believed 0.
+        initial_sd: standard deviation of e_0, which is believed 0; not read of what follows another state.
         step_sd: of w.
         keeps: share of the value that is left a tick later.
     """

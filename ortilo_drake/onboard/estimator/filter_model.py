@@ -20,9 +20,16 @@ def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float) -> np.nd
 
 
 def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ()) -> np.ndarray:
-    """Return P_0 of [x; e; i] (15 x 15 without e): the scenario's variances, and 0 for the integral, which is known."""
+    """Return P_0 of [x; e; i] (15 x 15 without e): the scenario's variances, and 0 for the integral, which is known.
+
+    A state that follows another, as the force of the step just flown follows d, is that one before the first tick too.
+    """
     variances = [e.walk.initial_sd**2 for e in extras for _ in e.names]
-    return np.diag([*np.repeat(np.square(settings.initial_sd), 3), *variances, 0.0, 0.0, 0.0])
+    P = np.diag([*np.repeat(np.square(settings.initial_sd), 3), *variances, 0.0, 0.0, 0.0])
+    names = names_of(extras)
+    from_ = np.arange(len(P))
+    from_[N_X : N_X + len(names)] = [N_X + names.index(name) for e in extras for name in e.follows]
+    return P[np.ix_(from_, from_)]
 
 
 def filter_model(settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float) -> FilterModel:
