@@ -17,19 +17,21 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.flight.summary import Summary, read_summary, summary_text
 from ortilo_drake.flight.workers import run_all
 from ortilo_drake.hil.relay.faults import Faults
 from ortilo_drake.hil.relay.virtual_time import summary_in_virtual_time
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.late.late_flights import (
     AT_30_HZ,
     BOTH_WAYS_AT_30_HZ,
     BOTH_WAYS_AT_100_HZ,
     MODES,
+    LateReport,
     late_flights,
     late_table,
     mode_report,
@@ -68,25 +70,24 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
             if world.returncode:
                 raise SystemExit(f"{mode}, seed {seed}: {said.strip()}")
             done = out / f"{mode}_{seed}.json"
-            timing = json.loads(done.with_suffix(".timing").read_text())
-            done.write_text(json.dumps(summary(load_flight(done.with_suffix(".nc"))) | {"timing": timing}))
+            done.write_text(summary_text(summary(load_flight(done.with_suffix(".nc")))))
             done.with_suffix(".nc").unlink()  # 2 MB each
-            done.with_suffix(".timing").unlink()
     finally:
         for process in (*worlds.values(), *others):
             process.terminate()
             process.wait()
 
 
-def report(name: str, rate: float, links: str, flown: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+def report(name: str, rate: float, links: str, flown: dict[str, list[Summary]]) -> LateReport:
     """Return how the modes compare over the seeds, as late_flights does."""
-    return {
-        "scenario": name,
-        "control_rate": rate,
-        "links": links,
-        "modes": {mode: mode_report(flown[mode]) for mode in MODES},
-        "against": {mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")},
-    }
+    return LateReport(
+        scenario=name,
+        control_rate=rate,
+        seeds=list(range(len(flown["replay"]))),
+        links=links,
+        modes={mode: mode_report(mode, flown[mode]) for mode in MODES},
+        against={mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")},
+    )
 
 
 def settings_at(rate: float) -> tuple[str, ...]:
@@ -95,25 +96,26 @@ def settings_at(rate: float) -> tuple[str, ...]:
     return ("camera.kind=projected", f"control_rate={rate}", f"uwb.link.rate={third}", f"camera.link.rate={third}")
 
 
-def in_virtual_time(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
+def in_virtual_time(seeds: int, out: Path) -> Iterator[LateReport]:
     """Yield the report of each of CASES as it is there."""
     for name, rate, to_world in CASES:
         way = "both ways" if to_world.loss else "sensors only"
-        jobs, flown = [], {mode: [dict[str, Any]()] * seeds for mode in MODES}
+        jobs, flown = [], {mode: dict[int, Summary]() for mode in MODES}
         for seed, mode in itertools.product(range(seeds), MODES):
             scenario = load_scenario(name, (*settings_at(rate), f"estimator.delay={mode}")).model_dump_json()
             file = out / f"{name}_{rate}_{way.replace(' ', '_')}" / f"{mode}_{seed}.json"
             jobs.append((scenario, BAD.model_dump_json(), to_world.model_dump_json(), seed, str(file)))
 
-        def take(number: int, found: dict[str, Any], flown: dict[str, list[dict[str, Any]]] = flown) -> None:
+        def take(number: int, found: Summary, flown: dict[str, dict[int, Summary]] = flown) -> None:
             seed, mode = divmod(number, len(MODES))
             flown[MODES[mode]][seed] = found
 
         run_all(summary_in_virtual_time, jobs, os.cpu_count() or 1, take)
-        yield report(name, rate, f"relay, {way}", flown)
+        in_order = {mode: [found[seed] for seed in range(seeds)] for mode, found in flown.items()}
+        yield report(name, rate, f"relay, {way}", in_order)
 
 
-def simulated(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
+def simulated(seeds: int, out: Path) -> Iterator[LateReport]:
     """Yield the reports of flights behind the scenario's own links."""
     cases = [
         ("imu_uwb_yolo", 30, BOTH_WAYS_AT_30_HZ),
@@ -126,14 +128,14 @@ def simulated(seeds: int, out: Path) -> Iterator[dict[str, Any]]:
         yield late_flights(scenario, range(seeds), out, links, os.cpu_count() or 1)
 
 
-def in_real_time(seeds: int, out: Path, name: str, rate: float, seconds: float | None, one_way: bool) -> dict[str, Any]:
+def in_real_time(seeds: int, out: Path, name: str, rate: float, seconds: float | None, one_way: bool) -> LateReport:
     """Return the report of flights in processes, three at a time."""
     words = (name, *(word for setting in settings_at(rate) for word in ("--set", setting)))
     for seed in range(seeds):
         end = () if seconds is None else ("--seconds", str(seconds))
         fly_modes(words, seed, end, out, PORT, "--to-onboard" if one_way else "--faults")
         print(f"{seed + 1} of {seeds} seeds flown", flush=True)
-    flown = {mode: [json.loads((out / f"{mode}_{s}.json").read_text()) for s in range(seeds)] for mode in MODES}
+    flown = {mode: [read_summary((out / f"{mode}_{s}.json").read_bytes()) for s in range(seeds)] for mode in MODES}
     return report(name, rate, f"relay in real time, {'sensors only' if one_way else 'both ways'}", flown)
 
 
@@ -152,14 +154,14 @@ def main() -> None:
     chosen.out.mkdir(parents=True, exist_ok=True)
     if chosen.real_time:
         args = chosen.scenario, chosen.rate, chosen.seconds, chosen.one_way
-        reports: Iterable[dict[str, Any]] = [in_real_time(chosen.seeds, chosen.out, *args)]
+        reports: Iterable[LateReport] = [in_real_time(chosen.seeds, chosen.out, *args)]
     else:
         reports = (simulated if chosen.simulated else in_virtual_time)(chosen.seeds, chosen.out)
     done = []
     for found in reports:
         done.append(found)
         print("\n".join(late_table([found])[len(done) > 1 and 2 :]), flush=True)
-        (chosen.out / "report.json").write_text(json.dumps(done, indent=2))
+        (chosen.out / "report.json").write_text(json.dumps(as_data(done), indent=2))
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
 
@@ -66,7 +67,7 @@ class Flight:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that `ortilo fly --json` writes."""
-        return metrics.summary(self.data)
+        return asdict(metrics.summary(self.data))
 
     def plot(self) -> Figure:
         """Return a figure of the path, the errors in their 3-sigma bands and the arrivals."""

@@ -1,6 +1,7 @@
 """Many flights of a scenario, and scenarios compared by their flights."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -12,6 +13,7 @@ import pandas as pd
 from ortilo_drake.api.flight import Flight
 from ortilo_drake.api.settings import load_scenario, plain_value
 from ortilo_drake.flight import ensemble
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.flight.workers import kept_workers
 from ortilo_drake.scenario import Scenario
 
@@ -77,10 +79,16 @@ def fly_many(
     Raises:
         InputError: if the scenario is wrong, or a flight cannot be flown or written.
     """
+
+    def tell(summary: Summary) -> None:
+        if progress:
+            progress(asdict(summary))
+
     chosen, seeds = load_scenario(scenario, **settings), [plain_value("seeds", seed) for seed in seeds]
     where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
     try:
-        flights = Flights(chosen, seeds, where, ensemble.fly_many(chosen, seeds, where, workers, progress))
+        summaries = ensemble.fly_many(chosen, seeds, where, workers, tell)
+        flights = Flights(chosen, seeds, where, [asdict(summary) for summary in summaries])
     except BaseException:
         if out is None:
             rmtree(where)

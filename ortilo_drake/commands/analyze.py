@@ -41,6 +41,7 @@ def analyze(
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.flight.workers import kept_workers
     from ortilo_drake.studies.report.analysis_text import analysis_text
+    from ortilo_drake.studies.report.analyze import analysis_data
     from ortilo_drake.studies.report.analyze import analyze as analyze_scenario
 
     quiet_drake()
@@ -57,9 +58,9 @@ def analyze(
                 err.print(f"{what} ...", highlight=False)
             progress.update(task, description=what, completed=done, total=total)
 
-        data, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
-    text = analysis_text(data)
+        analysis, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
+    text = analysis_text(analysis)
     write_text(report, text)
-    write_json(json_file, data)
+    write_json(json_file, analysis_data(analysis))
     out.print(text, markup=False, soft_wrap=True)
     say_written(report, *figures, json_file)

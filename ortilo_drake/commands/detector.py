@@ -155,17 +155,17 @@ def evaluate(
     _render(pictures, ("test",), seed, scale, width, workers)
     result = judge(settings, room, pictures, LOWEST, worst)
     write_json(json_file, result)
-    for kind, value in result["map50"].items():
-        center = result["center_error_px"][kind]
+    for kind, value in result.map50.items():
+        center = result.center_error_px[kind]
         error = "-" if center is None else f"{center:.2f} px"
-        clear = result["map50_clear"][kind]
+        clear = result.map50_clear[kind]
         out.print(f"[bold]{kind}[/bold]: mAP50 {value:.3f} ({clear:.3f} of those in clearer view), ", end="")
         out.print(f"median centre error {error}, ", end="")
-        more = result["sets"][kind]
-        out.print(f"recall {more['recall']:.1%}, {more['false_boxes_per_image']:.3f} false boxes an image")
-        for name, ap in more["ap50"].items():
+        more = result.sets[kind]
+        out.print(f"recall {more.recall:.1%}, {more.false_boxes_per_image:.3f} false boxes an image")
+        for name, ap in more.ap50.items():
             out.print(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}")
-    out.print(f"{result['ms_per_frame']:.1f} ms a picture on one core ({result['backend']})")
+    out.print(f"{result.ms_per_frame:.1f} ms a picture on one core ({result.backend})")
     say_written(json_file, worst)
 
 

@@ -1,7 +1,7 @@
 """The command `ortilo fly`: one flight."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,29 +18,30 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
 from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 
-def _print_flight(result: dict[str, Any]) -> None:
-    lost = result["lost"]
-    out.print(f"[bold]{result['scenario']}[/bold], seed {result['seed']}")
+def _print_flight(result: Summary) -> None:
+    lost = result.lost
+    out.print(f"[bold]{result.scenario}[/bold], seed {result.seed}")
     if lost:
-        out.print(f"  [red]lost[/red] at {lost['time']:.2f} s: {lost['cause']}")
-    mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result["mse"].items())
+        out.print(f"  [red]lost[/red] at {lost.time:.2f} s: {lost.cause}")
+    mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result.mse.items())
     out.print(f"  estimation MSE      {mse} m²")
-    farthest = result["max_path_distance"], result["max_reference_distance"]
+    farthest = result.max_path_distance, result.max_reference_distance
     out.print(f"  farthest from path  {farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m")
-    path = "not defined on this path" if result["path_mse"] is None else f"{result['path_mse']:.5f} m²"
-    out.print(f"  path MSE            {path}, by distance {result['path_distance_mse']:.5f} m²")
-    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result["arrivals"].items()]
+    path = "not defined on this path" if result.path_mse is None else f"{result.path_mse:.5f} m²"
+    out.print(f"  path MSE            {path}, by distance {result.path_distance_mse:.5f} m²")
+    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result.arrivals.items()]
     out.print(f"  fixes used of due   {', '.join(rates)}")
-    for sensor, error in result["fix_errors"].items():
-        out.print(f"  error of {sensor:6} fixes  median {error['median']:.3f} m, 95 % within {error['p95']:.3f} m")
-    out.print(f"  position NEES       {result['nees']:.2f} (3 if consistent)")
-    if result["contacts"]:
-        out.print(f"  [yellow]touched[/yellow]             {', '.join(result['contacts'])}")
-    out.print(f"  real-time factor    {result['real_time_factor']:.3g}")
+    for sensor, error in result.fix_errors.items():
+        out.print(f"  error of {sensor:6} fixes  median {error.median:.3f} m, 95 % within {error.p95:.3f} m")
+    out.print(f"  position NEES       {result.nees:.2f} (3 if consistent)")
+    if result.contacts:
+        out.print(f"  [yellow]touched[/yellow]             {', '.join(result.contacts)}")
+    out.print(f"  real-time factor    {result.real_time_factor:.3g}")
 
 
 def fly(

@@ -3,7 +3,7 @@
 import os
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,6 +17,7 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, write_json
 from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.scenario import load_scenario
 
 
@@ -63,12 +64,12 @@ def tables(
     for flown in chosen.values():
         make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
     count = workers or os.cpu_count() or 1
-    summaries: dict[str, list[dict[str, Any]]] = {}
+    summaries: dict[str, list[Summary]] = {}
     with progress_bar() as progress, kept_workers():
         tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
         for name, flown in chosen.items():
 
-            def show(_: dict[str, Any], name: str = name) -> None:
+            def show(_: Summary, name: str = name) -> None:
                 progress.advance(tasks[name])
 
             summaries[name] = fly_many(flown, range(flights), out_folder / "flights", count, show)

@@ -8,16 +8,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ortilo_drake.flight.files import check_output, write_text
+from ortilo_drake.model.as_data import as_data
 
 # Results go to stdout, progress and errors to stderr.
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 
 
-def write_json(path: Path | None, data: Any) -> None:
-    """Write data to a JSON file, if there is one."""
+def write_json(path: Path | None, report: Any) -> None:
+    """Write a report to a JSON file, if there is one; see model/as_data.py."""
     if path is not None:
-        write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+        write_text(path, json.dumps(as_data(report), indent=2, allow_nan=False) + "\n")
 
 
 def check_writable(*paths: Path | None) -> None:
@@ -49,9 +50,9 @@ def say_error(line: str) -> None:
     err.print(line, markup=False, soft_wrap=True)
 
 
-def show_report(lines: dict[str, Any]) -> None:
+def show_report(report: Any) -> None:
     """Print a report, a line for each entry."""
-    for name, value in lines.items():
+    for name, value in as_data(report).items():
         if isinstance(value, dict):
             value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
         out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)

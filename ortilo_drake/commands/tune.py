@@ -1,55 +1,59 @@
 """The command `ortilo tune`: W and V from recorded flights."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ortilo_drake.commands.options import JsonOption, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 
+if TYPE_CHECKING:
+    from ortilo_drake.studies.tuning.tune import Check
+    from ortilo_drake.studies.tuning.tuning_report import TuningReport
+    from ortilo_drake.theory.consistency.consistency import Average
 
-def _entry(found: dict[str, Any] | None) -> str:
+
+def _entry(found: "Average | None") -> str:
     if found is None:
         return "-"
-    interval = found["interval"]
-    return f"{found['mean']:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
+    return f"{found.mean:.2f}" + (f" [{found.interval[0]:.2f}, {found.interval[1]:.2f}]" if found.interval else "")
 
 
-def _print_tuning(data: dict[str, Any]) -> None:
-    out.print(f"[bold]{data['scenario']}[/bold], fitted to {len(data['flights'])} flights", soft_wrap=True)
-    for note in data["notes"]:
+def _print_tuning(report: "TuningReport") -> None:
+    out.print(f"[bold]{report.scenario}[/bold], fitted to {len(report.flights)} flights", soft_wrap=True)
+    for note in report.notes:
         out.print(f"  {note}", markup=False, soft_wrap=True)
-    for name, number in data["numbers"].items():
-        line = f"  {name:32} {number['before']:.6g} "
-        if number["stays"]:
-            line += f"stays: {number['stays']}"
+    for name, number in report.numbers.items():
+        line = f"  {name:32} {number.before:.6g} "
+        if number.stays:
+            line += f"stays: {number.stays}"
         else:
-            line += f"-> {number['after']:.6g} ± {number['standard_error']:.2g}"
-            if number["robust_error"] is not None:
-                line += f" (by the spread of the flights ± {number['robust_error']:.2g})"
+            line += f"-> {number.after:.6g} ± {number.standard_error:.2g}"
+            if number.robust_error is not None:
+                line += f" (by the spread of the flights ± {number.robust_error:.2g})"
         out.print(line, markup=False, soft_wrap=True)
-    likelihood = data["log_likelihood"]
-    out.print(f"  log-likelihood {likelihood['before']:.1f} -> {likelihood['after']:.1f} ", end="")
-    out.print(f"(of {', '.join(data['counted'])})", markup=False)
+    likelihood = report.log_likelihood
+    out.print(f"  log-likelihood {likelihood.before:.1f} -> {likelihood.after:.1f} ", end="")
+    out.print(f"(of {', '.join(report.counted)})", markup=False)
     out.print("  on the same measurements, 3 if consistent, with 95 % intervals:")
-    for kind in ("nees", "nis"):
-        for key, before in data["before"][kind].items():
+    for kind, befores, afters in (
+        ("NEES", report.before.nees, report.after.nees),
+        ("NIS", report.before.nis, report.after.nis),
+    ):
+        for key, before in befores.items():
             if before is not None:
-                after = _entry(data["after"][kind][key])
-                out.print(f"    {kind.upper()} {key:9} {_entry(before)} -> {after}", markup=False, soft_wrap=True)
-    mse = [sum(data[when]["mse"]) for when in ("before", "after")]
-    out.print(f"    MSE of position {mse[0]:.6f} -> {mse[1]:.6f} m²")
+                out.print(f"    {kind} {key:9} {_entry(before)} -> {_entry(afters[key])}", markup=False, soft_wrap=True)
+    out.print(f"    MSE of position {sum(report.before.mse):.6f} -> {sum(report.after.mse):.6f} m²")
 
 
-def _print_check(check: dict[str, Any]) -> None:
-    seeds = check["seeds"]
-    out.print(f"  flown anew, seeds {seeds[0]} to {seeds[-1]}:")
-    for when in ("before", "after"):
-        found = check[when]
-        mse = "none" if found["mse"] is None else f"{sum(found['mse']):.6f} m²"
-        line = f"    {when:6} {found['lost']} lost, MSE of position {mse}, NEES {_entry(found['nees'])}"
+def _print_check(check: "Check") -> None:
+    out.print(f"  flown anew, seeds {check.seeds[0]} to {check.seeds[-1]}:")
+    for when, found in (("before", check.before), ("after", check.after)):
+        mse = "none" if found.mse is None else f"{sum(found.mse):.6f} m²"
+        line = f"    {when:6} {found.lost} lost, MSE of position {mse}, NEES {_entry(found.nees)}"
         out.print(line, markup=False, soft_wrap=True)
 
 
@@ -71,8 +75,9 @@ def tune(
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.consistency.consistency_figures import tuning_figure
-    from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text, tuning_data
+    from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
+    from ortilo_drake.studies.tuning.tuning_report import tuning_report
     from ortilo_drake.views.pictures import check_picture
 
     quiet_drake()
@@ -84,18 +89,18 @@ def tune(
         tuning = tune_flights(
             files, lambda n: progress.update(task, completed=n, description=f"fitting, {n} likelihoods")
         )
-    data = tuning_data(tuning)
+    report, checked = tuning_report(tuning), None
     if check:
         before = scenario_of(load_flight(files[0]))
         with progress_bar() as progress:
             task = progress.add_task("flying anew", total=2 * check)
-            data["check"] = check_flights(tuning, before, check, lambda: progress.advance(task))
+            checked = check_flights(tuning, before, check, lambda: progress.advance(task))
     if out_file is not None:
         write_text(out_file, overlay_text(tuning))
     if figure is not None:
         tuning_figure(tuning, figure)
-    write_json(json_file, data)
-    _print_tuning(data)
-    if check:
-        _print_check(data["check"])
+    write_json(json_file, as_data(report) | ({"check": checked} if checked else {}))
+    _print_tuning(report)
+    if checked:
+        _print_check(checked)
     say_written(out_file, figure, json_file)

@@ -1,6 +1,6 @@
 """Efficiency: the filter's error over the Cramer-Rao floor (floor/cramer_rao.py)."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
@@ -10,6 +10,14 @@ from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.floor.cramer_rao import position_floor
 
 START = 2.0  # [s]
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A ratio over flights and its 95 % interval, None where there are too few."""
+
+    value: float | None
+    interval: tuple[float, float] | None
 
 
 def floor_at_ticks(flight: xr.Dataset) -> np.ndarray | None:
@@ -49,13 +57,13 @@ def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, f
     }
 
 
-def ratio_of_means(errors: list[float], floors: list[float]) -> dict[str, Any]:
+def ratio_of_means(errors: list[float], floors: list[float]) -> Ratio:
     """Return sum(errors) / sum(floors) over flights, with a bootstrap 95 % interval over whole flights.
 
     This is the flights' mean squared error over their mean floor: at least 1 on average, by the Cramer-Rao bound.
     """
     if not floors or sum(floors) <= 0.0:
-        return {"value": None, "interval": None}
+        return Ratio(None, None)
 
     def ratio(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.sum(a, axis=axis) / np.sum(b, axis=axis)
@@ -64,5 +72,5 @@ def ratio_of_means(errors: list[float], floors: list[float]) -> dict[str, Any]:
     if len(floors) > 1:
         rng = np.random.default_rng(0)
         found = scipy.stats.bootstrap(samples, ratio, vectorized=True, paired=True, method="percentile", rng=rng)
-    low_high = found and [float(found.confidence_interval.low), float(found.confidence_interval.high)]
-    return {"value": float(ratio(*samples)), "interval": low_high}
+    low_high = found and (float(found.confidence_interval.low), float(found.confidence_interval.high))
+    return Ratio(float(ratio(*samples)), low_high)

@@ -7,7 +7,6 @@ import logging
 from collections.abc import Callable, Iterable
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -16,6 +15,7 @@ from ortilo_drake.flight.files import remove_stale
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
+from ortilo_drake.flight.summary import Summary, summary_text
 from ortilo_drake.flight.workers import run_all
 from ortilo_drake.model.parts import plugin_files
 from ortilo_drake.model.typed_yaml import InputError
@@ -78,15 +78,16 @@ def _simulator(scenario_json: str, folder: str) -> FlightSimulator:
     return FlightSimulator(Scenario.model_validate_json(scenario_json))
 
 
-def fly_and_save(scenario_json: str, seed: int, file: str) -> dict[str, Any]:
-    """Fly one seed, save it and return its summary. Runs in a worker: arguments and result are plain data."""
+def fly_and_save(scenario_json: str, seed: int, file: str) -> Summary:
+    """Fly one seed, save it and return its summary. Runs in a worker: the arguments are plain data."""
     flight = _simulator(scenario_json, Path(file).parent.name).fly(seed)
-    flight.attrs["summary"] = json.dumps(summary(flight))
+    found = summary(flight)
+    flight.attrs["summary"] = summary_text(found)
     save_flight(flight, Path(file))
-    return dict(json.loads(flight.attrs["summary"]))
+    return found
 
 
-def _finished(path: Path) -> dict[str, Any] | None:
+def _finished(path: Path) -> Summary | None:
     """Return the summary of a flight that is already there; None, and a warning, if it is damaged."""
     if not path.exists():
         return None
@@ -102,8 +103,8 @@ def fly_many(
     seeds: Iterable[int],
     out: Path,
     workers: int = 1,
-    progress: Callable[[dict[str, Any]], None] | None = None,
-) -> list[dict[str, Any]]:
+    progress: Callable[[Summary], None] | None = None,
+) -> list[Summary]:
     """Fly a scenario once for each seed and return the summaries in the order of the seeds.
 
     Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one
@@ -121,9 +122,9 @@ def fly_many(
         InputError: if a flight cannot be flown or written.
     """
     seeds = list(seeds)
-    summaries: dict[int, dict[str, Any]] = {}
+    summaries: dict[int, Summary] = {}
 
-    def take(seed: int, result: dict[str, Any]) -> None:
+    def take(seed: int, result: Summary) -> None:
         summaries[seed] = result
         if progress:
             progress(result)

@@ -1,7 +1,6 @@
 """Metrics of a flight."""
 
 import json
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,6 +9,7 @@ from scipy.spatial import cKDTree
 from ortilo_drake.flight.efficiency import efficiency, floor_at_ticks, mean_floor, tick_efficiency
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.lost import contacts
+from ortilo_drake.flight.summary import FixError, Loss, Summary
 from ortilo_drake.model.signals import N_X
 
 
@@ -82,7 +82,7 @@ def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
     return rates
 
 
-def fix_errors(flight: xr.Dataset) -> dict[str, dict[str, float]]:
+def fix_errors(flight: xr.Dataset) -> dict[str, FixError]:
     """Return median and 95th percentile of a position fix's distance from the truth when it is used [m].
 
     A sensor without a fix is left out. The way flown since a late fix was measured is part of its error.
@@ -95,7 +95,7 @@ def fix_errors(flight: xr.Dataset) -> dict[str, dict[str, float]]:
             fix = flight["measurement"].values[there, measurement.rows_of(sensor)]
             truth = flight["truth"].values[there, :3]
             error = np.linalg.norm(fix - truth, axis=1)
-            errors[sensor] = {"median": float(np.median(error)), "p95": float(np.quantile(error, 0.95))}
+            errors[sensor] = FixError(float(np.median(error)), float(np.quantile(error, 0.95)))
     return errors
 
 
@@ -103,29 +103,35 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def summary(flight: xr.Dataset) -> dict[str, Any]:
-    """Return what `ortilo fly --json` prints; a lost flight's errors are those up to its loss."""
+def loss_of(flight: xr.Dataset) -> Loss | None:
+    """Return when and why a flight was lost, None of one that reached its end."""
+    lost = json.loads(flight.attrs["lost"])
+    return lost and Loss(lost["time"], lost["cause"])
+
+
+def summary(flight: xr.Dataset) -> Summary:
+    """Return the figures of a flight."""
     scenario = scenario_of(flight)
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
     used = [str(s) for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
     mse, floor = estimation_mse(flight), floor_at_ticks(flight)
-    return {
-        "scenario": scenario.name,
-        "seed": int(flight.attrs["seed"]),
-        "lost": json.loads(flight.attrs["lost"]),
-        "contacts": contacts(flight["truth"].values, scenario.load_room(), scenario.vehicle),
-        "mse": mse,
-        "floor": mean_floor(floor),
-        "efficiency": efficiency(mse, mean_floor(floor)),
-        "tick_efficiency": tick_efficiency(flight, floor),
-        "path_mse": _finite(path_mse(flight)),
-        "path_distance_mse": path_distance_mse(flight),
-        "max_path_distance": float(np.max(path_distance(flight))),
-        "max_reference_distance": float(np.max(reference_distance(flight))),
-        "arrivals": arrival_rates(flight),
-        "fix_errors": fix_errors(flight),
-        "nees": float(np.mean(position_nees(flight))),
-        "nis": {sensor: float(np.mean(nis(flight, sensor))) for sensor in used},
-        "real_time_factor": float(flight.attrs["real_time_factor"]),
-    }
+    return Summary(
+        scenario=scenario.name,
+        seed=int(flight.attrs["seed"]),
+        lost=loss_of(flight),
+        contacts=contacts(flight["truth"].values, scenario.load_room(), scenario.vehicle),
+        mse=mse,
+        floor=mean_floor(floor),
+        efficiency=efficiency(mse, mean_floor(floor)),
+        tick_efficiency=tick_efficiency(flight, floor),
+        path_mse=_finite(path_mse(flight)),
+        path_distance_mse=path_distance_mse(flight),
+        max_path_distance=float(np.max(path_distance(flight))),
+        max_reference_distance=float(np.max(reference_distance(flight))),
+        arrivals=arrival_rates(flight),
+        fix_errors=fix_errors(flight),
+        nees=float(np.mean(position_nees(flight))),
+        nis={sensor: float(np.mean(nis(flight, sensor))) for sensor in used},
+        real_time_factor=float(flight.attrs["real_time_factor"]),
+    )

@@ -22,6 +22,7 @@ import xarray as xr
 
 from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.summary import Summary, read_summary
 from ortilo_drake.model.input_files import read_bytes
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -64,12 +65,12 @@ def load_flight(path: Path) -> xr.Dataset:
     return flight
 
 
-def load_summary(path: Path) -> dict[str, Any]:
+def load_summary(path: Path) -> Summary:
     """Return the summary that a flight of fly_many carries, without reading its arrays; errors as load_flight."""
     data = _undamaged(path)
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            return dict(json.loads(file.attrs["summary"]))
+            return read_summary(file.attrs["summary"])
     except Exception as error:
         raise InputError(f"{path}: has no summary: {' '.join(str(error).split())[:200]}") from None
 

@@ -6,6 +6,7 @@ It sends nothing but hellos to the world and a user's goals: without goals the h
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -14,13 +15,14 @@ from ortilo_drake.flight.signals import Signals
 from ortilo_drake.hil.goals.goal_link import GoalLink, goal_text
 from ortilo_drake.hil.wire.bus import open_bus
 from ortilo_drake.hil.wire.handshake import PATIENCE, find_world
-from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.inbox import Inbox, PacketCounts
 from ortilo_drake.hil.wire.packets import ANSWER, FINISHED, Goal, ports
 from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.interop.mavlink import MavlinkBridge
 from ortilo_drake.interop.ros.ros2 import Ros2Bridge
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -141,6 +143,33 @@ def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callab
     return pass_on
 
 
+@dataclass(frozen=True)
+class BridgeReport:
+    """The ticks that a bridge handed on.
+
+    Attributes:
+        ticks: how many were given out.
+        lost: how many between them were lost.
+        without_world: how many lacked messages of the world; the onboard half goes on for some ticks after the end.
+        without_answer: how many lacked outputs of the onboard half.
+        packets: all of them.
+        failed: why targets failed.
+    """
+
+    ticks: int
+    lost: int
+    without_world: int
+    without_answer: int
+    packets: PacketCounts
+    failed: dict[str, str]
+
+    def lines(self) -> dict[str, Any]:
+        """Return what the command prints and writes as JSON: no packets lost, as they are of no one channel."""
+        data: dict[str, Any] = as_data(self)
+        del data["packets"]["lost"]
+        return data
+
+
 def run_bridge(
     url: str,
     key: bytes,
@@ -150,7 +179,7 @@ def run_bridge(
     wait: float = 60.0,
     say: Callable[[str], None] = print,
     goals: Goals | None = None,
-) -> dict[str, Any]:
+) -> BridgeReport:
     """Hand every tick of one flight to targets, until the world says that it has finished.
 
     Args:
@@ -162,11 +191,6 @@ def run_bridge(
         wait: how long to look for the world [s].
         say: takes a line when it listens, about a target that failed, and about a goal.
         goals: gives the user's goals, see goals_target; by default there are none.
-
-    Returns:
-        A report: how many ticks were given out, how many between them were lost, how many lacked messages of the world
-        (the onboard half goes on for some ticks after the end) or outputs of the onboard half; packets; why targets
-        failed.
 
     Raises:
         InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
@@ -201,9 +225,7 @@ def run_bridge(
                 raise InputError(f"bridge: nothing left to send to ({'; '.join(failed)})")
             if time.monotonic() > heard + PATIENCE:
                 raise InputError(f"world: silent for {PATIENCE:g} s")
-        counts = {name: getattr(ticks, name) for name in ("lost", "without_world", "without_answer")}
-        packets = {key: value for key, value in inbox.counts().items() if key != "lost"}
-        return {"ticks": ticks.given, **counts, "packets": packets, "failed": failed}
+        return BridgeReport(ticks.given, ticks.lost, ticks.without_world, ticks.without_answer, inbox.counts(), failed)
 
 
 def _hand_on(

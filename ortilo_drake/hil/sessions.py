@@ -4,7 +4,6 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -19,6 +18,7 @@ from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistics, fly_in_real_time
 from ortilo_drake.hil.real_time.warm_up import no_collecting, warm_up
+from ortilo_drake.hil.reports import OnboardFigures, OnboardReport, WorldReport
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import open_bus
 from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
@@ -43,7 +43,7 @@ def run_world(
     record: Record | None = None,
     show_statistics: Callable[[Statistics], None] | None = None,
     check_alive: Callable[[], None] = lambda: None,
-) -> tuple[xr.Dataset, dict[str, Any]]:
+) -> tuple[xr.Dataset, WorldReport]:
     """Fly a scenario's world against an onboard half over a link.
 
     Args:
@@ -59,7 +59,7 @@ def run_world(
         check_alive: called while the world looks for the onboard half; raises if that will not come.
 
     Returns:
-        The flight, and a report: ticks, the packets' counts and in real time TickTiming's figures.
+        The flight, and a report.
 
     Raises:
         InputError: if the bus does not work or the onboard half is missing, silent or flies another scenario.
@@ -81,16 +81,20 @@ def run_world(
         stack.enter_context(_saying_farewell(greeter))
         if lockstep:
             flight = fly_lockstep(scenario, ask_over_link(outbox, inbox, greeter), progress, record, world)
-            report: dict[str, Any] = {"ticks": flight.sizes["tick"]}
+            timing = None
         else:
             stack.enter_context(no_collecting())
             flight, timing = fly_in_real_time(
                 scenario, world, outbox, inbox, greeter, camera, seconds, progress, record, show_statistics
             )
-            report = timing.summary() | {"latencies_ms": timing.latencies_ms()}
-        if camera:
-            report["pictures_skipped"] = camera.skipped
-    return flight, report | {"packets": inbox.counts("command"), "rejected": inbox.counts()["rejected"]}
+    figures = timing.summary() if timing else None
+    return flight, WorldReport(
+        ticks=figures.ticks if figures else flight.sizes["tick"],
+        packets=inbox.counts("command"),
+        timing=figures,
+        latencies_ms=timing.latencies_ms() if timing else None,
+        pictures_skipped=camera.skipped if camera else None,
+    )
 
 
 @contextlib.contextmanager
@@ -113,10 +117,9 @@ def run_onboard(
     checkpoint: Path | None = None,
     say: Callable[[str], None] = print,
     planner: GoalPlanner | None = None,
-) -> dict[str, Any]:
+) -> OnboardReport:
     """Fly one flight as a scenario's onboard half; return a report.
 
-    The report's `silent_at` is the tick at which a world in real time fell silent before it said that it has finished.
     Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
     answered. Call warm_up before.
     """
@@ -127,17 +130,14 @@ def run_onboard(
         in_lockstep = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself
         met = meet_world(bus, inbox, scenario, key, wait, session_of(checkpoint) if checkpoint else 0)
         outbox = Outbox(bus, met.flight.session, met.flight.key)
-        report: dict[str, Any] = {}
         if met.lockstep:
-            report["ticks"] = answer_over_link(in_lockstep, outbox, inbox, progress, record)
+            ticks, real_time = answer_over_link(in_lockstep, outbox, inbox, progress, record), None
         else:
             goals = Goals(scenario, planner) if planner else None
             done = answer_in_real_time(
                 scenario, onboard, outbox, inbox, detector, progress, record, checkpoint, goals, say
             )
             ages = {str(age): count for age, count in sorted(done.ages.items())}
-            report |= {"ticks": done.ticks, "silent_at": done.silent, "age_in_ticks": ages, "overtaken": done.overtaken}
-            if detector:
-                report["pictures_skipped"] = detector.skipped
-        counts = inbox.counts("tick")
-    return report | {"packets": counts, "rejected": counts["rejected"]}
+            ticks, real_time = done.ticks, OnboardFigures(done.silent, ages, done.overtaken)
+        skipped = detector.skipped if detector and not met.lockstep else None
+        return OnboardReport(ticks, inbox.counts("tick"), real_time, skipped)

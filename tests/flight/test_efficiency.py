@@ -1,6 +1,7 @@
 """Efficiency of flown flights against the Cramer-Rao floor."""
 
 import json
+from dataclasses import asdict
 from functools import cache
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import xarray as xr
 
 from ortilo_drake.flight.efficiency import (
+    Ratio,
     efficiency,
     floor_at_ticks,
     mean_floor,
@@ -99,20 +101,20 @@ def test_a_summary_holds_floor_and_efficiency_of_its_flight() -> None:
     found = summary(flight)
     floor = floor_at_ticks(flight)
     assert floor is not None
-    assert found["floor"] == mean_floor(floor) == pytest.approx(dict(zip("xyz", floor.mean(axis=0), strict=True)))
+    assert found.floor == mean_floor(floor) == pytest.approx(dict(zip("xyz", floor.mean(axis=0), strict=True)))
     e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
     for i, axis in enumerate("xyz"):
-        assert found["efficiency"][axis] == pytest.approx(found["mse"][axis] / found["floor"][axis])
+        assert found.efficiency[axis] == pytest.approx(found.mse[axis] / found.floor[axis])
         ratios = [e[k, i] ** 2 / floor[k, i] for k in range(60, len(e))]  # after 2 s
-        assert found["tick_efficiency"][axis] == pytest.approx(sum(ratios) / len(ratios))
-    json.dumps(found, allow_nan=False)
+        assert found.tick_efficiency[axis] == pytest.approx(sum(ratios) / len(ratios))
+    json.dumps(asdict(found), allow_nan=False)
 
 
 def test_without_disturbance_nothing_is_uncertain_and_there_is_no_efficiency() -> None:
     flight = hovering(0, "world.disturbance.force_sd=0.0", "world.disturbance.torque_sd=0.0")
     found = summary(flight)
-    assert found["floor"] == {"x": 0.0, "y": 0.0, "z": 0.0}
-    assert found["efficiency"] == found["tick_efficiency"] == {"x": None, "y": None, "z": None}
+    assert found.floor == {"x": 0.0, "y": 0.0, "z": 0.0}
+    assert found.efficiency == found.tick_efficiency == {"x": None, "y": None, "z": None}
 
 
 def test_an_unknown_floor_has_no_efficiency() -> None:
@@ -127,10 +129,10 @@ def test_the_ratio_of_means_draws_whole_flights() -> None:
     floors = rng.gamma(3.0, 0.01, 20)
     errors = floors * rng.gamma(3.0, 0.5, 20)
     found = ratio_of_means(errors.tolist(), floors.tolist())
-    assert found["value"] == pytest.approx(errors.mean() / floors.mean())
+    assert found.value == pytest.approx(errors.mean() / floors.mean())
     picks = rng.integers(0, 20, (4000, 20))
     drawn = errors[picks].sum(axis=1) / floors[picks].sum(axis=1)
-    np.testing.assert_allclose(found["interval"], np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * drawn.std())
-    assert ratio_of_means([], []) == {"value": None, "interval": None}
-    assert ratio_of_means([1.0], [2.0]) == {"value": 0.5, "interval": None}
-    assert ratio_of_means([1.0, 1.0], [0.0, 0.0]) == {"value": None, "interval": None}
+    np.testing.assert_allclose(found.interval, np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * drawn.std())
+    assert ratio_of_means([], []) == Ratio(None, None)
+    assert ratio_of_means([1.0], [2.0]) == Ratio(0.5, None)
+    assert ratio_of_means([1.0, 1.0], [0.0, 0.0]) == Ratio(None, None)

@@ -2,8 +2,8 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from ortilo_drake.flight.ensemble import flight_file, flight_folder, flights_of,
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.saved_flight import load_flight, save_flight
+from ortilo_drake.flight.summary import Summary, read_summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 
@@ -22,8 +23,8 @@ SCENARIO = load_scenario(
 )
 
 
-def without_speed(summaries: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{key: value for key, value in s.items() if key != "real_time_factor"} for s in summaries]
+def without_speed(summaries: list[Summary]) -> list[Summary]:
+    return [replace(s, real_time_factor=1.0) for s in summaries]
 
 
 def written(out: Path) -> dict[str, int]:
@@ -35,7 +36,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the seeds that are flown in this process, as they are."""
     seeds: list[int] = []
 
-    def recorded(text: str, seed: int, out: str) -> dict[str, Any]:
+    def recorded(text: str, seed: int, out: str) -> Summary:
         seeds.append(seed)
         return original(text, seed, out)
 
@@ -46,12 +47,12 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 def test_each_seed_is_one_file_that_holds_its_flight_and_summary(tmp_path: Path) -> None:
     found = fly_many(SCENARIO, [4, 2], tmp_path)
-    assert [s["seed"] for s in found] == [4, 2]
+    assert [s.seed for s in found] == [4, 2]
     folder = flight_folder(tmp_path, SCENARIO)
     assert sorted(p.name for p in folder.iterdir()) == ["seed_000002.nc", "seed_000004.nc"]
     for seed, one in zip([4, 2], found, strict=True):
         flight = load_flight(flight_file(tmp_path, SCENARIO, seed))
-        assert json.loads(flight.attrs["summary"]) == one == summary(flight)
+        assert read_summary(flight.attrs["summary"]) == one == summary(flight)
         alone = fly(with_seed(SCENARIO, seed))
         xr.testing.assert_equal(flight, alone)
 
@@ -59,7 +60,7 @@ def test_each_seed_is_one_file_that_holds_its_flight_and_summary(tmp_path: Path)
 def test_a_second_run_flies_nothing_and_gives_the_same(tmp_path: Path, flown: list[int]) -> None:
     first = fly_many(SCENARIO, range(3), tmp_path)
     before = written(tmp_path)
-    seen: list[dict[str, Any]] = []
+    seen: list[Summary] = []
     assert fly_many(SCENARIO, range(3), tmp_path, progress=seen.append) == first == seen
     assert written(tmp_path) == before
     assert flown == [0, 1, 2]
@@ -113,14 +114,14 @@ def test_only_a_missing_or_damaged_flight_is_flown_again_and_told(
 
 
 def test_an_interrupted_run_keeps_what_it_flew_and_goes_on_there(tmp_path: Path, flown: list[int]) -> None:
-    def stop_after_two(one: dict[str, Any]) -> None:
-        if one["seed"] == 1:
+    def stop_after_two(one: Summary) -> None:
+        if one.seed == 1:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fly_many(SCENARIO, range(4), tmp_path, progress=stop_after_two)
     assert len(written(tmp_path)) == 2
-    assert [s["seed"] for s in fly_many(SCENARIO, range(4), tmp_path)] == [0, 1, 2, 3]
+    assert [s.seed for s in fly_many(SCENARIO, range(4), tmp_path)] == [0, 1, 2, 3]
     assert flown == [0, 1, 2, 3]
 
 

@@ -93,7 +93,7 @@ before = None
 
 def note(summary):
     global before
-    if summary["seed"] == 9:
+    if summary.seed == 9:
         before = resident()
 
 fly_many(load_scenario("imu_uwb_yolo", tuple(sys.argv[2:])), range(40), Path(sys.argv[1]), progress=note)

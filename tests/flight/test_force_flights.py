@@ -62,7 +62,7 @@ def test_two_halves_fly_it_and_a_log_repeats_it_bit_for_bit(tmp_path: Path, sett
     whole = fly(scenario)
     np.testing.assert_array_equal(fly_lockstep(scenario, in_this_process(scenario))["truth"], whole["truth"])
     fly_logged(scenario, tmp_path / "log")
-    assert replay_log(tmp_path / "log")["identical"]
+    assert replay_log(tmp_path / "log").identical
     other = fly(load_scenario("imu_uwb", ("planner={kind: hover, duration: 2.0}", "settle=0", *settings)))
     assert np.any(other["truth"].values != whole["truth"].values)
 

@@ -19,6 +19,7 @@ from ortilo_drake.flight.metrics import (
     reference_distance,
     summary,
 )
+from ortilo_drake.flight.summary import Loss, read_summary, summary_text
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.scenario.old_keys import FORMAT
 
@@ -90,8 +91,8 @@ def test_fix_errors_are_the_distances_of_the_fixes_that_were_used() -> None:
         distances = sorted(np.sqrt((off[arrival[:, k], 3 * k : 3 * k + 3] ** 2).sum(axis=1)))
         middle = len(distances) // 2
         expected = distances[middle] if len(distances) % 2 else (distances[middle - 1] + distances[middle]) / 2
-        assert found[sensor]["median"] == pytest.approx(expected)
-        assert distances[int(0.95 * (len(distances) - 1))] <= found[sensor]["p95"] <= distances[-1]
+        assert found[sensor].median == pytest.approx(expected)
+        assert distances[int(0.95 * (len(distances) - 1))] <= found[sensor].p95 <= distances[-1]
     nothing = flight.assign(arrival=(("tick", "sensor"), np.zeros((n, 3), dtype=bool)))
     assert fix_errors(nothing) == {}
 
@@ -140,8 +141,8 @@ def test_nis_of_sensors_of_fewer_rows_equals_plain_loops(flown: Callable[..., xr
             assert value == pytest.approx(e @ np.linalg.inv(H @ P[k] @ H.T + V[k, :m, :m]) @ e, rel=1e-9)
     assert set(fix_errors(flight)) == {"uwb"}  # of the sensors that flew, the only one that gives a position
     found = summary(flight)
-    assert set(found["nis"]) == {"uwb", "imu", *columns}
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert set(found.nis) == {"uwb", "imu", *columns}
+    assert read_summary(summary_text(found)) == found
 
 
 def test_nees_of_errors_drawn_from_the_covariance_is_chi_square_with_three_degrees() -> None:
@@ -189,7 +190,7 @@ def test_there_is_no_authors_path_error_where_x_does_not_run_forward(kind: str) 
     planned = np.column_stack([x, y, np.full(50, 1.5)])
     flight = flight_along(planned, planned + 0.1)
     assert np.isnan(path_mse(flight))
-    assert summary(flight)["path_mse"] is None
+    assert summary(flight).path_mse is None
 
 
 def test_distance_to_the_path_is_the_least_over_all_planned_points() -> None:
@@ -211,7 +212,7 @@ def test_distance_to_the_reference_is_taken_tick_by_tick() -> None:
     planned, actual = flight["reference"].values, flight["truth"].values[:, :3]
     expected = [np.sqrt(sum((actual[k, i] - planned[k, i]) ** 2 for i in range(3))) for k in range(20)]
     np.testing.assert_allclose(reference_distance(flight), expected, rtol=1e-12)
-    assert summary(flight)["max_reference_distance"] == pytest.approx(max(expected))
+    assert summary(flight).max_reference_distance == pytest.approx(max(expected))
 
 
 def test_arrival_rates_are_fixes_used_over_ticks_due() -> None:
@@ -227,19 +228,19 @@ def test_a_sensor_that_is_due_but_never_arrives_has_rate_zero() -> None:
     flight = made_up_flight(30)
     flight["arrival"].values[:, 1] = False
     assert arrival_rates(flight)["camera"] == 0.0
-    assert "camera" not in summary(flight)["nis"]
+    assert "camera" not in summary(flight).nis
 
 
 def test_the_summary_holds_every_figure_and_is_plain_json() -> None:
     flight = made_up_flight()
     found = summary(flight)
-    assert found["mse"] == estimation_mse(flight)
-    assert found["nees"] == pytest.approx(np.mean(position_nees(flight)))
-    assert found["nis"] == {s: pytest.approx(np.mean(nis(flight, s))) for s in SENSORS}
-    assert found["path_distance_mse"] == path_distance_mse(flight)
+    assert found.mse == estimation_mse(flight)
+    assert found.nees == pytest.approx(np.mean(position_nees(flight)))
+    assert found.nis == {s: pytest.approx(np.mean(nis(flight, s))) for s in SENSORS}
+    assert found.path_distance_mse == path_distance_mse(flight)
     for axis in "xyz":
-        assert found["efficiency"][axis] == pytest.approx(found["mse"][axis] / found["floor"][axis])
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+        assert found.efficiency[axis] == pytest.approx(found.mse[axis] / found.floor[axis])
+    assert read_summary(summary_text(found)) == found
 
 
 def test_a_diverged_flight_has_a_summary_too() -> None:
@@ -248,5 +249,5 @@ def test_a_diverged_flight_has_a_summary_too() -> None:
     flight["estimate"].values[-2:] = np.nan
     flight.attrs["lost"] = json.dumps({"time": 2.0, "cause": "diverged"})
     found = summary(flight)
-    json.dumps(found, allow_nan=False)
-    assert found["lost"] == {"time": 2.0, "cause": "diverged"}
+    assert "NaN" not in summary_text(found)
+    assert found.lost == Loss(2.0, "diverged")

@@ -16,21 +16,24 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from made_up_summaries import made_up_summary
 
 from ortilo_drake.flight.flight import flight_dataset, fly, scenario_of
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
+from ortilo_drake.flight.summary import summary_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 TICKS, TAIL = 12, len("\nortilo-drake flight, sha256 \n") + 64
 SCENARIO = load_scenario("imu_uwb", seed=3)
+SUMMARY = made_up_summary((0.1, 0.2, 0.3))
 
 
 def made_up() -> xr.Dataset:
     """Return a Dataset laid out as a flight is, of random numbers."""
     logged = np.random.default_rng(0).normal(size=(TICKS, sum(SCENARIO.measurement.logged_sizes().values())))
     flight = flight_dataset(SCENARIO, SCENARIO.h * np.arange(TICKS), logged, None)
-    flight.attrs |= {"real_time_factor": 2.5, "summary": json.dumps({"seed": 3})}
+    flight.attrs |= {"real_time_factor": 2.5, "summary": summary_text(SUMMARY)}
     return flight
 
 
@@ -70,7 +73,7 @@ def test_the_file_is_plain_netcdf_with_a_digest_behind_it(saved: Path, data: byt
     with h5py.File(saved) as file:
         np.testing.assert_array_equal(file["truth"][:], flight["truth"].values)
     xr.testing.assert_identical(load_flight(saved), flight)
-    assert load_summary(saved) == {"seed": 3}
+    assert load_summary(saved) == SUMMARY
 
 
 def test_a_copy_without_the_digest_is_refused_and_told_why(saved: Path) -> None:
@@ -352,7 +355,7 @@ def test_a_file_that_leads_elsewhere_or_holds_more_than_numbers_is_refused(
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[2])
+sys.path[:0] = [sys.argv[2], str(Path(sys.argv[2]).parent)]
 from test_saved_flight import InputError, made_up, save_flight
 flight = made_up()
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))

@@ -57,7 +57,7 @@ def test_who_joins_under_way_asks_for_a_tick_whose_answer_it_takes() -> None:
     link.ask(1.0, 2.0)
     link.turn([])
     assert [goal.tick for goal in sent_by(inbox)] == [100]
-    assert inbox.counts()["rejected"] == 0
+    assert inbox.counts().rejected == 0
 
 
 def test_a_wish_is_repeated_until_its_own_answer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,7 +124,7 @@ def test_a_flight_takes_nothing_of_an_older_one_nor_of_a_stranger(bus: str) -> N
         for key in (STRANGER, KEY, old.flight.key):
             joined.publish(channel, seal(key, name, body))
     assert inbox.poll() == []
-    refused = inbox.counts()["refused"]
+    refused = inbox.counts().refused
     assert refused == {"foreign": len(tape), "mac": 3 * len(tape)}
     publish_command(now.outbox, 3, {"control": np.zeros(4)})
     assert len(inbox.poll(1000)) == 1
@@ -144,8 +144,8 @@ def test_nobody_without_the_key_ends_refuses_or_commands_a_flight(bus: str) -> N
         publish_messages(stranger, 1, {})
     for inbox in (onboard, world.inbox):
         assert inbox.poll() == []
-    assert onboard.counts()["refused"] == {"mac": 8}
-    assert world.inbox.counts()["refused"] == {"mac": 6}
+    assert onboard.counts().refused == {"mac": 8}
+    assert world.inbox.counts().refused == {"mac": 6}
 
 
 def test_a_packet_that_is_thrown_back_is_not_the_other_half_s(bus: str) -> None:
@@ -160,7 +160,7 @@ def test_a_packet_that_is_thrown_back_is_not_the_other_half_s(bus: str) -> None:
         if name != "imu":
             joined.publish(channel, captured[0])
     assert inbox.poll() == []
-    assert inbox.counts()["rejected"] == len(KINDS) - 1
+    assert inbox.counts().rejected == len(KINDS) - 1
 
 
 def test_who_listens_waits_for_a_world_that_looks_for_its_half(bus: str) -> None:

@@ -42,4 +42,4 @@ def test_a_bad_link_costs_time_but_not_a_bit(
     for direction in counted.values():
         assert direction["lost"] > 0.1 * direction["taken"]
         assert direction["duplicated"] > 0
-    assert report["packets"]["duplicates"] > 0
+    assert report.packets.duplicates > 0

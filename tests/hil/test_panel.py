@@ -6,9 +6,12 @@ import sys
 from rich.console import Console, RenderableType
 
 from ortilo_drake.hil.real_time.panel import live_panel, panel, profile_table
+from ortilo_drake.hil.real_time.profile import Row
+from ortilo_drake.hil.real_time.real_time_world import FlightSoFar
 from ortilo_drake.hil.real_time.tick_timing import TickTiming
+from ortilo_drake.hil.wire.inbox import PacketCounts
 
-PACKETS = {"late": 2, "lost": 5, "rejected": 7}
+PACKETS = PacketCounts(accepted=90, late=2, duplicates=0, lost=5, rejected=7, refused={"old": 7})
 H = 0.01
 
 
@@ -30,8 +33,8 @@ def watched() -> TickTiming:
     return timing
 
 
-def figures() -> dict[str, object]:
-    return watched().summary(3) | {"simulated_s": 3 * H, "packets": PACKETS, "failsafe": "hold"}
+def figures() -> FlightSoFar:
+    return FlightSoFar(watched().summary(3), 3 * H, PACKETS, "hold")
 
 
 def test_the_panel_shows_every_figure() -> None:
@@ -46,7 +49,7 @@ def test_the_panel_shows_every_figure() -> None:
 
 
 def test_before_the_first_tick_it_shows_dashes() -> None:
-    lines = drawn(panel(TickTiming(H).summary(0) | {"simulated_s": 0.0, "packets": PACKETS, "failsafe": None}))
+    lines = drawn(panel(FlightSoFar(TickTiming(H).summary(0), 0.0, PACKETS, None)))
     assert "real-time factor -" in lines
     assert "sense to command (ms) median - p99 - max -" in lines
     assert "flown by -" in lines
@@ -54,9 +57,9 @@ def test_before_the_first_tick_it_shows_dashes() -> None:
 
 def test_the_tick_under_way_is_no_miss_yet() -> None:
     timing = watched()
-    assert timing.summary(3)["unanswered"] == 0
-    assert timing.summary()["unanswered"] == 1
-    assert timing.summary(2)["missed_deadlines"] == 0
+    assert timing.summary(3).unanswered == 0
+    assert timing.summary().unanswered == 1
+    assert timing.summary(2).missed_deadlines == 0
 
 
 def shown_live(watched_too: bool) -> str:
@@ -84,8 +87,8 @@ def test_elsewhere_nothing_is_written() -> None:
 
 def test_the_table_of_a_profile_names_every_block() -> None:
     rows = [
-        {"block": "kalman_filter", "median_us": 12.34, "p99_us": 56.78, "share": 0.25},
-        {"block": "whole tick", "median_us": 40.0, "p99_us": 90.0, "share": 1.0},
+        Row("kalman_filter", 12.34, 56.78, 0.25),
+        Row("whole tick", 40.0, 90.0, 1.0),
     ]
     lines = drawn(profile_table(rows, "mine"))
     assert lines[0] == "mine: the onboard half's tick"

@@ -75,26 +75,26 @@ def test_block_by_block_the_flight_is_the_same() -> None:
 def test_rows_sum_to_the_whole() -> None:
     spent = {"cheap": np.array([1e-6, 1e-6, 4e-6]), "dear": np.array([2e-6, 2e-6, 2e-6])}
     rows = rows_of(spent, np.array([4e-6, 5e-6, 7e-6]))
-    assert [row["block"] for row in rows] == ["cheap", "dear", REST, WHOLE]
-    assert [row["median_us"] for row in rows] == pytest.approx([1.0, 2.0, 1.0, 5.0])
-    assert [row["share"] for row in rows] == pytest.approx([6 / 16, 6 / 16, 4 / 16, 1.0])
-    assert rows[0]["p99_us"] == pytest.approx(1.0 + 0.98 * 3.0)
+    assert [row.block for row in rows] == ["cheap", "dear", REST, WHOLE]
+    assert [row.median_us for row in rows] == pytest.approx([1.0, 2.0, 1.0, 5.0])
+    assert [row.share for row in rows] == pytest.approx([6 / 16, 6 / 16, 4 / 16, 1.0])
+    assert rows[0].p99_us == pytest.approx(1.0 + 0.98 * 3.0)
 
 
 def test_a_profile_finds_the_tick_in_its_blocks() -> None:
     """No limit in time: only that every block was timed, and that the shares make up the tick timed whole."""
     scenario = scenario_of("camera.kind=projected")
-    rows = {row["block"]: row for row in profile_onboard(scenario, 60)}
+    rows = {row.block: row for row in profile_onboard(scenario, 60)}
     blocks = set(block_names(OnboardHalf(scenario).diagram).values())
     assert set(rows) == blocks | {REST, WHOLE}
-    assert sum(row["share"] for name, row in rows.items() if name != WHOLE) == pytest.approx(1.0)
-    assert all(row["median_us"] > 0.0 for name, row in rows.items() if name in blocks)
+    assert sum(row.share for name, row in rows.items() if name != WHOLE) == pytest.approx(1.0)
+    assert all(row.median_us > 0.0 for name, row in rows.items() if name in blocks)
 
 
 @pytest.mark.egl
 def test_a_rendered_camera_s_detector_is_a_block() -> None:
-    rows = {row["block"]: row for row in profile_onboard(scenario_of(), 6)}
-    assert rows["detector"]["share"] == max(row["share"] for name, row in rows.items() if name not in (WHOLE, REST))
+    rows = {row.block: row for row in profile_onboard(scenario_of(), 6)}
+    assert rows["detector"].share == max(row.share for name, row in rows.items() if name not in (WHOLE, REST))
 
 
 def test_no_ticks_are_refused() -> None:

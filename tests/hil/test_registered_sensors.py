@@ -129,6 +129,6 @@ def test_in_lockstep_the_flight_is_that_of_a_single_process(settings: tuple[str,
         flight, report = sessions.run_world(scenario, bus, KEY, True, HANGS)
         assert answered.result(HANGS) == flight.sizes["tick"]
     assert xr.Dataset.identical(flight, alone)
-    assert report["packets"]["rejected"] == 0
+    assert report.packets.rejected == 0
     used = flight["arrival"].sel(sensor=["altimeter", "flow"]).sum("tick").values
     assert (used > 15).all()  # of 31 ticks; messages that come in one tick take each other's place

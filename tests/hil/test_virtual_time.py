@@ -44,8 +44,8 @@ def test_packets_are_lost_and_late_and_replay_uses_what_is_late() -> None:
         flight = fly_in_virtual_time(scenario_of(f"estimator.delay={mode}"), BAD)
         assert np.isfinite(flight["estimate"].values).all(axis=1).mean() > 0.98  # all but what it had not joined for
         found[mode] = summary(flight)
-    assert 0.6 < found["replay"]["arrivals"]["camera"] < 0.95  # a fifth of the packets is lost
-    assert found["drop"]["arrivals"]["camera"] < found["replay"]["arrivals"]["camera"]
+    assert 0.6 < found["replay"].arrivals["camera"] < 0.95  # a fifth of the packets is lost
+    assert found["drop"].arrivals["camera"] < found["replay"].arrivals["camera"]
 
 
 @pytest.mark.long
@@ -66,7 +66,7 @@ def test_pictures_are_refused() -> None:
 def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> None:
     file, ways = tmp_path / "3.json", (BAD.model_dump_json(), Faults().model_dump_json())
     found = summary_in_virtual_time(scenario_of().model_dump_json(), *ways, 3, str(file))
-    assert found["seed"] == 3
-    assert found["mse"] == summary(fly_in_virtual_time(with_seed(scenario_of(), 3), BAD, seed=4))["mse"]
+    assert found.seed == 3
+    assert found.mse == summary(fly_in_virtual_time(with_seed(scenario_of(), 3), BAD, seed=4)).mse
     file.write_text(file.read_text().replace('"seed": 3', '"seed": -3'))
-    assert summary_in_virtual_time("no scenario", *ways, 3, str(file))["seed"] == -3
+    assert summary_in_virtual_time("no scenario", *ways, 3, str(file)).seed == -3

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, load_scenario
@@ -58,24 +59,26 @@ def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
     scenario = load_scenario("imu_uwb", ("camera.kind=projected",))
     links = command_cases((0.4,), ("hold",), (6,))
     found = command_flights(scenario, links, range(3), tmp_path, duration=20.0)
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    lossy, late = found["cases"]
-    assert found["agree"] == 2
-    assert lossy["stable"]
-    assert lossy["lost"] == 0
+    assert json.loads(json.dumps(as_data(found), allow_nan=False))["cases"][0]["link"] == links[0].model_dump(
+        mode="json"
+    )
+    lossy, late = found.cases
+    assert found.agree == 2
+    assert lossy.stable
+    assert lossy.lost == 0
     # 60 s of an error that takes about 2 s to renew itself: some 30 values an axis, so the rms is good to a tenth.
-    assert lossy["flown_rms"] == pytest.approx(lossy["predicted_rms"], rel=0.3)
+    assert lossy.flown_rms == pytest.approx(lossy.predicted_rms, rel=0.3)
     V = hover_V(scenario)
     flown = scenario.model_copy(update={"command_link": links[0]})
     moments = [steady_second_moment(lossy_loop(commanded_loop(s, V), s.command_link, s.h)) for s in (scenario, flown)]
     perfect, predicted = (float(np.sqrt(np.trace(S.mean(axis=0)[:3, :3]))) for S in moments)
-    assert predicted == pytest.approx(lossy["predicted_rms"], rel=1e-6)
-    assert lossy["flown_rms"] > 1.3 * perfect  # it tells a lossy link from a perfect one
-    assert not late["stable"]
-    assert late["predicted_rms"] is late["flown_rms"] is None
-    assert late["lost"] == late["flights"] == 3
-    assert late["lost_after"] < 30.0
-    assert late["causes"]
+    assert predicted == pytest.approx(lossy.predicted_rms, rel=1e-6)
+    assert lossy.flown_rms > 1.3 * perfect  # it tells a lossy link from a perfect one
+    assert not late.stable
+    assert late.predicted_rms is late.flown_rms is None
+    assert late.lost == late.flights == 3
+    assert late.lost_after < 30.0
+    assert late.causes
 
 
 @pytest.mark.parametrize(

@@ -47,8 +47,8 @@ def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: st
 def test_a_ready_made_scenario_has_a_path_and_flies(name: str) -> None:
     assert 5 * 30 < flight_ticks(load_scenario(name)) < 120 * 30
     found = summary(fly(load_scenario(name, (SHORT, "camera.kind=projected"))))
-    assert found["lost"] is None
-    assert all(math.isfinite(value) for value in found["mse"].values())
+    assert found.lost is None
+    assert all(math.isfinite(value) for value in found.mse.values())
 
 
 @pytest.mark.parametrize("name", [*scenario_names(), "default"])
@@ -84,7 +84,7 @@ def test_the_defaults_together_are_a_valid_flight() -> None:
     scenario = Scenario()
     assert 60 * 30 < flight_ticks(scenario) < 120 * 30
     short = scenario.model_copy(update={"planner": load_scenario("imu_uwb", (SHORT,)).planner})
-    assert summary(fly(short))["lost"] is None
+    assert summary(fly(short)).lost is None
 
 
 @pytest.mark.parametrize("name", PAPERS)

@@ -303,7 +303,7 @@ def test_a_log_of_format_1_is_read_and_replayed(tmp_path, monkeypatch):
         tick._replace(messages={n: m for n, m in tick.messages.items() if n not in FROM_OUTSIDE}) for tick in ticks()
     ]
     replayed = replay_log(write(tmp_path / "plain", sent=map(as_in_format_1, plain)))
-    assert (replayed["ticks"], replayed["identical"]) == (len(ticks()), True)
+    assert (replayed.ticks, replayed.identical) == (len(ticks()), True)
     short = [
         t._replace(outputs=t.outputs | {"measurement": t.outputs["measurement"][:-1]})
         for t in map(as_in_format_1, plain)

@@ -21,7 +21,7 @@ from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
-from ortilo_drake.interop.log.replay import path_through, replay_log
+from ortilo_drake.interop.log.replay import ReplayReport, path_through, replay_log
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import brake, join_paths
@@ -57,14 +57,14 @@ def fly(log: Path, goal_ticks: dict[int, tuple[float, float]]) -> None:
 
 def test_from_the_goal_on_the_reference_is_the_log_s_and_all_else_is_identical(tmp_path: Path) -> None:
     fly(tmp_path / "log", {BRAKES: GOAL})
-    assert replay_log(tmp_path / "log") == {
-        "ticks": TICKS,
-        "identical": True,
-        "first_difference": None,
-        "largest_difference": 0.0,
-        "references_from_log": TICKS - BRAKES,
-        "state_from_log": False,
-    }
+    assert replay_log(tmp_path / "log") == ReplayReport(
+        ticks=TICKS,
+        identical=True,
+        first_difference=None,
+        largest_difference=0.0,
+        references_from_log=TICKS - BRAKES,
+        state_from_log=False,
+    )
 
 
 @pytest.mark.parametrize(("goal_ticks", "given"), [({}, 0), ({BRAKES + 5: GOAL}, TICKS - BRAKES - 5)])
@@ -73,9 +73,9 @@ def test_a_way_that_no_goal_explains_is_found_out(
 ) -> None:
     fly(tmp_path / "log", goal_ticks)
     result = replay_log(tmp_path / "log")
-    assert not result["identical"]
-    assert BRAKES <= result["first_difference"] <= BRAKES + 2  # a path's braking begins with r, r_dot, r_ddot as it was
-    assert result["references_from_log"] == given
+    assert not result.identical
+    assert BRAKES <= result.first_difference <= BRAKES + 2  # a path's braking begins with r, r_dot, r_ddot as it was
+    assert result.references_from_log == given
 
 
 def test_the_log_of_a_half_that_joined_in_flight_is_replayed_from_there(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_the_log_of_a_half_that_joined_in_flight_is_replayed_from_there(tmp_path
                 u = outputs["control"]
             world.advance(u)
     result = replay_log(tmp_path / "log")
-    assert (result["ticks"], result["identical"], result["state_from_log"]) == (30, True, False)
+    assert (result.ticks, result.identical, result.state_from_log) == (30, True, False)
 
 
 def log_joined(log: Path, settings: tuple[str, ...] = (), away: int = 6, moves: bool = False) -> None:
@@ -125,14 +125,14 @@ def test_the_log_of_a_half_that_joined_from_a_checkpoint_says_itself_what_it_kne
     tmp_path: Path, moves: bool, references: int
 ) -> None:
     log_joined(tmp_path / "log", moves=moves)
-    assert replay_log(tmp_path / "log") == {
-        "ticks": 40,
-        "identical": True,
-        "first_difference": None,
-        "largest_difference": 0.0,
-        "references_from_log": references,
-        "state_from_log": True,
-    }
+    assert replay_log(tmp_path / "log") == ReplayReport(
+        ticks=40,
+        identical=True,
+        first_difference=None,
+        largest_difference=0.0,
+        references_from_log=references,
+        state_from_log=True,
+    )
 
 
 def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
             onboard.advance()
             world.advance(outputs["control"])
     assert fixes > 10
-    assert replay_log(tmp_path / "log")["identical"]
+    assert replay_log(tmp_path / "log").identical
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_the_log_of_a_flight_in_which_the_world_waited_is_replayed(
     flown = load_scenario(name, ("settle=0", "planner={kind: hover, duration: 2}", *settings))
     fly_logged(flown, tmp_path / "log")
     result = replay_log(tmp_path / "log")
-    assert (result["ticks"], result["identical"], result["largest_difference"]) == (61, True, 0.0)
+    assert (result.ticks, result.identical, result.largest_difference) == (61, True, 0.0)
 
 
 def test_an_output_that_was_not_recorded_is_not_compared(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_an_output_that_was_not_recorded_is_not_compared(tmp_path: Path) -> None
             nothing = {name: np.full_like(value, np.nan) for name, value in outputs.items()}
             writer.write_tick(k, state, messages, nothing if k % 3 == 1 else outputs)
     result = replay_log(tmp_path / "log")
-    assert (result["ticks"], result["identical"], result["largest_difference"]) == (30, True, 0.0)
+    assert (result.ticks, result.identical, result.largest_difference) == (30, True, 0.0)
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
@@ -204,7 +204,7 @@ def test_only_the_log_of_a_world_that_did_not_wait_is_refused(
     result = CliRunner().invoke(hil_app, arguments)
     assert result.exit_code == 0, result.output
     if lockstep:
-        assert replay_log(tmp_path / "log")["identical"]
+        assert replay_log(tmp_path / "log").identical
     else:
         with pytest.raises(InputError, match=r"holds what a world sent in real time.*; replay .* hil onboard --log"):
             replay_log(tmp_path / "log")

@@ -218,11 +218,11 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: 
 
     report = with_world(bus, scenario, listen)
     assert len(taken) >= 20
-    assert report["ticks"] == len(taken)
+    assert report.ticks == len(taken)
     answered = [(t, k) for t, k in taken if k is not None]
-    assert len(taken) - len(answered) <= report["without_answer"] <= 1  # it may join in the middle of a tick
+    assert len(taken) - len(answered) <= report.without_answer <= 1  # it may join in the middle of a tick
     assert all(t == k * scenario.h for t, k in answered)
-    assert report["failed"] == {"bad": "no route to host"}
+    assert report.failed == {"bad": "no route to host"}
     assert [line.partition(" at ")[0] for line in lines if "bad" in line] == ["bad: failed"]
 
 
@@ -268,7 +268,7 @@ def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
         "goal (3, 0): too far",
         "goal (nan, 0): must be two finite numbers of at most 10000",
     ]
-    assert report["failed"] == {"goals": "node is gone"}
+    assert report.failed == {"goals": "node is gone"}
     assert lines[4].startswith("goals: failed at ")
 
 
@@ -300,8 +300,8 @@ def fly_with_bridge(
         finally:
             bridge.kill()
     found = json.loads(report.read_text(encoding="utf-8"))
-    assert found["failed"] == {}
-    assert 0 < found["ticks"] + found["lost"] <= flight.sizes["tick"]
+    assert found.failed == {}
+    assert 0 < found.ticks + found.lost <= flight.sizes["tick"]
     return flight, found
 
 
@@ -321,7 +321,7 @@ def test_mavlink_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
                 heard += parser.parse_buffer(receiver.recv(2000)) or []
     odometry = [message for message in heard if message.get_msgId() == common.MAVLINK_MSG_ID_ODOMETRY]
     # An answer that lacks its command only is counted as missing, too.
-    assert report["ticks"] - report["without_answer"] <= len(odometry) <= report["ticks"]
+    assert report.ticks - report.without_answer <= len(odometry) <= report.ticks
     assert sum(message.get_msgId() == common.MAVLINK_MSG_ID_HEARTBEAT for message in heard) >= 1
     xhat, control_rate = flight["estimate"].to_numpy(), load_scenario("imu_uwb", SETTINGS).control_rate
     for message in odometry:
@@ -389,7 +389,7 @@ def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     xhat, P = flight["estimate"].to_numpy(), flight["covariance"].to_numpy().reshape(-1, 15, 15)
     stamps = [row[0] for row in got["odometry"]]
     assert stamps == sorted(set(stamps))
-    assert report["ticks"] - report["without_answer"] <= len(stamps) <= report["ticks"]
+    assert report.ticks - report.without_answer <= len(stamps) <= report.ticks
     for t, *numbers in got["odometry"]:
         k = round(t * scenario.control_rate)
         assert abs(t - k * scenario.h) < 1e-9
@@ -398,7 +398,7 @@ def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
         assert turn.magnitude() < 1e-12
         assert numbers[7:] == P[k, :6, :6].ravel().tolist()
     rows = {tuple(row) for row in xhat.tolist()}
-    assert 0 < len(got["estimate"]) <= report["ticks"]
+    assert 0 < len(got["estimate"]) <= report.ticks
     assert all(tuple(row) in rows for row in got["estimate"])
     assert got["imu"] > 0
     assert len(got["path"]) == 1

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.hover import disturbance_W
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
@@ -84,11 +85,12 @@ def test_bursts_that_cannot_be_are_nan_and_without_a_sensor_inf() -> None:
 
 
 def test_the_report_is_plain() -> None:
-    report = json.loads(json.dumps(arrival_report(SMALL_W, V, H, [0.0, 0.5], [0.0, 0.5]), allow_nan=False))
-    assert report["upper"][0][0][0] is None
-    assert round(report["upper"][1][1][0], 6) == 0.006898
-    assert report["critical_rate"]["rate"] == 0.0
-    assert report["without_position_sensors"] == ["eigenvalue 1 (6 times) in x, y, z, x_dot, y_dot, z_dot"]
+    report = arrival_report(SMALL_W, V, H, [0.0, 0.5], [0.0, 0.5])
+    json.dumps(as_data(report), allow_nan=False)
+    assert report.upper[0][0][0] == np.inf
+    assert round(report.upper[1][1][0], 6) == 0.006898
+    assert report.critical_rate.rate == 0.0
+    assert report.without_position_sensors == ["eigenvalue 1 (6 times) in x, y, z, x_dot, y_dot, z_dot"]
 
 
 def test_bad_input_is_refused() -> None:

@@ -66,12 +66,12 @@ def test_whole_ticks_are_the_link_without_loss() -> None:
 
 def test_the_critical_delay_is_where_growth_crosses_one() -> None:
     found = critical_delay(SCENARIO, V)
-    assert found["delay"] == pytest.approx(found["ticks"] * H)
-    assert found["whole_ticks"] == math.ceil(found["ticks"])
-    assert delay_growth(SCENARIO, V, found["ticks"] - 1e-3) < 1 < delay_growth(SCENARIO, V, found["ticks"] + 1e-3)
-    assert "a tick" in found["modes"]
-    rates = list(found["growth"].values())
-    assert [rate < 1 for rate in rates] == [True] * found["whole_ticks"] + [False] * 2
+    assert found.delay == pytest.approx(found.ticks * H)
+    assert found.whole_ticks == math.ceil(found.ticks)
+    assert delay_growth(SCENARIO, V, found.ticks - 1e-3) < 1 < delay_growth(SCENARIO, V, found.ticks + 1e-3)
+    assert "a tick" in found.modes
+    rates = list(found.growth.values())
+    assert [rate < 1 for rate in rates] == [True] * found.whole_ticks + [False] * 2
     for d in (1, 2):  # continuous in the delay, across the step in the state's size
         assert delay_growth(SCENARIO, V, d + 1e-9) == pytest.approx(delay_growth(SCENARIO, V, d), abs=1e-6)
 
@@ -93,7 +93,7 @@ def test_the_delay_margin_is_that_of_the_frequency_response() -> None:
         for j in np.flatnonzero(np.diff(np.sign(np.abs(response) - 1))):
             margins.append(((np.angle(response[j]) + math.pi) % (2 * math.pi)) / w[j])
     # All four inputs delayed at once: the loops do not interact at hover, so the least margin decides.
-    assert critical_delay(SCENARIO, V, deltas)["ticks"] == pytest.approx(min(margins), rel=0.02)
+    assert critical_delay(SCENARIO, V, deltas).ticks == pytest.approx(min(margins), rel=0.02)
 
 
 @pytest.mark.parametrize("delay", [-0.5, math.nan, math.inf])

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from ortilo_drake.flight.metrics import position_nees
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.consistency.consistency_flights import consistency_report, region_masks
@@ -29,12 +30,13 @@ def test_regions_divide_the_flight(flight: xr.Dataset) -> None:
 
 
 def test_the_report_is_plain_data_and_agrees_with_the_metrics(flight: xr.Dataset) -> None:
-    report = json.loads(json.dumps(consistency_report([flight]), allow_nan=False))
-    assert report["flights"] == 1
-    assert report["nees"]["position"]["all"]["mean"] == pytest.approx(np.mean(position_nees(flight)))
-    assert report["nees"]["position"]["all"]["consistent"] is None
-    assert set(report["nis"]) == {"uwb", "imu"}
-    assert report["whiteness"]["imu"]["samples"] == int(flight["arrival"].sel(sensor="imu").sum())
+    report = consistency_report([flight])
+    json.dumps(as_data(report), allow_nan=False)
+    assert report.flights == 1
+    assert report.nees["position"]["all"].mean == pytest.approx(np.mean(position_nees(flight)))
+    assert report.nees["position"]["all"].consistent is None
+    assert set(report.nis) == {"uwb", "imu"}
+    assert report.whiteness["imu"].samples == int(flight["arrival"].sel(sensor="imu").sum())
 
 
 def test_flights_made_up_to_be_consistent_are_found_so(flight: xr.Dataset) -> None:
@@ -45,10 +47,10 @@ def test_flights_made_up_to_be_consistent_are_found_so(flight: xr.Dataset) -> No
         error = (L @ rng.normal(size=(len(L), 12, 1)))[:, :, 0]
         copy["estimate"].values[:, :12] = copy["truth"].values + error
         made.append(copy)
-    nees = consistency_report(made)["nees"]
-    assert nees["position"]["all"]["mean"] == pytest.approx(3.0, abs=0.15)
-    assert nees["state"]["all"]["mean"] == pytest.approx(12.0, abs=0.3)
-    assert nees["position"]["all"]["in_band"] == pytest.approx(0.95, abs=0.05)
+    nees = consistency_report(made).nees
+    assert nees["position"]["all"].mean == pytest.approx(3.0, abs=0.15)
+    assert nees["state"]["all"].mean == pytest.approx(12.0, abs=0.3)
+    assert nees["position"]["all"].in_band == pytest.approx(0.95, abs=0.05)
 
 
 def test_flights_of_different_scenarios_are_refused(flight: xr.Dataset) -> None:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 from ortilo_drake.studies.linearization.flown_tick import difference_closed_loop
 from ortilo_drake.studies.linearization.linearization_report import linearization_report
@@ -51,23 +52,22 @@ def test_a_tick_before_a_period_of_the_sensors_is_refused() -> None:
 
 
 def test_a_report_is_json_and_holds_the_must_shows() -> None:
-    report = json.loads(json.dumps(linearization_report(load_scenario("imu_uwb")), allow_nan=False))
-    assert set(report["agreement"]) == {*PARTS, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {
-        "rotors_and_plant"
-    }
+    report = linearization_report(load_scenario("imu_uwb"))
+    json.dumps(as_data(report), allow_nan=False)
+    assert set(report.agreement) == {*PARTS, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {"rotors_and_plant"}
     for part in ("plant", "sampled_plant", "closed_loop"):
-        assert max(report["agreement"][part].values()) < 1e-10
-    assert set(report["flown"]) == {"uwb+imu", "imu"}
-    assert max(report["flown"].values()) < 1e-8
-    assert {name: len(z) for name, z in report["eigenvalues"].items()} == {
+        assert max(report.agreement[part].values()) < 1e-10
+    assert set(report.flown) == {"uwb+imu", "imu"}
+    assert max(report.flown.values()) < 1e-8
+    assert {name: len(z) for name, z in report.eigenvalues.items()} == {
         "plant": 12, "sampled_plant": 12, "servo_loop": 15, "filter": 12, "closed_loop": 27,
     }  # fmt: skip
-    radius = {name: max(np.hypot(*w) for w in z) for name, z in report["eigenvalues"].items()}
+    radius = {name: max(abs(w) for w in z) for name, z in report.eigenvalues.items()}
     assert radius["plant"] == 0.0
     assert radius["closed_loop"] == pytest.approx(max(radius["servo_loop"], radius["filter"]), abs=1e-9)
-    assert report["unobservable_states"]["uwb"] == ["psi", "psi_dot"]
-    assert report["gramians"]["observability"]["imu"]["condition"] is None
-    assert report["uncontrollable_modes"] == []
+    assert report.unobservable_states["uwb"] == ["psi", "psi_dot"]
+    assert report.gramians.observability["imu"].condition == np.inf
+    assert report.uncontrollable_modes == []
 
 
 def test_a_report_without_sensors_is_refused() -> None:

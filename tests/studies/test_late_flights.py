@@ -5,14 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up_summaries import made_up_summary
 from scipy.stats import binomtest
 
+from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.late.late_flights import (
     AT_30_HZ,
     MODES,
     LateLinks,
+    Pairs,
     late_flights,
     late_scenario,
     late_table,
@@ -41,15 +45,15 @@ def test_links_are_late_and_the_rest_stays() -> None:
 def test_the_same_seeds_in_every_mode(tmp_path: Path) -> None:
     scenario = load_scenario("imu_uwb", (*SHORT, "world.kinematics=linear"))
     told: list[str] = []
-    report = late_flights(scenario, range(5), tmp_path, progress=lambda mode: told.append(mode["mode"]))
-    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    report = late_flights(scenario, range(5), tmp_path, progress=lambda mode: told.append(mode.mode))
+    assert json.loads(json.dumps(as_data(report), allow_nan=False))["seeds"] == list(range(5))
     assert told == list(MODES)
-    modes = report["modes"]
-    assert all(modes[mode]["flights"] == 5 and modes[mode]["lost"] == 0 for mode in MODES)
+    modes = report.modes
+    assert all(modes[mode].flights == 5 and modes[mode].lost == 0 for mode in MODES)
     # Flights start without error, so the NEES of a consistent filter is a little below 3.
-    assert 1.8 < modes["replay"]["nees"] < 3.6
-    assert modes["ignore"]["nees"] > 1.5 * modes["replay"]["nees"]
-    assert report["against"]["ignore"]["estimation_mse"]["better"] >= 4
+    assert 1.8 < modes["replay"].nees < 3.6
+    assert modes["ignore"].nees > 1.5 * modes["replay"].nees
+    assert report.against["ignore"]["estimation_mse"].better >= 4
     lines = late_table([report])
     assert len(lines) == 6
     assert " of 5, p = " in lines[2]
@@ -57,14 +61,13 @@ def test_the_same_seeds_in_every_mode(tmp_path: Path) -> None:
 
 
 def test_pairs_are_compared_seed_by_seed() -> None:
-    def summaries(path: list[float | None]) -> list[dict]:
-        return [{"path_mse": p, "path_distance_mse": 1.0 + k, "mse": {"x": 1.0, "y": 2.0, "z": 3.0 + k}}
-                for k, p in enumerate(path)]  # fmt: skip
+    def summaries(path: list[float | None]) -> list[Summary]:
+        return [made_up_summary((1.0, 2.0, 3.0 + k), path=p, path_distance_mse=1.0 + k) for k, p in enumerate(path)]
 
     ours = summaries([1.0, 1.0, 1.0, 1.0, 1.0, None])
     found = paired(ours, summaries([2.0, 4.0, 8.0, 16.0, 32.0, 1.0]))
-    assert found["path_mse"]["better"] == found["path_mse"]["pairs"] == 5
-    assert found["path_mse"]["ratio"] == pytest.approx(1.0 / 8.0)
-    assert found["path_mse"]["p"] == pytest.approx(binomtest(5, 5, alternative="greater").pvalue)  # all signs one way
-    assert found["estimation_mse"] == {"better": 0, "pairs": 6, "ratio": 1.0, "p": 1.0}
-    assert np.isfinite(found["path_distance_mse"]["ratio"])
+    assert found["path_mse"].better == found["path_mse"].pairs == 5
+    assert found["path_mse"].ratio == pytest.approx(1.0 / 8.0)
+    assert found["path_mse"].p == pytest.approx(binomtest(5, 5, alternative="greater").pvalue)  # all signs one way
+    assert found["estimation_mse"] == Pairs(better=0, pairs=6, ratio=1.0, p=1.0)
+    assert np.isfinite(found["path_distance_mse"].ratio)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import bisect, brentq
 
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import CONTROL_NAMES, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
@@ -65,24 +66,24 @@ def test_closed_loop_is_the_one_of_hover_loop():
 @pytest.mark.parametrize("channel", CONTROL_NAMES)
 def test_gain_margins_are_where_eigenvalues_cross(report, sensors, channel):
     lost = set(ALL) - set(sensors)
-    margins = report[f"without {lost.pop()}" if lost else "nominal"]["channels"][channel]
+    margins = report[f"without {lost.pop()}" if lost else "nominal"].channels[channel]
 
     def excess(factor):
         return spectral_radius(flying_matrix(only(channel, factor), sensors)) - 1
 
     assert excess(1) < 0
-    up = bisect(excess, 1, 1.5 * margins["gain_up"], xtol=1e-8)
-    assert up == pytest.approx(margins["gain_up"], rel=1e-6)
-    if margins["gain_down"] is not None:
-        down = bisect(excess, 0.5 * margins["gain_down"], 1, xtol=1e-8)
-        assert down == pytest.approx(margins["gain_down"], rel=1e-6)
+    up = bisect(excess, 1, 1.5 * margins.gain_up, xtol=1e-8)
+    assert up == pytest.approx(margins.gain_up, rel=1e-6)
+    if margins.gain_down is not None:
+        down = bisect(excess, 0.5 * margins.gain_down, 1, xtol=1e-8)
+        assert down == pytest.approx(margins.gain_down, rel=1e-6)
     else:
         assert all(excess(factor) < 0 for factor in np.geomspace(1e-3, 1, 20))
 
 
 @pytest.mark.parametrize("channel", CONTROL_NAMES)
 def test_phase_margin_is_where_an_eigenvalue_crosses(report, channel):
-    phase = report["nominal"]["channels"][channel]["phase"]
+    phase = report["nominal"].channels[channel].phase
     radius = [spectral_radius(flying_matrix(only(channel, np.exp(-1j * phase * k)))) for k in (0.999, 1.0, 1.001)]
     assert radius[0] < 1 < radius[2]
     assert radius[1] == pytest.approx(1, abs=1e-8)
@@ -90,9 +91,9 @@ def test_phase_margin_is_where_an_eigenvalue_crosses(report, channel):
 
 @pytest.mark.parametrize("channel", CONTROL_NAMES)
 def test_loop_bears_the_whole_ticks_of_its_delay_margin_and_no_more(report, channel):
-    margins = report["nominal"]["channels"][channel]
-    ticks = math.floor(margins["delay_ticks"])
-    assert margins["delay"] == pytest.approx(margins["delay_ticks"] / 30)
+    margins = report["nominal"].channels[channel]
+    ticks = math.floor(margins.delay_ticks)
+    assert margins.delay == pytest.approx(margins.delay_ticks / 30)
     radius = [spectral_radius(flying_matrix([1] * 4, delay=only(channel, d, 0))) for d in (ticks, ticks + 1)]
     assert radius[0] < 1 < radius[1]
 
@@ -103,7 +104,7 @@ def test_delay_margin_of_exactly_two_ticks_puts_an_eigenvalue_on_the_circle(chan
     A, B, C = one_channel(LOOPS["nominal"].loop, k)
 
     def ticks(gain):
-        return channel_margins(OpenLoop(A, gain * B, C), HOVER.h)["delay_ticks"] - 2
+        return channel_margins(OpenLoop(A, gain * B, C), HOVER.h).delay_ticks - 2
 
     high = 3.0 if channel == "f_T" else 1.4
     gain = brentq(ticks, 1.0, high, xtol=1e-10)
@@ -115,19 +116,19 @@ def test_disk_margin_is_reached_and_not_exceeded(report):
     for name in ("nominal", "without imu", "full state"):
         inner = LOOPS[name]
         for k, channel in enumerate(CONTROL_NAMES):
-            margins = report[name]["channels"][channel]
+            margins = report[name].channels[channel]
             if margins is None:
                 continue
-            disk, loop = margins["disk"], one_channel(inner.loop, k)
+            disk, loop = margins.disk, one_channel(inner.loop, k)
             L = response(loop, np.geomspace(1e-3, math.pi, 3001))[:, 0, 0]
             factor = -1 / L[abs((1 - L) / (1 + L)).argmax()]
-            assert abs((factor - 1) / (factor + 1)) == pytest.approx(disk["alpha"] / 2, rel=1e-4)
+            assert abs((factor - 1) / (factor + 1)) == pytest.approx(disk.alpha / 2, rel=1e-4)
             assert spectral_radius(closed(loop, factor)) == pytest.approx(1, abs=1e-7)
-            assert disk["phase"] <= margins["phase"] + 1e-9
-            assert disk["gain_high"] <= margins["gain_up"] + 1e-9
-            assert disk["gain_low"] >= (margins["gain_down"] or 0) - 1e-9
+            assert disk.phase <= margins.phase + 1e-9
+            assert disk.gain_high <= margins.gain_up + 1e-9
+            assert disk.gain_low >= (margins.gain_down or 0) - 1e-9
             for angle in np.linspace(0, 2 * math.pi, 7):
-                d = 0.98 * disk["alpha"] / 2 * np.exp(1j * angle)
+                d = 0.98 * disk.alpha / 2 * np.exp(1j * angle)
                 assert spectral_radius(closed(loop, (1 + d) / (1 - d))) < 1
 
 
@@ -137,11 +138,11 @@ def test_peaks_from_the_closed_loops_own_realisation(report):
         omega = np.geomspace(1e-2, math.pi, 2001)
         r = np.sqrt(SCENARIO.servo.weights.control)
         T = response(OpenLoop(closed(inner.loop), B, C), omega) * r[:, None] / r
-        joint = report[name]["joint"]
+        joint = report[name].joint
         S_peak = np.linalg.norm(np.eye(4) - T, 2, axis=(1, 2)).max()
         T_peak = np.linalg.norm(T, 2, axis=(1, 2)).max()
-        assert joint["sensitivity"] == pytest.approx(S_peak, rel=1e-5)
-        assert joint["complementary"] == pytest.approx(T_peak, rel=1e-5)
+        assert joint.sensitivity == pytest.approx(S_peak, rel=1e-5)
+        assert joint.complementary == pytest.approx(T_peak, rel=1e-5)
 
 
 def test_joint_margins_do_not_depend_on_the_units_of_the_controls():
@@ -152,9 +153,13 @@ def test_joint_margins_do_not_depend_on_the_units_of_the_controls():
     R, unit = np.array(SCENARIO.servo.weights.control), np.array([1.0, 0.1, 0.1, 0.1])
     other = OpenLoop(coupled.A, coupled.B * unit, coupled.C / unit[:, None])
     for key in ("sensitivity", "complementary"):
-        here, there = joint_margins(coupled, HOVER.h, R)[key], joint_margins(other, HOVER.h, R * unit**2)[key]
+        here, there = (
+            getattr(joint_margins(coupled, HOVER.h, R), key),
+            getattr(joint_margins(other, HOVER.h, R * unit**2), key),
+        )
         assert here == pytest.approx(there, rel=1e-9)
-        assert joint_margins(other, HOVER.h, R)[key] != pytest.approx(here, rel=1e-5)  # R must be in the same units
+        in_other_units = getattr(joint_margins(other, HOVER.h, R), key)
+        assert in_other_units != pytest.approx(here, rel=1e-5)  # R must be in the same units
 
 
 def test_full_state_loop_obeys_the_return_difference_equality():
@@ -176,13 +181,13 @@ def test_integrator_in_closed_form(c):
     margins = channel_margins(OpenLoop(np.eye(1), np.eye(1), np.array([[c]])), 0.1)
     crossover = 2 * math.asin(c / 2)
     phase = math.pi / 2 - crossover / 2
-    assert margins["gain_up"] == pytest.approx(2 / c)
-    assert margins["gain_up_at"] == pytest.approx(math.pi / 0.1)
-    assert margins["gain_down"] is None
-    assert margins["crossovers"] == pytest.approx([crossover / 0.1])
-    assert margins["phase"] == pytest.approx(phase)
-    assert margins["delay_ticks"] == pytest.approx(phase / crossover)
-    assert margins["sensitivity"] == pytest.approx(2 / (2 - c))
+    assert margins.gain_up == pytest.approx(2 / c)
+    assert margins.gain_up_at == pytest.approx(math.pi / 0.1)
+    assert margins.gain_down is None
+    assert margins.crossovers == pytest.approx([crossover / 0.1])
+    assert margins.phase == pytest.approx(phase)
+    assert margins.delay_ticks == pytest.approx(phase / crossover)
+    assert margins.sensitivity == pytest.approx(2 / (2 - c))
 
 
 @pytest.mark.parametrize(("first", "lost"), [(6, (0, 1, 2, 6, 7, 8)), (0, (5, 11))])
@@ -202,15 +207,15 @@ def test_gain_has_a_limit_where_the_covariance_has_none(first, lost):
 
 def test_lost_position_leaves_the_attitude_loops(report):
     row = report["without uwb and camera"]
-    assert row["lost"] == ["x", "y", "z", "x_dot", "y_dot", "z_dot"]
-    assert "eigenvalue 1" in row["note"]
-    assert "nothing is fed back to f_T" in row["note"]
-    assert row["channels"]["f_T"] is None
-    assert row["spectral_radius"] < 1
-    assert report["without imu"]["channels"]["tau_z"] is None
+    assert row.lost == ("x", "y", "z", "x_dot", "y_dot", "z_dot")
+    assert "eigenvalue 1" in row.note
+    assert "nothing is fed back to f_T" in row.note
+    assert row.channels["f_T"] is None
+    assert row.spectral_radius < 1
+    assert report["without imu"].channels["tau_z"] is None
     loop = LOOPS["without uwb and camera"].loop
     for k, channel in enumerate(CONTROL_NAMES[1:], 1):
-        up = row["channels"][channel]["gain_up"]
+        up = row.channels[channel].gain_up
         factor = np.ones(4)
         factor[k] = up
         assert spectral_radius(closed(loop, factor)) == pytest.approx(1, abs=1e-7)
@@ -220,15 +225,15 @@ def test_lost_position_leaves_the_attitude_loops(report):
 def test_report_is_json_for_every_integrator(integrator):
     scenario = Scenario(estimator=IntermittentFilter(integrator=integrator), sensors=("uwb", "imu"))
     report = margins_report(scenario, V)
-    json.dumps(report, allow_nan=False)
+    json.dumps(as_data(report), allow_nan=False)
     assert set(report) == {"nominal", "without uwb", "without imu", "true velocities", "full state"}
-    assert all(row["spectral_radius"] < 1 for row in report.values())
-    assert all(row["channels"] is not None for row in report.values())
+    assert all(row.spectral_radius < 1 for row in report.values())
+    assert all(row.channels is not None for row in report.values())
 
 
 def test_losing_the_estimates_velocities_costs_margin(report):
-    full, nominal = report["full state"]["joint"], report["nominal"]["joint"]
-    assert full["sensitivity"] < report["true velocities"]["joint"]["sensitivity"] < nominal["sensitivity"]
+    full, nominal = report["full state"].joint, report["nominal"].joint
+    assert full.sensitivity < report["true velocities"].joint.sensitivity < nominal.sensitivity
 
 
 def test_without_sensors_there_are_no_margins():

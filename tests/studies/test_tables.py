@@ -3,11 +3,16 @@
 import itertools
 import json
 import statistics as stdlib
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_summaries import made_up_summary
 
+from ortilo_drake.flight.efficiency import Ratio
+from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.studies.paper_tables.report import table_text
 from ortilo_drake.studies.paper_tables.tables import (
     ENOUGH_FLIGHTS,
@@ -30,34 +35,7 @@ PRINTED_PATH = {"mean": (0.0098, 0.0101), "median": (0.0080, 0.0052), "p75": (0.
 NAMES = ("imu_uwb", "imu_uwb_yolo")
 
 
-def made_up_summary(
-    mse: tuple[float, float, float],
-    path: float | None = 0.01,
-    lost: str | None = None,
-    touched: tuple[str, ...] = (),
-    floor: tuple[float, float, float] | None = (0.01, 0.02, 0.03),
-) -> dict[str, Any]:
-    least = None if floor is None else dict(zip("xyz", floor, strict=True))
-    over = {axis: None if least is None else m / least[axis] for axis, m in zip("xyz", mse, strict=True)}
-    return {
-        "scenario": "made up",
-        "seed": 0,
-        "lost": None if lost is None else {"time": 1.0, "cause": lost},
-        "contacts": list(touched),
-        "mse": dict(zip("xyz", mse, strict=True)),
-        "floor": least,
-        "efficiency": over,
-        "tick_efficiency": {axis: value and 2.0 * value for axis, value in over.items()},
-        "path_mse": path,
-        "path_distance_mse": 0.02,
-        "arrivals": {"uwb": 0.7, "camera": None},
-        "nees": 3.0,
-        "nis": {"uwb": 3.0},
-        "real_time_factor": 100.0,
-    }
-
-
-def random_summaries(seed: int, n: int = 20) -> list[dict[str, Any]]:
+def random_summaries(seed: int, n: int = 20) -> list[Summary]:
     rng = np.random.default_rng(seed)
     return [made_up_summary(tuple(rng.gamma(2.0, 0.01, 3)), float(rng.gamma(2.0, 0.01))) for _ in range(n)]
 
@@ -65,16 +43,16 @@ def random_summaries(seed: int, n: int = 20) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("statistic", STATISTICS)
 def test_the_papers_numbers_are_those_it_prints(statistic: str) -> None:
     for column, name in enumerate(NAMES):
-        ours = tuple(PAPER["estimation"][name][axis][statistic] for axis in "xyz")
+        ours = tuple(PAPER.estimation[name][axis][statistic] for axis in "xyz")
         assert ours == PRINTED_ESTIMATION[statistic][column]
-        assert PAPER["path"][name][statistic] == PRINTED_PATH[statistic][column]
+        assert PAPER.path[name][statistic] == PRINTED_PATH[statistic][column]
 
 
 def test_the_papers_headline_follows_from_its_medians() -> None:
     found = drop_in_x([0.0993] * 3, [0.0066] * 3)
     assert found is not None
-    assert round(100.0 * found["median"], 2) == 93.35
-    assert found["interval"] == pytest.approx([found["median"]] * 2)
+    assert round(100.0 * found.median, 2) == 93.35
+    assert found.interval == pytest.approx([found.median] * 2)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 20])
@@ -95,7 +73,7 @@ def test_no_values_have_no_statistics() -> None:
     assert drop_in_x([0.1, 0.2], []) is None
 
 
-def plain_bootstrap(values: np.ndarray, function: Any, draws: int = 20_000) -> np.ndarray:
+def plain_bootstrap(values: np.ndarray, function: Callable[[np.ndarray], float], draws: int = 20_000) -> np.ndarray:
     rng = np.random.default_rng(7)
     return np.array([function(values[rng.integers(0, len(values), len(values))]) for _ in range(draws)])
 
@@ -122,23 +100,23 @@ def test_the_drops_interval_resamples_both_ensembles() -> None:
         1.0 - np.median(with_camera[rng.integers(0, 20, 20)]) / np.median(without[rng.integers(0, 20, 20)])
         for _ in range(4000)
     ]
-    np.testing.assert_allclose(found["interval"], np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * np.std(drawn))
+    np.testing.assert_allclose(found.interval, np.quantile(drawn, [0.025, 0.975]), atol=4.0 * 0.042 * np.std(drawn))
 
 
 def test_tables_have_the_statistics_of_every_column() -> None:
     summaries = {name: random_summaries(seed) for seed, name in enumerate(NAMES)}
     found = make_tables("tuned", summaries)
-    assert found["preset"] == "tuned"
-    assert found["flights"] == 20
-    assert found["lost"] == {"imu_uwb": 0, "imu_uwb_yolo": 0}
+    assert found.preset == "tuned"
+    assert found.flights == 20
+    assert found.lost == {"imu_uwb": 0, "imu_uwb_yolo": 0}
     for name, axis in itertools.product(NAMES, "xyz"):
-        values = [s["mse"][axis] for s in summaries[name]]
+        values = [s.mse[axis] for s in summaries[name]]
         low, _, high = stdlib.quantiles(values, n=4, method="inclusive")
         expected = {"mean": stdlib.fmean(values), "median": stdlib.median(values), "p75": high, "p25": low}
-        assert found["estimation"][name][axis] == pytest.approx(expected)
+        assert found.estimation[name][axis] == pytest.approx(expected)
     for name in NAMES:
-        assert found["path"][name]["median"] == pytest.approx(stdlib.median(s["path_mse"] for s in summaries[name]))
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+        assert found.path[name]["median"] == pytest.approx(stdlib.median(s.path_mse for s in summaries[name]))
+    assert json.loads(json.dumps(as_data(found), allow_nan=False))["estimation"] == found.estimation
 
 
 def test_lost_flights_are_counted_and_left_out_of_every_average() -> None:
@@ -146,30 +124,29 @@ def test_lost_flights_are_counted_and_left_out_of_every_average() -> None:
     bad = made_up_summary((1e9, 1e9, 1e9), 1e9, lost="hit a wall", touched=("chair",))
     mixed = {"imu_uwb": [bad, *good["imu_uwb"], bad], "imu_uwb_yolo": [*good["imu_uwb_yolo"], bad, bad]}
     found, expected = make_tables("tuned", mixed), make_tables("tuned", good)
-    assert found["lost"] == {"imu_uwb": 2, "imu_uwb_yolo": 2}
-    assert found["flights"] == 10
-    for key in expected.keys() - {"lost", "flights"}:
-        assert found[key] == expected[key], key
+    assert found.lost == {"imu_uwb": 2, "imu_uwb_yolo": 2}
+    assert found.flights == 10
+    assert replace(found, lost=expected.lost, flights=expected.flights) == expected
 
 
 def test_touched_furniture_is_counted_but_not_left_out() -> None:
     rows = [made_up_summary((k / 10.0,) * 3, touched=("chair",) * (k % 2)) for k in (1, 2, 3, 4, 6)]
     found = make_tables("paper", dict.fromkeys(NAMES, rows))
-    assert found["touched"] == {"imu_uwb": 2, "imu_uwb_yolo": 2}
-    assert found["estimation"]["imu_uwb"]["x"]["mean"] == pytest.approx(0.32)
+    assert found.touched == {"imu_uwb": 2, "imu_uwb_yolo": 2}
+    assert found.estimation["imu_uwb"]["x"]["mean"] == pytest.approx(0.32)
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_tables_of_flights_that_are_all_lost_have_no_numbers_but_a_text(n: int) -> None:
     found = make_tables("paper", {name: [made_up_summary((1.0,) * 3, lost="tumbled")] * n for name in NAMES})
-    assert found["drop_in_x"] is None
-    assert found["estimation"]["imu_uwb"]["x"] == dict.fromkeys(STATISTICS)
+    assert found.drop_in_x is None
+    assert found.estimation["imu_uwb"]["x"] == dict.fromkeys(STATISTICS)
     assert f"{n} of {n} flights lost" in table_text(found)
 
 
 def test_tables_of_a_path_without_the_authors_error_have_none_there() -> None:
     found = make_tables("tuned", {name: [made_up_summary((0.1,) * 3, path=None)] * 2 for name in NAMES})
-    assert found["path"]["imu_uwb"] == dict.fromkeys(STATISTICS)
+    assert found.path["imu_uwb"] == dict.fromkeys(STATISTICS)
     assert "| mean | none | 0.0098 |" in table_text(found)
 
 
@@ -177,8 +154,8 @@ def test_the_text_shows_ours_beside_the_papers() -> None:
     found = make_tables("tuned", {name: random_summaries(seed) for seed, name in enumerate(NAMES)})
     text = table_text(found)
     for name, axis, statistic in itertools.product(NAMES, "xyz", STATISTICS):
-        assert f"{found['estimation'][name][axis][statistic]:.4f} [" in text
-        assert f"| {PAPER['estimation'][name][axis][statistic]:.4f} |" in text
+        assert f"{found.estimation[name][axis][statistic]:.4f} [" in text
+        assert f"| {PAPER.estimation[name][axis][statistic]:.4f} |" in text
     assert "paper 93.35 %" in text
 
 
@@ -237,29 +214,29 @@ def test_efficiency_is_over_single_flights_and_over_all_of_them() -> None:
     found = make_tables("tuned", dict.fromkeys(NAMES, rows))
     text = table_text(found)
     for k, axis in enumerate("xyz"):
-        table, floors = found["efficiency"]["imu_uwb"][axis], [s["floor"][axis] for s in rows]
-        values = [s["mse"][axis] / s["floor"][axis] for s in rows]
+        table, floors = found.efficiency["imu_uwb"][axis], [s.floor[axis] for s in rows]
+        values = [s.mse[axis] / s.floor[axis] for s in rows]
         low, _, high = stdlib.quantiles(values, n=4, method="inclusive")
-        assert table["median"] == pytest.approx(stdlib.median(values))
-        assert (table["p25"], table["p75"]) == (pytest.approx(low), pytest.approx(high))
-        assert table["floor"] == pytest.approx(stdlib.fmean(floors))
-        assert table["all"]["value"] == pytest.approx(sum(s["mse"][axis] for s in rows) / sum(floors))
-        assert table["ticks"]["value"] == pytest.approx(2.0 * stdlib.fmean(values))
-        assert table["ticks"]["interval"] == pytest.approx([2.0 * v for v in bootstrap_interval(values, "mean") or []])
+        assert table.median == pytest.approx(stdlib.median(values))
+        assert (table.p25, table.p75) == (pytest.approx(low), pytest.approx(high))
+        assert table.floor == pytest.approx(stdlib.fmean(floors))
+        assert table.all.value == pytest.approx(sum(s.mse[axis] for s in rows) / sum(floors))
+        assert table.ticks.value == pytest.approx(2.0 * stdlib.fmean(values))
+        assert table.ticks.interval == pytest.approx([2.0 * v for v in bootstrap_interval(values, "mean") or []])
         for statistic in STATISTICS:
-            assert table["intervals"][statistic] == bootstrap_interval(values, statistic)
+            assert table.intervals[statistic] == bootstrap_interval(values, statistic)
         for name in NAMES:
             title = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}[name]
             printed = text.split("Cramer-Rao")[1].split(f"| {title} | x | y | z |")[1].splitlines()[2:9]
             cells = [line.strip("| ").split(" | ")[1 + k] for line in printed]
-            expected = [table["all"]["value"], table["ticks"]["value"], *(table[s] for s in STATISTICS)]
+            expected = [table.all.value, table.ticks.value, *(getattr(table, s) for s in STATISTICS)]
             assert [cell.split(" [")[0] for cell in cells[:6]] == [f"{value:.2f}" for value in expected]
-            assert cells[6] == f"{table['floor']:.6f}"
+            assert cells[6] == f"{table.floor:.6f}"
 
 
 def test_efficiency_is_none_where_no_floor_is_known() -> None:
     found = make_tables("tuned", dict.fromkeys(NAMES, [made_up_summary((0.1,) * 3, floor=None)] * 3))
-    assert found["efficiency"]["imu_uwb"]["x"]["median"] is None
-    assert found["efficiency"]["imu_uwb"]["x"]["all"] == {"value": None, "interval": None}
+    assert found.efficiency["imu_uwb"]["x"].median is None
+    assert found.efficiency["imu_uwb"]["x"].all == Ratio(None, None)
     for row in ("all flights", "tick by tick", "median", "mean floor [m²]"):
         assert f"| {row} | none | none | none |" in table_text(found)

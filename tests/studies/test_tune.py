@@ -11,11 +11,13 @@ from command_line import run
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import estimation_mse, position_nees
 from ortilo_drake.flight.saved_flight import save_flight
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import consistency_report
-from ortilo_drake.studies.tuning.tune import Tuning, find_flights, overlay_text, tune, tuning_data
+from ortilo_drake.studies.tuning.tune import Tuning, find_flights, overlay_text, tune
+from ortilo_drake.studies.tuning.tuning_report import tuning_report
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 DETUNED = ("estimator.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fraction=0.03", "uwb.link.blackouts=[]")
@@ -47,8 +49,8 @@ def test_the_sensors_noise_is_found(tuning: Tuning) -> None:
 
 def test_before_is_what_flew(tuning: Tuning, flights: list[xr.Dataset]) -> None:
     expected = np.mean([np.mean(position_nees(flight)) for flight in flights])
-    assert tuning.before["nees"]["all"]["mean"] == pytest.approx(expected, rel=1e-6)
-    assert tuning.before["nis"]["camera"] is None
+    assert tuning.before.nees["all"].mean == pytest.approx(expected, rel=1e-6)
+    assert tuning.before.nis["camera"] is None
 
 
 def test_the_overlay_loads_as_the_tuned_scenario(tuning: Tuning, tmp_path: Path) -> None:
@@ -61,7 +63,7 @@ def test_the_overlay_loads_as_the_tuned_scenario(tuning: Tuning, tmp_path: Path)
 
 
 def test_the_data_is_plain(tuning: Tuning) -> None:
-    data = json.loads(json.dumps(tuning_data(tuning), allow_nan=False))
+    data = json.loads(json.dumps(as_data(tuning_report(tuning)), allow_nan=False))
     assert data["counted"] == ["uwb", "imu"]
     assert len(data["flights"]) == 2
 
@@ -115,7 +117,7 @@ def test_the_command_writes_what_it_is_asked_for(
     assert "flown anew, seeds 2 to 2" in printed.out
     assert load_scenario(overlay) == tuning.fit.scenario
     found = json.loads(data.read_text())
-    assert found["numbers"] == json.loads(json.dumps(tuning_data(tuning)))["numbers"]
+    assert found["numbers"] == json.loads(json.dumps(as_data(tuning_report(tuning))))["numbers"]
     again = estimation_mse(fly(load_scenario(overlay, seed=2)))
     assert found["check"]["after"]["mse"] == pytest.approx(list(again.values()), rel=1e-12)
     assert figure.stat().st_size > 10_000

@@ -65,7 +65,7 @@ def test_the_time_average_covers_the_truth_where_ticks_are_dependent() -> None:
         flights = [np.full(50, value) for value in rng.chisquare(3, size=30)]
         found = time_average(flights, masks, 3)
         assert found is not None
-        covered += found["consistent"]
+        covered += found.consistent
     assert 0.90 < covered / 400 < 0.98
 
 
@@ -73,6 +73,6 @@ def test_only_the_mask_counts() -> None:
     flights, half = [np.array([1.0, 9.0]), np.array([3.0, 9.0])], np.array([True, False])
     found = time_average(flights, [half, half], 2)
     assert found is not None
-    assert found["mean"] == 2.0
-    assert found["ratio"] == 1.0
+    assert found.mean == 2.0
+    assert found.ratio == 1.0
     assert time_average(flights, [np.zeros(2, dtype=bool)] * 2, 2) is None

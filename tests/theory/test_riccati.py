@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
@@ -139,17 +140,17 @@ def test_drake_ends_the_process_and_scipy_is_silent():
     assert abs(np.linalg.eigvals(A - B @ gain(A, B, R, X))).max() == pytest.approx(1, abs=1e-9)
 
     told = {case: solver_outcomes(*matrices) for case, matrices in ILL_POSED.items()}
-    json.dumps(told, allow_nan=False)
-    assert all(row["error"] for row in told.values())
-    assert all(row["drake"]["outcome"] == "ends the process" for row in told.values())
-    assert told["hidden on the circle"]["scipy"]["outcome"] == "returns a solution: not stabilising"
-    assert told["hidden outside"]["recursion"]["spectral_radius"] == pytest.approx(2)
-    assert told["hidden outside"]["scipy"]["spectral_radius"] == pytest.approx(0.5)
-    assert told["Q indefinite"]["scipy"]["outcome"] == "returns a solution: stabilising, indefinite"
-    assert told["Q not symmetric"]["doubling"]["outcome"] == "returns what is no solution"
+    json.dumps(as_data(told), allow_nan=False)
+    assert all(row.error for row in told.values())
+    assert all(row.drake.outcome == "ends the process" for row in told.values())
+    assert told["hidden on the circle"].scipy.outcome == "returns a solution: not stabilising"
+    assert told["hidden outside"].recursion.spectral_radius == pytest.approx(2)
+    assert told["hidden outside"].scipy.spectral_radius == pytest.approx(0.5)
+    assert told["Q indefinite"].scipy.outcome == "returns a solution: stabilising, indefinite"
+    assert told["Q not symmetric"].doubling.outcome == "returns what is no solution"
     well_posed = solver_outcomes(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
-    assert well_posed["error"] is None
-    assert all(row["X"][0][0] == pytest.approx((1 + np.sqrt(5)) / 2) for row in list(well_posed.values())[1:])
+    assert well_posed.error is None
+    assert all(getattr(well_posed, solver).X[0][0] == pytest.approx((1 + np.sqrt(5)) / 2) for solver in RAW)
 
 
 @settings(max_examples=30, deadline=None)
@@ -214,15 +215,15 @@ def test_servo_and_filter_by_all_four():
     loop = hover_loop(scenario)
     for table in tables.values():
         for solver, row in table.items():
-            assert row["spectral_radius"] < 1
-            assert row["asymmetry"] < 1e-12
-            if row["note"] is None:
-                assert row["residual"] < 1e-12
-                assert all(d < 1e-10 for other, d in row["difference"].items() if not table[other]["note"])
+            assert row.spectral_radius < 1
+            assert row.asymmetry < 1e-12
+            if row.note is None:
+                assert row.residual < 1e-12
+                assert all(d < 1e-10 for other, d in row.difference.items() if not table[other].note)
             else:
                 assert solver == "drake"
-    assert "1e-10 I added" in tables["filter"]["drake"]["note"]  # W has rank 6
-    assert 1e-9 < tables["filter"]["drake"]["difference"]["doubling"] < 1e-4
+    assert "1e-10 I added" in tables["filter"]["drake"].note  # W has rank 6
+    assert 1e-9 < tables["filter"]["drake"].difference["doubling"] < 1e-4
     assert np.linalg.matrix_rank(loop.W) == 6
     # the gains that fly
     A, B, Q, R = filter_dare(scenario, ALL, V)
@@ -237,11 +238,11 @@ def test_servo_and_filter_by_all_four():
 
 def test_report_is_json_and_names_what_no_sensor_sees():
     report = riccati_report(Scenario(), V)
-    json.dumps(report, allow_nan=False)
-    assert set(report["filter"]) == {"uwb+camera+imu", "camera+imu", "uwb+imu", "uwb+camera", "uwb", "camera", "imu"}
-    assert "no sensor sees eigenvalue 1 (6 times) in x, y, z, x_dot" in report["filter"]["imu"]["error"]
-    assert "psi, psi_dot" in report["filter"]["uwb+camera"]["error"]
-    radii = [report["filter"][s]["doubling"]["residual"] for s in ("uwb+camera+imu", "camera+imu", "uwb+imu")]
+    json.dumps(as_data(report), allow_nan=False)
+    assert set(report.filter) == {"uwb+camera+imu", "camera+imu", "uwb+imu", "uwb+camera", "uwb", "camera", "imu"}
+    assert "no sensor sees eigenvalue 1 (6 times) in x, y, z, x_dot" in report.filter["imu"].error
+    assert "psi, psi_dot" in report.filter["uwb+camera"].error
+    radii = [report.filter[s]["doubling"].residual for s in ("uwb+camera+imu", "camera+imu", "uwb+imu")]
     assert max(radii) < 1e-12
 
 

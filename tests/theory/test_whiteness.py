@@ -61,6 +61,6 @@ def test_lags_in_ticks_and_in_arrivals() -> None:
     z[::3] = np.random.default_rng(5).normal(size=(100, 1))
     report = whiteness_report([z], 6)
     assert report is not None
-    assert [r is not None for r in report["lag_ticks"]["r"]] == [False, False, True, False, False, True]
-    assert report["lag_ticks"]["r"][2] == pytest.approx(report["lag_arrivals"]["r"][0])
+    assert [r is not None for r in report.lag_ticks.r] == [False, False, True, False, False, True]
+    assert report.lag_ticks.r[2] == pytest.approx(report.lag_arrivals.r[0])
     assert whiteness_report([np.full((9, 1), np.nan)], 3) is None

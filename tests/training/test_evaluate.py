@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.detector_network import OWN_CLASSES
 from ortilo_drake.scenario import Detector
-from ortilo_drake.training.judging.evaluate import evaluate, is_whole, milliseconds_per_frame
+from ortilo_drake.training.judging.evaluate import CenterError, evaluate, is_whole, milliseconds_per_frame
 from ortilo_drake.training.judging.judge import draw_boxes, judge
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 
@@ -49,24 +50,24 @@ def detector(
 
 def test_a_perfect_detector() -> None:
     found = evaluate(detector(), FRAMES, CLASSES, 0.5)
-    assert found["map50"] == 1.0
-    assert found["ap50"] == {"cat": 1.0, "dog": 1.0, "clock": None}
-    assert found["center_error_px"] == {"median": 0.0, "p95": 0.0}
-    assert found["recall"] == 1.0
-    assert found["false_boxes_per_image"] == 0.0
-    assert (found["objects"], found["images"]) == (24, 8)
+    assert found.map50 == 1.0
+    assert found.ap50 == {"cat": 1.0, "dog": 1.0, "clock": None}
+    assert found.center_error_px == CenterError(0.0, 0.0)
+    assert found.recall == 1.0
+    assert found.false_boxes_per_image == 0.0
+    assert (found.objects, found.images) == (24, 8)
 
 
 def test_a_shifted_detectors_centre_error_is_the_shift() -> None:
     found = evaluate(detector(lambda boxes: boxes + [1.5, -2.0, 1.5, -2.0]), FRAMES, CLASSES, 0.5)
-    assert found["map50"] == 1.0
-    assert found["center_error_px"]["median"] == pytest.approx(2.5, abs=1e-5)
-    assert found["center_error_px"]["p95"] == pytest.approx(2.5, abs=1e-5)
+    assert found.map50 == 1.0
+    assert found.center_error_px.median == pytest.approx(2.5, abs=1e-5)
+    assert found.center_error_px.p95 == pytest.approx(2.5, abs=1e-5)
 
 
 def test_a_detector_that_grows_boxes_about_their_centres_has_no_centre_error() -> None:
     found = evaluate(detector(lambda boxes: boxes + [-2.0, -1.0, 2.0, 1.0]), FRAMES, CLASSES, 0.5)
-    assert found["center_error_px"]["p95"] == pytest.approx(0.0, abs=1e-5)
+    assert found.center_error_px.p95 == pytest.approx(0.0, abs=1e-5)
 
 
 def test_boxes_that_the_border_cuts_tell_nothing_of_centres() -> None:
@@ -78,8 +79,8 @@ def test_boxes_that_the_border_cuts_tell_nothing_of_centres() -> None:
         return boxes + np.where(boxes[:, :1] == -0.5, 3.0, 0.0) * [0.0, 0.0, 1.0, 0.0]
 
     found = evaluate(detector(shift_the_cut, frames=frames), frames, CLASSES, 0.5)
-    assert found["recall"] == 1.0
-    assert found["center_error_px"]["p95"] == 0.0
+    assert found.recall == 1.0
+    assert found.center_error_px.p95 == 0.0
     np.testing.assert_array_equal(
         is_whole(np.array([[1.1, 1.1, 157.9, 117.9], [0.9, 5, 9, 9], [5, 5, 158.1, 9], [5, 5, 9, 118.1]]), W, H),
         [True, False, False, False],
@@ -92,12 +93,12 @@ def test_a_detector_that_misses_every_third_object() -> None:
         return labels[:2], scores[:2], boxes[:2]
 
     found = evaluate(detect, FRAMES, CLASSES, 0.5)
-    assert found["recall"] == pytest.approx(2 / 3)
+    assert found.recall == pytest.approx(2 / 3)
     missed = FRAMES.labels[:, 2, 0]
     for c in (0, 1):
         of_class = np.sum(FRAMES.labels[:, :3, 0] == c)
-        assert found["ap50"][CLASSES[c]] == pytest.approx(1.0 - np.sum(missed == c) / of_class)
-    assert found["map50"] == pytest.approx(np.mean([found["ap50"]["cat"], found["ap50"]["dog"]]))
+        assert found.ap50[CLASSES[c]] == pytest.approx(1.0 - np.sum(missed == c) / of_class)
+    assert found.map50 == pytest.approx(np.mean([found.ap50["cat"], found.ap50["dog"]]))
 
 
 def test_false_boxes_are_counted_from_the_score_it_flies_with_and_the_worst_come_first() -> None:
@@ -112,23 +113,23 @@ def test_false_boxes_are_counted_from_the_score_it_flies_with_and_the_worst_come
         return labels, scores, boxes
 
     found = evaluate(detect, FRAMES, CLASSES, 0.5)
-    assert found["false_boxes_per_image"] == 3 / 8
-    assert found["worst"][:2] == [5, 3]
-    assert evaluate(detect, FRAMES, CLASSES, 0.7)["false_boxes_per_image"] == 0.0
-    assert found["map50"] == 1.0  # all objects come before, in the order of scores
+    assert found.false_boxes_per_image == 3 / 8
+    assert found.worst[:2] == [5, 3]
+    assert evaluate(detect, FRAMES, CLASSES, 0.7).false_boxes_per_image == 0.0
+    assert found.map50 == 1.0  # all objects come before, in the order of scores
 
 
 def test_below_the_score_it_flies_with_nothing_is_found_but_precision_is_known() -> None:
     found = evaluate(detector(score=0.3), FRAMES, CLASSES, 0.5)
-    assert found["map50"] == 1.0
-    assert found["recall"] == 0.0
-    assert found["center_error_px"] == {"median": None, "p95": None}
+    assert found.map50 == 1.0
+    assert found.recall == 0.0
+    assert found.center_error_px == CenterError(None, None)
 
 
 def test_a_detector_that_finds_nothing() -> None:
     found = evaluate(lambda image: (np.empty(0, int), np.empty(0), np.empty((0, 4))), FRAMES, CLASSES, 0.5)
-    assert found["map50"] == found["recall"] == 0.0
-    assert found["center_error_px"] == {"median": None, "p95": None}
+    assert found.map50 == found.recall == 0.0
+    assert found.center_error_px == CenterError(None, None)
 
 
 def test_what_need_not_be_found_is_neither_missed_nor_false() -> None:
@@ -136,8 +137,8 @@ def test_what_need_not_be_found_is_neither_missed_nor_false() -> None:
     labels[:, 1, 5] = 0.2
     frames = Frames(FRAMES.images, labels)
     found = evaluate(detector(frames=frames), frames, CLASSES, 0.5)
-    assert (found["map50"], found["recall"], found["false_boxes_per_image"]) == (1.0, 1.0, 0.0)
-    assert found["objects"] == 16
+    assert (found.map50, found.recall, found.false_boxes_per_image) == (1.0, 1.0, 0.0)
+    assert found.objects == 16
 
 
 def test_pictures_without_objects_are_refused() -> None:
@@ -182,11 +183,10 @@ def test_judging_our_network_writes_plain_data_and_a_picture_whatever_its_weight
         np.savez(folder / "00000.npz", images=frames.images, labels=frames.labels)
     worst = tmp_path / "worst.png"
     result = judge(Detector(backend="opencv"), load_room(), tmp_path, 0.01, worst)
-    assert json.loads(json.dumps(result, allow_nan=False)) == result
-    assert set(result["sets"]) == {"paper_room", "random_rooms"}
-    assert set(result["sets"]["paper_room"]["ap50"]) == set(OWN_CLASSES)
-    assert result["backend"] == "opencv"
-    assert result["ms_per_frame"] > 0
+    assert json.loads(json.dumps(as_data(result), allow_nan=False))["backend"] == "opencv"
+    assert set(result.sets) == {"paper_room", "random_rooms"}
+    assert set(result.sets["paper_room"].ap50) == set(OWN_CLASSES)
+    assert result.ms_per_frame > 0
     assert cv2.imread(str(worst)).shape == (2 * H * 3, 2 * W * 4, 3)  # one row of two, two of five
 
 

@@ -1,5 +1,6 @@
 """Figures and pages: files that other programs read, of a plausible size, not blank."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import xarray as xr
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.paper_tables.error_figure import error_figure
@@ -51,13 +53,15 @@ def test_errors(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("left", [0, 1])
 def test_errors_of_lost_flights_are_left_out(flights: dict[str, list[xr.Dataset]], tmp_path: Path, left: int) -> None:
-    lost: dict[str, Any] = {"lost": {"time": 1.0, "cause": "tumbled"}}
-    summaries = {name: [summary(f) for f in rows[:left]] + [summary(rows[0]) | lost] for name, rows in flights.items()}
+    summaries = {
+        name: [*(summary(f) for f in rows[:left]), replace(summary(rows[0]), lost=Loss(1.0, "tumbled"))]
+        for name, rows in flights.items()
+    }
     read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
 
 
 def test_errors_of_flights_without_the_authors_path_error(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
-    summaries = {name: [summary(f) | {"path_mse": None} for f in rows] for name, rows in flights.items()}
+    summaries = {name: [replace(summary(f), path_mse=None) for f in rows] for name, rows in flights.items()}
     read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
 
 

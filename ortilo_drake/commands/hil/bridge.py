@@ -65,6 +65,6 @@ def bridge(
             node = stack.enter_context(Ros2Bridge(chosen))
             targets["ros2"], goals = ros2_target(node), node.goal
         report = run_bridge(url, secret, chosen, targets, seconds, wait, lambda line: print(line, flush=True), goals)
-    write_json(json_file, report)
-    show_report(report)
+    write_json(json_file, report.lines())
+    show_report(report.lines())
     say_written(json_file)

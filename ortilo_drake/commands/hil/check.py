@@ -23,6 +23,7 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import check_writable, out, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight [s]
@@ -89,6 +90,7 @@ def check(
     check_writable(png, json_file)
     from ortilo_drake.flight.flight import fly
     from ortilo_drake.flight.flyable import flight_ticks
+    from ortilo_drake.hil.real_time.tick_timing import Quantiles
     from ortilo_drake.hil.sessions import run_world
     from ortilo_drake.hil.wire.key_file import new_key
 
@@ -106,17 +108,16 @@ def check(
         alone = fly(chosen)
         del alone.attrs["real_time_factor"]
         identical = bool(xr.Dataset.identical(flight, alone))
-    latencies = report.pop("latencies_ms", None)
-    none = {"median": None, "p99": None, "max": None}
-    report = {"identical": identical, "latency_ms": none, "missed_deadlines": None} | report
-    report["lost"] = json.loads(flight.attrs["lost"])
-    write_json(json_file, report)
-    if png:
+    none = as_data(Quantiles())
+    lines = {"identical": identical, "latency_ms": none, "missed_deadlines": None} | report.lines()
+    lines["lost"] = json.loads(flight.attrs["lost"])
+    write_json(json_file, lines)
+    if png and report.latencies_ms is not None:
         from ortilo_drake.hil.real_time.latency_figure import latency_figure
 
-        latency_figure(latencies, chosen.h, png)
+        latency_figure(report.latencies_ms, chosen.h, png)
     out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
-    show_report(report)
+    show_report(lines)
     say_written(png, json_file)
     if identical is False:
         raise InputError(f"{chosen.name}: the flight over LCM differs from the one in a single process")

@@ -100,12 +100,12 @@ def onboard(
                 bar.update(task, completed=k)
 
             report = run_onboard(chosen, url, secret, wait, show, record, checkpoint, say_error, planner)
-            write_json(json_file, report)
-            show_report(report)
+            write_json(json_file, report.lines())
+            show_report(report.lines())
         if record and record.error:
             raise record.error
-        if report.get("silent_at") is not None:
-            raise InputError(f"world: silent for {PATIENCE:g} s at tick {report['silent_at']}")
+        if report.real_time and report.real_time.silent_at is not None:
+            raise InputError(f"world: silent for {PATIENCE:g} s at tick {report.real_time.silent_at}")
         say_written(log, json_file)
 
     with GoalPlanner(chosen) as planner, tempfile.TemporaryDirectory() as folder:

@@ -65,11 +65,10 @@ def world(
         flight, report = run_world(chosen, url, secret, lockstep, wait, seconds, record=record, **shown)
         if out_file:
             save_flight(flight, out_file)
-        report.pop("latencies_ms", None)
-        report["lost"] = json.loads(flight.attrs["lost"])
-        write_json(json_file, report)
+        lines = report.lines() | {"lost": json.loads(flight.attrs["lost"])}
+        write_json(json_file, lines)
         out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
-        show_report(report)
+        show_report(lines)
     if record and record.error:
         raise record.error
     say_written(out_file, log, json_file)

@@ -7,7 +7,7 @@ hundred times as often as by default (every 5 ms), so that a tick never waits fo
 import contextlib
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, Final
+from typing import Final
 
 from rich import box
 from rich.console import Console, RenderableType
@@ -17,37 +17,36 @@ from rich.panel import Panel
 from rich.table import Table
 
 from ortilo_drake.hil.real_time.profile import Row
-from ortilo_drake.hil.real_time.real_time_world import Statistics
+from ortilo_drake.hil.real_time.real_time_world import FlightSoFar, Statistics
+from ortilo_drake.hil.real_time.tick_timing import Quantiles
 
 DRAWINGS_PER_SECOND: Final = 4
 SWITCH_INTERVAL: Final = 5e-5  # how long a thread may keep another waiting [s]
 _COLOURS = {"command": "green", "hold": "yellow", "descend": "red"}
 
 
-def _milliseconds(quantiles: dict[str, float | None]) -> str:
-    return "  ".join(f"{name} {value:.2f}" if value is not None else f"{name} -" for name, value in quantiles.items())
+def _milliseconds(quantiles: Quantiles) -> str:
+    return "  ".join(
+        f"{name} {value:.2f}" if value is not None else f"{name} -" for name, value in vars(quantiles).items()
+    )
 
 
 def _alarm(count: int) -> str:
     return f"[{'red' if count else 'green'}]{count}[/]"
 
 
-def panel(figures: dict[str, Any]) -> Panel:
-    """Return the panel of a flight so far.
-
-    Args:
-        figures: what Statistics returns: ticks, simulated_s [s], latency_ms and jitter_ms (median, p99, max [ms]),
-            missed_deadlines, real_time_factor, packets (late, lost, rejected), failsafe (of failsafe.MODES).
-    """
-    factor, mode, packets = figures["real_time_factor"], figures["failsafe"], figures["packets"]
+def panel(figures: FlightSoFar) -> Panel:
+    """Return the panel of a flight so far."""
+    timing, mode, packets = figures.timing, figures.failsafe, figures.packets
+    factor = timing.real_time_factor
     table = Table.grid(padding=(0, 2))
-    table.add_row("ticks", f"{figures['ticks']}, {figures['simulated_s']:.1f} s")
+    table.add_row("ticks", f"{timing.ticks}, {figures.simulated_s:.1f} s")
     table.add_row("real-time factor", "-" if factor is None else f"{factor:.4f}")
-    table.add_row("sense to command [dim](ms)[/]", _milliseconds(figures["latency_ms"]))
-    table.add_row("jitter [dim](ms)[/]", _milliseconds(figures["jitter_ms"]))
-    table.add_row("missed deadlines", _alarm(figures["missed_deadlines"]))
-    counts = (f"{_alarm(packets[key])} {key}" for key in ("late", "lost"))
-    table.add_row("commands", "  ".join([*counts, f"{_alarm(packets['rejected'])} packets refused"]))
+    table.add_row("sense to command [dim](ms)[/]", _milliseconds(timing.latency_ms))
+    table.add_row("jitter [dim](ms)[/]", _milliseconds(timing.jitter_ms))
+    table.add_row("missed deadlines", _alarm(timing.missed_deadlines))
+    counts = (f"{_alarm(count)} {key}" for key, count in (("late", packets.late), ("lost", packets.lost)))
+    table.add_row("commands", "  ".join([*counts, f"{_alarm(packets.rejected)} packets refused"]))
     table.add_row("flown by", "-" if mode is None else f"[{_COLOURS[mode]}]{mode}[/]")
     return Panel(table, title="in real time", title_align="left", expand=False)
 
@@ -59,8 +58,8 @@ def profile_table(rows: list[Row], name: str) -> Table:
     for title in ("median [us]", "p99 [us]", "share [%]"):
         table.add_column(escape(title), justify="right")
     for row in rows:
-        figures = row["median_us"], row["p99_us"], 100.0 * row["share"]
-        table.add_row(row["block"].replace("_", " "), *(f"{figure:.1f}" for figure in figures))
+        figures = row.median_us, row.p99_us, 100.0 * row.share
+        table.add_row(row.block.replace("_", " "), *(f"{figure:.1f}" for figure in figures))
     return table
 
 

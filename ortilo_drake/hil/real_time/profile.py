@@ -12,6 +12,7 @@ in real time it has its own thread (hil/real_time/detector_thread.py).
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,21 @@ from ortilo_drake.hil.real_time.warm_up import TICKS, warm_up
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-Row = dict[str, Any]
 PROFILE_TICKS = 600  # that the command times
 WHOLE, REST = "whole tick", "Drake"  # the two rows that are not blocks
+
+
+@dataclass(frozen=True)
+class Row:
+    """A block's time over the ticks [us], and its share of all the time, from 0 to 1.
+
+    Drake's share may be below 0, as the times scatter.
+    """
+
+    block: str
+    median_us: float
+    p99_us: float
+    share: float
 
 
 def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[System]) -> dict[str, float]:
@@ -58,21 +71,17 @@ def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[Row]:
     Args:
         spent: the time of each block in every tick [s].
         whole: the time of every whole tick [s].
-
-    Returns:
-        block; median_us and p99_us over the ticks; share of all the time, from 0 to 1. Drake's may be below 0,
-        as the times scatter.
     """
     rest = whole - sum(spent.values(), start=np.zeros_like(whole))
     blocks = sorted(spent, key=lambda name: -float(np.sum(spent[name])))
     columns = {name: spent[name] for name in blocks} | {REST: rest, WHOLE: whole}
     return [
-        {
-            "block": name,
-            "median_us": 1e6 * float(np.median(times)),
-            "p99_us": 1e6 * float(np.quantile(times, 0.99)),
-            "share": float(np.sum(times) / np.sum(whole)),
-        }
+        Row(
+            block=name,
+            median_us=1e6 * float(np.median(times)),
+            p99_us=1e6 * float(np.quantile(times, 0.99)),
+            share=float(np.sum(times) / np.sum(whole)),
+        )
         for name, times in columns.items()
     ]
 

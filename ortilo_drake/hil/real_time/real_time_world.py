@@ -7,7 +7,8 @@ after it came. While none comes the failsafe flies (world/vehicle/failsafe.py).
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -18,16 +19,27 @@ from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
-from ortilo_drake.hil.real_time.tick_timing import TickTiming
+from ortilo_drake.hil.real_time.tick_timing import TickTiming, TimingFigures
 from ortilo_drake.hil.wire.greeter import Greeter
-from ortilo_drake.hil.wire.inbox import Arrival, Inbox
+from ortilo_drake.hil.wire.inbox import Arrival, Inbox, PacketCounts
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import Outbox, publish_messages
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import STAMP
 from ortilo_drake.scenario import Scenario
 
-Statistics = Callable[[], dict[str, Any]]  # returns the figures of the flight so far
+
+@dataclass(frozen=True)
+class FlightSoFar:
+    """A flight under way: the timing of its ticks, its time [s], the counts of the commands, failsafe.MODES."""
+
+    timing: TimingFigures
+    simulated_s: float
+    packets: PacketCounts
+    failsafe: str | None
+
+
+Statistics = Callable[[], FlightSoFar]
 
 COMMAND_PERIOD: Final = 1e-3  # [s]
 SPIN: Final = 1.5e-3  # with less time left than this it spins: a wait for a packet might return too late [s]
@@ -59,8 +71,7 @@ def fly_in_real_time(
         seconds: end after that much of the flight; by default at its end.
         progress: called with the number of every tick.
         record: called with everything of a tick LATE_TELEMETRY after it; outputs that were lost are NaN.
-        show_statistics: called before the first tick with a function that gives the figures so far, in any thread:
-            TickTiming.summary, simulated_s, packets and failsafe.
+        show_statistics: called before the first tick with a function that gives the figures so far, in any thread.
 
     Returns:
         The flight, as flight.fly gives it but NaN where the telemetry of a tick was lost, and the timing of its ticks.
@@ -71,9 +82,7 @@ def fly_in_real_time(
     heartbeat, lag = (max(1, round(seconds * scenario.control_rate)) for seconds in (HEARTBEAT, LATE_TELEMETRY))
     k, mode = 0, world.failsafe_mode
     if show_statistics:
-        show_statistics(
-            lambda: timing.summary(k) | {"simulated_s": k * h, "packets": inbox.counts("command"), "failsafe": mode}
-        )
+        show_statistics(lambda: FlightSoFar(timing.summary(k), k * h, inbox.counts("command"), mode))
     start = time.perf_counter()
 
     def listen(until: float) -> None:
@@ -116,7 +125,7 @@ def fly_in_real_time(
     listen(time.perf_counter() - start + LATE_TELEMETRY)
     flown.record_until(k + 1)
     flight = flown.dataset(scenario, lost)
-    flight.attrs["real_time_factor"] = timing.summary()["real_time_factor"]
+    flight.attrs["real_time_factor"] = timing.summary().real_time_factor
     return flight, timing
 
 

@@ -1,19 +1,49 @@
 """Timing of the ticks of a flight in real time: latencies, deadlines, jitter."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 
-def quantiles(values: np.ndarray) -> dict[str, float | None]:
-    """Return median, p99 and max, each None of no values."""
+@dataclass(frozen=True)
+class Quantiles:
+    """Median, 99th percentile and greatest of some values; None each of no values."""
+
+    median: float | None = None
+    p99: float | None = None
+    max: float | None = None
+
+
+@dataclass(frozen=True)
+class TimingFigures:
+    """Figures of the ticks of a flight in real time.
+
+    Attributes:
+        ticks: how many there were.
+        latency_ms: from a tick's messages sent to its command received [ms].
+        missed_deadlines: ticks whose command was not there when the next one was due, those sent late included.
+        unanswered: ticks without a command.
+        longest_silence: the longest run of ticks without an answer [s].
+        lateness_ms: how far the worst was beyond its deadline [ms].
+        jitter_ms: how late the world sent its ticks [ms].
+        real_time_factor: simulated over wall time; None of less than two ticks.
+    """
+
+    ticks: int
+    latency_ms: Quantiles
+    missed_deadlines: int
+    unanswered: int
+    longest_silence: float
+    lateness_ms: float
+    jitter_ms: Quantiles
+    real_time_factor: float | None
+
+
+def quantiles(values: np.ndarray) -> Quantiles:
+    """Return median, p99 and max."""
     if not len(values):
-        return {"median": None, "p99": None, "max": None}
-    return {
-        "median": float(np.median(values)),
-        "p99": float(np.quantile(values, 0.99)),
-        "max": float(np.max(values)),
-    }
+        return Quantiles()
+    return Quantiles(float(np.median(values)), float(np.quantile(values, 0.99)), float(np.max(values)))
 
 
 class TickTiming:
@@ -51,12 +81,8 @@ class TickTiming:
         answered = sorted(self._answered.items())
         return np.array([1e3 * (now - times[k]) for k, now in answered if ticks is None or k < ticks])
 
-    def summary(self, ticks: int | None = None) -> dict[str, Any]:
-        """Return the figures as plain data, for JSON.
-
-        A tick misses its deadline if its command is not there when the next tick is due; a tick that the world sent
-        late counts too. lateness_ms is how far the worst was beyond its deadline. longest_silence is the longest run
-        of ticks without an answer [s]. jitter_ms is how late the world sent its ticks.
+    def summary(self, ticks: int | None = None) -> TimingFigures:
+        """Return the figures.
 
         Args:
             ticks: how many of the first ticks to look at; all by default. In flight leave out the present one, which is
@@ -66,13 +92,13 @@ class TickTiming:
         latencies, beyond = self.latencies_ms(ticks), self._after(self._due, ticks) - 1e3 * self._h
         sent, due = np.array(self._sent[:ticks]), np.array(self._due[:ticks])
         simulated = (ticks - 1) * self._h
-        return {
-            "ticks": ticks,
-            "latency_ms": quantiles(latencies),
-            "missed_deadlines": int(np.sum(beyond > 0.0)) + ticks - len(latencies),
-            "unanswered": ticks - len(latencies),
-            "longest_silence": self._h * int(np.max(np.diff([-1, *sorted(self._answered), ticks])) - 1),
-            "lateness_ms": float(np.max(beyond, initial=0.0)),
-            "jitter_ms": quantiles(1e3 * (sent - due)),
-            "real_time_factor": simulated / float(sent[-1] - sent[0]) if ticks > 1 else None,
-        }
+        return TimingFigures(
+            ticks=ticks,
+            latency_ms=quantiles(latencies),
+            missed_deadlines=int(np.sum(beyond > 0.0)) + ticks - len(latencies),
+            unanswered=ticks - len(latencies),
+            longest_silence=self._h * int(np.max(np.diff([-1, *sorted(self._answered), ticks])) - 1),
+            lateness_ms=float(np.max(beyond, initial=0.0)),
+            jitter_ms=quantiles(1e3 * (sent - due)),
+            real_time_factor=simulated / float(sent[-1] - sent[0]) if ticks > 1 else None,
+        )

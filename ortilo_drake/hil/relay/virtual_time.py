@@ -7,9 +7,8 @@ compare faults and filters bit for bit, on any machine and whatever else that ha
 
 import heapq
 import itertools
-import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -19,6 +18,7 @@ from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.summary import Summary, read_summary, summary_text
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
 from ortilo_drake.hil.real_time.real_time_onboard import join_flight
@@ -111,16 +111,16 @@ def fly_in_virtual_time(
     return flight
 
 
-def summary_in_virtual_time(scenario_json: str, to_onboard: str, to_world: str, seed: int, file: str) -> dict[str, Any]:
+def summary_in_virtual_time(scenario_json: str, to_onboard: str, to_world: str, seed: int, file: str) -> Summary:
     """Fly a scenario and seed behind a relay of the next seed; write and return the flight's summary.
 
     For worker processes: scenario and faults come as JSON. A file that is there already is read instead.
     """
     path = Path(file)
     if path.exists():
-        return dict(json.loads(path.read_text(encoding="utf-8")))
+        return read_summary(path.read_bytes())
     scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
     ways = Faults.model_validate_json(to_onboard), Faults.model_validate_json(to_world)
-    found = summary(fly_in_virtual_time(scenario, *ways, seed + 1)) | {"real_time_factor": None}
-    write_text(path, json.dumps(found))
+    found = summary(fly_in_virtual_time(scenario, *ways, seed + 1))
+    write_text(path, summary_text(found))
     return found

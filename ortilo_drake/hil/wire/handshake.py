@@ -81,7 +81,7 @@ def refusal(hello: Hello, digest: str) -> str:
 
 def unheard(inbox: Inbox, wait: float, command: str) -> str:
     """Return a line that nobody was heard, how to start the other half, and whether one with another key was heard."""
-    strangers = inbox.counts()["refused"].get("mac", 0)
+    strangers = inbox.counts().refused.get("mac", 0)
     other = f"; {strangers} packets came under another key: give both halves the same --key" if strangers else ""
     return f"not heard in {wait:g} s; start it with: {command}{other}"
 

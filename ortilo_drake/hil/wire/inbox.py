@@ -3,8 +3,9 @@
 import time
 from collections import Counter, deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
@@ -22,6 +23,27 @@ class Arrival(NamedTuple):
 
     received: float
     packet: Packet
+
+
+@dataclass(frozen=True)
+class PacketCounts:
+    """Counts of an inbox.
+
+    Attributes:
+        accepted: packets taken.
+        late: of these, those that a newer one had overtaken.
+        duplicates: taken before.
+        lost: gaps in the ticks of a channel, since the first it heard.
+        rejected: refused.
+        refused: the same by reason.
+    """
+
+    accepted: int
+    late: int
+    duplicates: int
+    lost: int
+    rejected: int
+    refused: dict[str, int]
 
 
 class Inbox:
@@ -124,13 +146,18 @@ class Inbox:
             self.tick = max(self.tick, hello.tick)
         return True
 
-    def counts(self, name: str = "") -> dict[str, Any]:
-        """Return how many packets were accepted, late (of these), duplicates, refused by reason, and lost, for JSON.
+    def counts(self, name: str = "") -> PacketCounts:
+        """Return the counts so far.
 
-        Lost are the gaps in the ticks of the channel named, since the first it heard; 0 without a name, as a sensor
-        does not send in every tick.
+        Lost are those of the channel named; 0 without a name, as a sensor does not send in every tick.
         """
         lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
         refused = self._refused + self._bus.refused
-        plain = {key: self._count[key] for key in ("accepted", "late", "duplicates")}
-        return plain | {"lost": lost, "rejected": refused.total(), "refused": dict(sorted(refused.items()))}
+        return PacketCounts(
+            accepted=self._count["accepted"],
+            late=self._count["late"],
+            duplicates=self._count["duplicates"],
+            lost=lost,
+            rejected=refused.total(),
+            refused=dict(sorted(refused.items())),
+        )

@@ -5,9 +5,9 @@ flight in lockstep. A half that joined a flight from a checkpoint starts from th
 A filter that replays late measurements has more state than that; such a log is refused.
 """
 
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydrake.polynomial import Polynomial
@@ -19,23 +19,39 @@ from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 
 
+@dataclass(frozen=True)
+class ReplayReport:
+    """A replay beside its log.
+
+    Attributes:
+        ticks: how many.
+        identical: whether every output of every tick is the logged one bit for bit.
+        first_difference: the first tick that differs, None if none does.
+        largest_difference: of the estimate.
+        references_from_log: in how many ticks the reference was taken from the log.
+        state_from_log: whether the state at the first tick was.
+    """
+
+    ticks: int
+    identical: bool
+    first_difference: int | None
+    largest_difference: float
+    references_from_log: int
+    state_from_log: bool
+
+
 def path_through(t: float, reference: np.ndarray) -> PiecewisePolynomial:
     """Return a path that at t [s] has exactly the values of a reference [r, r_dot, r_ddot] (9)."""
     coefficients = np.column_stack((reference[0:3], reference[3:6], reference[6:9] / 2.0))
     return PiecewisePolynomial([np.array([[Polynomial(c)] for c in coefficients])], [t, t + 1.0])
 
 
-def replay_log(log: Path) -> dict[str, Any]:
+def replay_log(log: Path) -> ReplayReport:
     """Drive an onboard half from a log's messages; compare its outputs with those in the log.
 
     When the path to a goal was ready depended on wall time. So from the first goal on the reference is taken from the
     log, and from the first tick on if the half joined a flight on another path than the scenario's. An output that was
     not recorded is not compared.
-
-    Returns:
-        ticks, identical (every output of every tick bit for bit), the first tick that differs or None, the largest
-        difference of the estimate, in how many ticks the reference was taken from the log, and whether the state at
-        the first tick was.
 
     Raises:
         InputError: if the log cannot be read, is empty, or its scenario does not fly; if it is a world's log of a
@@ -71,14 +87,14 @@ def replay_log(log: Path) -> dict[str, Any]:
             largest = max(largest, float(np.max(np.abs(outputs["estimate"] - recorded["estimate"]))))
         onboard.advance()
         ticks += 1
-    return {
-        "ticks": ticks,
-        "identical": first is None,
-        "first_difference": first,
-        "largest_difference": largest,
-        "references_from_log": given,
-        "state_from_log": state_from_log,
-    }
+    return ReplayReport(
+        ticks=ticks,
+        identical=first is None,
+        first_difference=first,
+        largest_difference=largest,
+        references_from_log=given,
+        state_from_log=state_from_log,
+    )
 
 
 def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:

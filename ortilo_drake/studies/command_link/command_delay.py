@@ -10,7 +10,7 @@ stable if and only if the product of the augmented matrices over the sensors' pe
 """
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +21,25 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.command_link.command_loop import CommandedLoop, commanded_loop, delay_line, growing_modes
 
 LONGEST = 100  # ticks of delay to look at
+
+
+@dataclass(frozen=True)
+class CriticalDelay:
+    """The delay that destabilises a loop.
+
+    Attributes:
+        delay: where growth first reaches 1, to 1e-6 ticks [s].
+        ticks: the same in ticks.
+        whole_ticks: the least whole number of ticks with which the loop is unstable.
+        growth: by whole ticks from 0 to one beyond that.
+        modes: what grows with whole_ticks.
+    """
+
+    delay: float
+    ticks: float
+    whole_ticks: int
+    growth: dict[str, float]
+    modes: str
 
 
 def _ticks_above(delay: float) -> int:
@@ -74,14 +93,8 @@ def _growth_with(loop: CommandedLoop, scenario: Scenario, delay: float) -> float
     return growth(delayed_matrices(loop, delay, G_late))
 
 
-def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> dict[str, Any]:
+def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CriticalDelay:
     """Return the delay that destabilises the loop.
-
-    Returns:
-        delay [s] and ticks (delay / h), where growth first reaches 1, to 1e-6 ticks;
-        whole_ticks: the least whole number of ticks with which the loop is unstable;
-        growth: by whole ticks from 0 to one beyond that;
-        modes: what grows with whole_ticks.
 
     Raises:
         InputError: if the loop is unstable without a delay, or stable with LONGEST ticks of it.
@@ -99,10 +112,10 @@ def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
     while high - low > 1e-6:
         middle = (low + high) / 2.0
         low, high = (middle, high) if _growth_with(loop, scenario, middle) < 1.0 else (low, middle)
-    return {
-        "delay": low * scenario.h,
-        "ticks": low,
-        "whole_ticks": whole,
-        "growth": {str(d): rate for d, rate in enumerate([*rates, _growth_with(loop, scenario, whole + 1)])},
-        "modes": growing_modes(delayed_matrices(loop, whole)),
-    }
+    return CriticalDelay(
+        delay=low * scenario.h,
+        ticks=low,
+        whole_ticks=whole,
+        growth={str(d): rate for d, rate in enumerate([*rates, _growth_with(loop, scenario, whole + 1)])},
+        modes=growing_modes(delayed_matrices(loop, whole)),
+    )

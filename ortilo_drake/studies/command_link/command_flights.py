@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,13 +15,56 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.command_link.command_loop import CommandedLoop, commanded_loop
+from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
-from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, mean_square_radius, steady_second_moment
+from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
 WARM_UP = 10.0  # a flight starts without error; from here on it counts as steady [s]
+
+
+@dataclass(frozen=True)
+class CommandCase:
+    """A link, predicted and flown.
+
+    Attributes:
+        link: its settings.
+        growth: of the second moment per tick.
+        stable: whether that is below 1.
+        predicted_rms: distance from r [m], None if not stable.
+        flights: how many.
+        lost: how many of them.
+        lost_after: mean time of the losses [s].
+        causes: of the losses.
+        flown_rms: distance from r over the flights that were not lost [m], None if all were.
+        agrees: whether a stable link loses no flight, an unstable one all. A flight of finite length behind an unstable
+            link may well survive, so that is what may disagree.
+    """
+
+    link: CommandLink
+    growth: float
+    stable: bool
+    predicted_rms: float | None
+    flights: int
+    lost: int
+    lost_after: float | None
+    causes: list[str]
+    flown_rms: float | None
+    agrees: bool
+
+
+@dataclass(frozen=True)
+class CommandFlights:
+    """Hovering behind command links: the conditions, the cases, and in how many flown and predicted agree."""
+
+    scenario: str
+    point: tuple[float, float, float]
+    duration: float
+    warm_up: float
+    seeds: list[int]
+    cases: list[CommandCase]
+    agree: int
 
 
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
@@ -59,8 +102,8 @@ def command_flights(
     duration: float = 40.0,
     point: tuple[float, float, float] = POINT,
     workers: int = 1,
-    progress: Callable[[dict[str, Any]], None] | None = None,
-) -> dict[str, Any]:
+    progress: Callable[[CommandCase], None] | None = None,
+) -> CommandFlights:
     """Hover behind each link, on the same seeds, and return flown beside predicted.
 
     Args:
@@ -72,13 +115,6 @@ def command_flights(
         point: where to hover.
         workers: processes.
         progress: called with each case as it is done.
-
-    Returns:
-        JSON-able: the conditions, and under `cases` for each link its settings; `growth` of the second moment per tick
-        and whether that is `stable`; `predicted_rms` of the distance from r [m], None if not stable; `flown_rms` over
-        the flights that were not lost, None if all were; `lost` flights of `flights`, the mean `lost_after` [s] and
-        their causes; and whether `agrees`: a stable link loses no flight, an unstable one all.
-        A flight of finite length behind an unstable link may well survive, so that is what may disagree.
     """
     seeds = list(seeds)
     V = hover_V(scenario, point)
@@ -89,33 +125,18 @@ def command_flights(
     for link in links:
         flown = calm.model_copy(update={"command_link": link})
         fly_many(flown, seeds, out, workers)
-        case = _predicted(loop, link, scenario.h) | _flown(flights_of(flown, seeds, out))
-        case["agrees"] = case["lost"] == (0 if case["stable"] else case["flights"])
+        case = _case(link, lossy_loop(loop, link, scenario.h), flights_of(flown, seeds, out))
         cases.append(case)
         if progress:
             progress(case)
-    return {
-        "scenario": scenario.name,
-        "point": list(point),
-        "duration": duration,
-        "warm_up": WARM_UP,
-        "seeds": seeds,
-        "cases": cases,
-        "agree": sum(case["agrees"] for case in cases),
-    }
+    agree = sum(case.agrees for case in cases)
+    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, agree)
 
 
-def _predicted(loop: CommandedLoop, link: CommandLink, h: float) -> dict[str, Any]:
-    system = lossy_loop(loop, link, h)
+def _case(link: CommandLink, system: JumpLinear, flights: list[xr.Dataset]) -> CommandCase:
     radius = mean_square_radius(system)
     stable = radius < 1.0 - MARGIN
-    rms = None
-    if stable:
-        rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3])))
-    return {"link": link.model_dump(mode="json"), "growth": radius, "stable": stable, "predicted_rms": rms}
-
-
-def _flown(flights: list[xr.Dataset]) -> dict[str, Any]:
+    rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]))) if stable else None
     lost = [json.loads(flight.attrs["lost"]) for flight in flights]
     ends = [end for end in lost if end is not None]
     squares = [
@@ -123,10 +144,15 @@ def _flown(flights: list[xr.Dataset]) -> dict[str, Any]:
         for flight, end in zip(flights, lost, strict=True)
         if end is None
     ]
-    return {
-        "flights": len(flights),
-        "lost": len(ends),
-        "lost_after": float(np.mean([end["time"] for end in ends])) if ends else None,
-        "causes": sorted({end["cause"] for end in ends}),
-        "flown_rms": float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None,
-    }
+    return CommandCase(
+        link=link,
+        growth=radius,
+        stable=stable,
+        predicted_rms=rms,
+        flights=len(flights),
+        lost=len(ends),
+        lost_after=float(np.mean([end["time"] for end in ends])) if ends else None,
+        causes=sorted({end["cause"] for end in ends}),
+        flown_rms=float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None,
+        agrees=len(ends) == (0 if stable else len(flights)),
+    )

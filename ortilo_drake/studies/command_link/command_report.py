@@ -1,19 +1,50 @@
-"""The report on the command link: the loss and the delay that the flying loop tolerates, as plain data."""
+"""The report on the command link: the loss and the delay that the flying loop tolerates."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.command_link.command_delay import critical_delay
+from ortilo_drake.studies.command_link.command_delay import CriticalDelay, critical_delay
 from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
 from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
 from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
 
 LOSSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 BURSTS = (6.0,)  # mean lengths [ticks]
+
+
+@dataclass(frozen=True)
+class LinkFigures:
+    """Growth of the second moment per tick behind a link, and rms distance from r [m], None where it diverges."""
+
+    growth: float
+    rms: float | None
+
+
+@dataclass(frozen=True)
+class CommandReport:
+    """The loss and the delay of commands that a loop bears at hover.
+
+    Attributes:
+        scenario: its name.
+        period: of the sensors [ticks].
+        growth: of the second moment per tick with a perfect link.
+        largest_loss: by strategy, of independent losses and in bursts of a mean length [ticks].
+        rms: distance from r [m] by strategy and independent loss, None where it diverges.
+        delay: that destabilises.
+        own_link: behind the scenario's own command link.
+    """
+
+    scenario: str
+    period: int
+    growth: float
+    largest_loss: dict[str, dict[str, float]]
+    rms: dict[str, dict[str, float | None]]
+    delay: CriticalDelay
+    own_link: LinkFigures
 
 
 def _rms(system: JumpLinear) -> float | None:
@@ -24,36 +55,31 @@ def _rms(system: JumpLinear) -> float | None:
         return None
 
 
-def command_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
-    """Return what losing and delaying commands does to a scenario's loop at hover; plain data, for JSON.
+def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
+    """Return what losing and delaying commands does to a scenario's loop at hover.
 
     Args:
         scenario: the scenario; its own command link enters under `own_link` alone.
         V: covariance of the measurements uwb, camera, imu (9 x 9).
-
-    Returns:
-        `growth` of the second moment per tick with a perfect link; `largest_loss` by strategy, of independent losses
-        and in bursts of a mean length [ticks]; `rms` distance from r [m] by strategy and independent loss, None where
-        it diverges; `delay`, see critical_delay; `own_link`.
 
     Raises:
         InputError: if the loop is unstable with a perfect link, naming the modes.
     """
     loop, h = commanded_loop(scenario, V), scenario.h
     own = lossy_loop(loop, scenario.command_link, h)
-    return {
-        "scenario": scenario.name,
-        "period": len(loop.F),
-        "growth": mean_square_radius(lossy_loop(loop, CommandLink(), h)),
-        "largest_loss": {
+    return CommandReport(
+        scenario=scenario.name,
+        period=len(loop.F),
+        growth=mean_square_radius(lossy_loop(loop, CommandLink(), h)),
+        largest_loss={
             s: {"independent": largest_loss(scenario, V, s, tolerance=5e-3)}
             | {f"bursts_of_{b:g}": largest_loss(scenario, V, s, b, tolerance=5e-3) for b in BURSTS}
             for s in STRATEGIES
         },
-        "rms": {
+        rms={
             s: {f"{p:g}": _rms(lossy_loop(loop, CommandLink(loss=loss_of(p), when_lost=s), h)) for p in LOSSES}
             for s in STRATEGIES
         },
-        "delay": critical_delay(scenario, V),
-        "own_link": {"growth": mean_square_radius(own), "rms": _rms(own)},
-    }
+        delay=critical_delay(scenario, V),
+        own_link=LinkFigures(mean_square_radius(own), _rms(own)),
+    )

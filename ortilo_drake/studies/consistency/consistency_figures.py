@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.metrics import position_nees
-from ortilo_drake.studies.consistency.consistency_flights import finite_part, in_blackout
+from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, finite_part, in_blackout
 from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.theory.consistency.consistency import average_band, ensemble_average
 from ortilo_drake.views.figures import TITLE
@@ -75,28 +75,28 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
         return save_picture(figure, path)
 
 
-def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
+def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
     """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor.
 
     Args:
         reports: what consistency_report returned, by scenario.
         path: the image file.
     """
-    sensors = list(dict.fromkeys(s for report in reports.values() for s in report["whiteness"]))
+    sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
         grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
         for row, (name, report) in zip(grid, reports.items(), strict=True):
             for axes, sensor in zip(row, sensors, strict=True):
-                found = report["whiteness"].get(sensor)
+                found = report.whiteness.get(sensor)
                 if found is None:
                     axes.set_axis_off()
                     continue
-                lagged = found["lag_arrivals"]
-                lags = np.arange(1, len(lagged["r"]) + 1)
-                m = max(len(value) for value in lagged["r"] if value is not None)
-                r = np.array([value if value is not None else [np.nan] * m for value in lagged["r"]], dtype=float)
-                band = np.array([np.nan if b is None else b for b in lagged["band"]], dtype=float)
+                lagged = found.lag_arrivals
+                lags = np.arange(1, len(lagged.r) + 1)
+                m = max(len(value) for value in lagged.r if value is not None)
+                r = np.array([value if value is not None else [np.nan] * m for value in lagged.r], dtype=float)
+                band = np.array([np.nan if b is None else b for b in lagged.band], dtype=float)
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
                 for i, colour in zip(range(m), (_BLUE, _ORANGE, _GREEN), strict=False):
@@ -104,7 +104,7 @@ def whiteness_figure(reports: dict[str, dict[str, Any]], path: Path) -> Path:
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
                 axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
                 axes.set_title(
-                    f"{TITLE.get(name, name)}: {_SENSOR.get(sensor, sensor)}, p = {lagged['p_value']:.2g}", fontsize=8
+                    f"{TITLE.get(name, name)}: {_SENSOR.get(sensor, sensor)}, p = {lagged.p_value:.2g}", fontsize=8
                 )
         for axes in grid[-1]:
             axes.set_xlabel("lag [arrivals]")
@@ -134,18 +134,23 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
         numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
         numbers.invert_yaxis()
         numbers.set_xlabel("fitted / before, 95 % interval (grey: stays)")
-        for axes, key, title in ((nees, "nees", "NEES of position"), (nis, "nis", "NIS")):
-            names = [n for n in tuning.before[key] if tuning.before[key][n]]
-            for shift, colour, label, figures in (
-                (-0.15, _BLUE, "before", tuning.before),
-                (0.15, _ORANGE, "after", tuning.after),
+        before, after = tuning.before, tuning.after
+        for axes, title, averages in (
+            (nees, "NEES of position", (before.nees, after.nees)),
+            (nis, "NIS", (before.nis, after.nis)),
+        ):
+            names = [name for name, found in averages[0].items() if found]
+            for shift, colour, label, figures in zip(
+                (-0.15, 0.15), (_BLUE, _ORANGE), ("before", "after"), averages, strict=True
             ):
                 for i, name in enumerate(names):
-                    found = figures[key][name]
-                    interval = found["interval"] or [found["mean"]] * 2
-                    low = max(interval[0], 0.02 * found["mean"])
+                    found = figures[name]
+                    if found is None:
+                        continue
+                    interval = found.interval or (found.mean, found.mean)
+                    low = max(interval[0], 0.02 * found.mean)
                     axes.plot([i + shift] * 2, [low, interval[1]], color=colour, lw=1.5)
-                    axes.plot(i + shift, found["mean"], "o", color=colour, ms=5, label=label if i == 0 else None)
+                    axes.plot(i + shift, found.mean, "o", color=colour, ms=5, label=label if i == 0 else None)
             axes.axhline(3.0, color="k", lw=0.8, ls="--")
             axes.set_yscale("log")
             axes.set_xticks(range(len(names)), names, rotation=30, ha="right")

@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -12,14 +13,37 @@ from ortilo_drake.flight.metrics import innovations
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.theory.consistency.consistency import normalized_square, time_average
-from ortilo_drake.theory.consistency.whiteness import normalized_innovations, whiteness_report
+from ortilo_drake.theory.consistency.consistency import Average, normalized_square, time_average
+from ortilo_drake.theory.consistency.whiteness import WhitenessReport, normalized_innovations, whiteness_report
 from ortilo_drake.world.radio.link import blackout_rows
 
 START = 3.0  # first seconds of a flight, reported apart: it starts with less error than P_0 says [s]
 AFTER = 3.0  # length of the region after a blackout [s]
 LAGS = 15
 REGIONS: Final = ("all", "start", "blackout", "after", "clear", "outside")
+
+Averages = dict[str, Average | None]  # by region; None where there is nothing, such as no blackout
+
+
+@dataclass(frozen=True)
+class ConsistencyReport:
+    """The consistency of the filter on flights of one scenario; lost flights count up to their loss.
+
+    Attributes:
+        scenario: its name.
+        flights: how many.
+        lost: how many of them were lost.
+        nees: of position, x, y, z and state, see nees_series.
+        nis: by sensor that arrived.
+        whiteness: by sensor that arrived.
+    """
+
+    scenario: str
+    flights: int
+    lost: int
+    nees: dict[str, Averages]
+    nis: dict[str, Averages]
+    whiteness: dict[str, WhitenessReport | None]
 
 
 def in_blackout(truth: np.ndarray, scenario: Scenario) -> np.ndarray:
@@ -94,14 +118,8 @@ def check_same_scenario(flights: Sequence[xr.Dataset], names: Sequence[str] | No
 DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
 
 
-def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
-    """Return how consistent the filter was on flights of one scenario, as plain data.
-
-    Lost flights count up to their loss. The entries are those of time_average and whiteness_report.
-
-    Returns:
-        scenario, flights, lost, nees[position, x, y, z, state][region], nis[sensor][region], whiteness[sensor]; None
-        where there is nothing (no blackout, a sensor that never arrived, a covariance that is not regular).
+def consistency_report(flights: Sequence[xr.Dataset]) -> ConsistencyReport:
+    """Return how consistent the filter was on flights of one scenario.
 
     Raises:
         InputError: if there is no flight or they are not of one scenario.
@@ -114,21 +132,21 @@ def consistency_report(flights: Sequence[xr.Dataset]) -> dict[str, Any]:
         for f in whole
     ]
 
-    def over_regions(values: list[np.ndarray], dof: int) -> dict[str, Any]:
+    def over_regions(values: list[np.ndarray], dof: int) -> Averages:
         return {region: time_average(values, [m[region] for m in masks], dof) for region in REGIONS}
 
-    report: dict[str, Any] = {
-        "scenario": scenario.name,
-        "flights": len(flights),
-        "lost": sum(json.loads(flight.attrs["lost"]) is not None for flight in flights),
-        "nees": {name: over_regions([s[name] for s in series], dof) for name, dof in DOF.items()},
-        "nis": {},
-        "whiteness": {},
-    }
+    nis, whiteness = dict[str, Averages](), dict[str, WhitenessReport | None]()
     for sensor in scenario.measurement.sensors:
         found = [innovations(flight, sensor) for flight in whole]
         if not any(np.isfinite(e).any() for e, _ in found):
             continue
-        report["nis"][sensor] = over_regions([normalized_square(e, S) for e, S in found], found[0][0].shape[1])
-        report["whiteness"][sensor] = whiteness_report([normalized_innovations(e, S) for e, S in found], LAGS)
-    return report
+        nis[sensor] = over_regions([normalized_square(e, S) for e, S in found], found[0][0].shape[1])
+        whiteness[sensor] = whiteness_report([normalized_innovations(e, S) for e, S in found], LAGS)
+    return ConsistencyReport(
+        scenario=scenario.name,
+        flights=len(flights),
+        lost=sum(json.loads(flight.attrs["lost"]) is not None for flight in flights),
+        nees={name: over_regions([s[name] for s in series], dof) for name, dof in DOF.items()},
+        nis=nis,
+        whiteness=whiteness,
+    )

@@ -1,13 +1,15 @@
 """The same flights with late measurements ignored, dropped and replayed: the three ways of estimator.delay."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
 from ortilo_drake.flight.ensemble import fly_many
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.markdown import table
@@ -16,7 +18,8 @@ MODES: Final = ("ignore", "drop", "replay")
 ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
 
 
-class LateLinks(NamedTuple):
+@dataclass(frozen=True)
+class LateLinks:
     """Loss and delay of the sensors' links, all alike, and of the command link.
 
     Attributes:
@@ -34,13 +37,64 @@ class LateLinks(NamedTuple):
     command_delay: int = 0
 
 
+@dataclass(frozen=True)
+class ModeReport:
+    """The flights of a mode: how many, how many were lost, medians of ERRORS [m^2], mean NEES (3 if consistent)."""
+
+    mode: str
+    flights: int
+    lost: int
+    path_mse: float
+    path_distance_mse: float
+    estimation_mse: float
+    nees: float
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A mode compared with another, seed by seed.
+
+    Attributes:
+        better: in how many seeds it has the smaller error.
+        pairs: of how many.
+        ratio: median of its error over the other's.
+        p: the one-sided Wilcoxon signed-rank probability of logarithms that differ so much in its favour by chance.
+    """
+
+    better: int
+    pairs: int
+    ratio: float
+    p: float
+
+
+@dataclass(frozen=True)
+class LateReport:
+    """The three modes on the same seeds.
+
+    Attributes:
+        scenario: its name.
+        control_rate: [Hz].
+        seeds: flown in each mode.
+        links: loss and delay, or what stood between the halves.
+        modes: by mode.
+        against: 'replay' compared with each of the others, by ERRORS.
+    """
+
+    scenario: str
+    control_rate: float
+    seeds: list[int]
+    links: LateLinks | str
+    modes: dict[str, ModeReport]
+    against: dict[str, dict[str, Pairs]]
+
+
 # 40 ms +- 20 ms: a message sent at t_k arrives 20 to 60 ms later and is used one or two ticks later at 30 Hz, two to
 # six at 100 Hz.
 AT_30_HZ: Final = LateLinks()
 AT_100_HZ: Final = LateLinks(delay=2, random_delay=4)
 # The same with the commands lost as often and 33 or 40 ms late, as behind a relay that stands between the halves.
-BOTH_WAYS_AT_30_HZ: Final = AT_30_HZ._replace(command_loss=0.2, command_delay=1)
-BOTH_WAYS_AT_100_HZ: Final = AT_100_HZ._replace(command_loss=0.2, command_delay=4)
+BOTH_WAYS_AT_30_HZ: Final = replace(AT_30_HZ, command_loss=0.2, command_delay=1)
+BOTH_WAYS_AT_100_HZ: Final = replace(AT_100_HZ, command_loss=0.2, command_delay=4)
 
 
 def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
@@ -65,9 +119,9 @@ def late_flights(
     out: Path,
     links: LateLinks = AT_30_HZ,
     workers: int = 1,
-    progress: Callable[[dict[str, Any]], None] | None = None,
-) -> dict[str, Any]:
-    """Fly the same seeds in each of the modes and return how they compare, as plain data.
+    progress: Callable[[ModeReport], None] | None = None,
+) -> LateReport:
+    """Fly the same seeds in each of the modes and return how they compare.
 
     Args:
         scenario: the scenario; its links' loss and delay, its seed and its estimator.delay are not used.
@@ -77,10 +131,6 @@ def late_flights(
         workers: worker processes; 1 flies in this process.
         progress: called with each mode's entry of the report.
 
-    Returns:
-        scenario, control_rate, seeds, links; 'modes': what mode_report says of each; 'against': replay compared with
-        each of the others by paired.
-
     Raises:
         InputError: if a flight cannot be flown, or a link cannot be.
     """
@@ -89,43 +139,31 @@ def late_flights(
     reports = {}
     for mode in MODES:
         flown[mode] = fly_many(late_scenario(scenario, links, mode), seeds, out, workers)
-        reports[mode] = {"mode": mode} | mode_report(flown[mode])
+        reports[mode] = mode_report(mode, flown[mode])
         if progress:
             progress(reports[mode])
-    return {
-        "scenario": scenario.name,
-        "control_rate": scenario.control_rate,
-        "seeds": seeds,
-        "links": links._asdict(),
-        "modes": reports,
-        "against": {mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")},
-    }
+    against = {mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")}
+    return LateReport(scenario.name, scenario.control_rate, seeds, links, reports, against)
 
 
-def errors_of(summaries: list[dict[str, Any]], name: str) -> np.ndarray:
+def errors_of(summaries: list[Summary], name: str) -> np.ndarray:
     """Return an error of ERRORS over flights [m^2], the estimation's summed over the axes; NaN where there is none."""
     if name == "estimation_mse":
-        return np.array([sum(s["mse"].values()) for s in summaries])
-    return np.array([np.nan if s[name] is None else s[name] for s in summaries])
+        return np.array([sum(s.mse.values()) for s in summaries])
+    return np.array([np.nan if (error := getattr(s, name)) is None else error for s in summaries])
 
 
-def mode_report(summaries: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return flights, how many were lost, the medians of ERRORS, and the mean NEES of position (3 if consistent)."""
+def mode_report(mode: str, summaries: list[Summary]) -> ModeReport:
+    """Return the figures of a mode's flights."""
     medians = {name: float(np.nanmedian(errors_of(summaries, name))) for name in ERRORS}
-    lost = sum(s["lost"] is not None for s in summaries)
-    return (
-        {"flights": len(summaries), "lost": lost} | medians | {"nees": float(np.mean([s["nees"] for s in summaries]))}
-    )
+    lost = sum(s.lost is not None for s in summaries)
+    return ModeReport(mode, len(summaries), lost, **medians, nees=float(np.mean([s.nees for s in summaries])))
 
 
-def paired(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
+def paired(ours: list[Summary], theirs: list[Summary]) -> dict[str, Pairs]:
     """Compare two modes seed by seed, for each of ERRORS.
 
     A lost flight's errors are those up to its loss, which is kind to a mode that loses flights.
-
-    Returns:
-        better: in how many seeds ours is the smaller; pairs: of how many; ratio: median of ours / theirs; p: the
-        one-sided Wilcoxon signed-rank probability of logarithms that differ so much in our favour by chance.
     """
     compared = {}
     for name in ERRORS:
@@ -133,16 +171,12 @@ def paired(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str
         both = np.isfinite(a) & np.isfinite(b)
         logarithm = np.log(a[both] / b[both])
         p = float(scipy.stats.wilcoxon(logarithm, alternative="less").pvalue) if np.any(logarithm) else 1.0
-        compared[name] = {
-            "better": int(np.sum(logarithm < 0.0)),
-            "pairs": int(both.sum()),
-            "ratio": float(np.exp(np.median(logarithm))),
-            "p": p,
-        }
+        better, ratio = int(np.sum(logarithm < 0.0)), float(np.exp(np.median(logarithm)))
+        compared[name] = Pairs(better, int(both.sum()), ratio, p)
     return compared
 
 
-def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
+def late_table(reports: Iterable[LateReport]) -> list[str]:
     """Return the reports of late_flights as a Markdown table, a row for each scenario and mode."""
     header = [
         "scenario",
@@ -156,19 +190,19 @@ def late_table(reports: Iterable[dict[str, Any]]) -> list[str]:
     ]
     rows = []
     for report in reports:
-        what = f"{report['scenario']}, {report['control_rate']:g} Hz, " + _late(report["links"])
-        for mode, found in report["modes"].items():
-            against = report["against"].get(mode, {}).get("path_mse")
+        what = f"{report.scenario}, {report.control_rate:g} Hz, {_late(report.links)}"
+        for mode, found in report.modes.items():
+            against = report.against[mode]["path_mse"] if mode in report.against else None
             rows.append(
-                [what, mode, f"{found['lost']} of {found['flights']}"]
-                + [f"{found[name]:.4f}" for name in ERRORS]
-                + [f"{found['nees']:.2f}"]
-                + [f"{against['better']} of {against['pairs']}, p = {against['p']:.1g}" if against else ""]
+                [what, mode, f"{found.lost} of {found.flights}"]
+                + [f"{getattr(found, name):.4f}" for name in ERRORS]
+                + [f"{found.nees:.2f}"]
+                + [f"{against.better} of {against.pairs}, p = {against.p:.1g}" if against else ""]
             )
     return table(header, rows)
 
 
-def _late(links: dict[str, float] | str) -> str:
+def _late(links: LateLinks | str) -> str:
     if isinstance(links, str):
         return links
-    return "both ways" if links["command_loss"] or links["command_delay"] else "sensors only"
+    return "both ways" if links.command_loss or links.command_delay else "sensors only"

@@ -1,6 +1,6 @@
-"""The report on Drake's matrices of a scenario, their eigenvalues, controllability and observability, for JSON."""
+"""The report on Drake's matrices of a scenario, their eigenvalues, controllability and observability."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,36 +18,80 @@ from ortilo_drake.theory.modes.modes import Mode, modes, unreached_modes, unseen
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
 
-def _listed(z: np.ndarray) -> list[list[float]]:
-    """Return eigenvalues as [real, imaginary], the largest modulus first."""
-    return [[float(w.real), float(w.imag)] for w in sorted(z, key=lambda w: (-round(abs(w), 12), -w.real, -w.imag))]
+@dataclass(frozen=True)
+class ModeFigures:
+    """A mode that no output sees or no control reaches, see modes.Mode."""
+
+    eigenvalue: complex
+    multiplicity: int
+    deficiency: int
+    states: tuple[str, ...]
 
 
-def _modes(modes: list[Mode]) -> list[dict[str, Any]]:
-    return [
-        {
-            "eigenvalue": [m.eigenvalue.real, m.eigenvalue.imag],
-            "multiplicity": m.multiplicity,
-            "deficiency": m.deficiency,
-            "states": list(m.states),
-        }
-        for m in modes
-    ]
+@dataclass(frozen=True)
+class GramianFigures:
+    """Singular values, the largest first, and condition of a Gramian; inf where a state is hidden."""
+
+    singular_values: np.ndarray
+    condition: float
 
 
-def _gramian(gramian: Gramian) -> dict[str, Any]:
-    condition = gramian.condition if np.isfinite(gramian.condition) else None
-    return {"singular_values": gramian.singular_values.tolist(), "condition": condition}
+@dataclass(frozen=True)
+class Gramians:
+    """Gramians over a horizon [s]; that of observability by subset of the sensors."""
+
+    horizon: float
+    controllability: GramianFigures
+    observability: dict[str, GramianFigures]
 
 
-def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray | None = None) -> dict[str, Any]:
-    """Return the figures of Drake's matrices, eigenvalues, controllability and observability, ready for JSON.
+@dataclass(frozen=True)
+class LinearizationReport:
+    """Figures of Drake's matrices at hover and yaw 0.
 
-    Keys: scenario, h, sensors; agreement (largest differences by part and matrix); flown (that of a tick of the flying
-    diagram, by what arrives in it); eigenvalues as [real, imaginary] of plant (continuous), sampled_plant, servo_loop
-    (15), filter (12) and closed_loop (27), filter and loop with every sensor in every tick; jordan_blocks of the
-    sampled plant; uncontrollable_modes; unobservable_modes and unobservable_states by subset of the sensors; gramians
-    over the horizon, a condition of None where a state is hidden. Everything is at yaw 0.
+    Attributes:
+        scenario: its name.
+        h: tick [s].
+        sensors: of the scenario.
+        agreement: largest differences from the closed forms by part and matrix.
+        flown: largest difference of a tick of the flying diagram, by what arrives in it.
+        eigenvalues: the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12) and
+            closed_loop (27), filter and loop with every sensor in every tick.
+        jordan_blocks: eigenvalue and block sizes of the sampled plant.
+        uncontrollable_modes: that no control reaches.
+        unobservable_states: by subset of the sensors.
+        unobservable_modes: by subset of the sensors.
+        gramians: over the horizon.
+    """
+
+    scenario: str
+    h: float
+    sensors: tuple[str, ...]
+    agreement: dict[str, dict[str, float]]
+    flown: dict[str, float]
+    eigenvalues: dict[str, list[complex]]
+    jordan_blocks: list[tuple[float, tuple[int, ...]]]
+    uncontrollable_modes: list[ModeFigures]
+    unobservable_states: dict[str, list[str]]
+    unobservable_modes: dict[str, list[ModeFigures]]
+    gramians: Gramians
+
+
+def _sorted(z: np.ndarray) -> list[complex]:
+    """Return eigenvalues, the largest modulus first."""
+    return sorted(z.astype(complex).tolist(), key=lambda w: (-round(abs(w), 12), -w.real, -w.imag))
+
+
+def _modes(modes: list[Mode]) -> list[ModeFigures]:
+    return [ModeFigures(m.eigenvalue, m.multiplicity, m.deficiency, m.states) for m in modes]
+
+
+def _gramian(gramian: Gramian) -> GramianFigures:
+    return GramianFigures(gramian.singular_values, gramian.condition)
+
+
+def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray | None = None) -> LinearizationReport:
+    """Return the figures of Drake's matrices, eigenvalues, controllability and observability.
 
     Args:
         scenario: the scenario.
@@ -74,25 +118,25 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
         "filter": loop.Phi - K @ loop.C,
         "closed_loop": linearize(level, "closed_loop", frozen=(K, delta)).A,
     }
-    return {
-        "scenario": scenario.name,
-        "h": scenario.h,
-        "sensors": list(scenario.sensors),
-        "agreement": agreement(scenario),
-        "flown": {name: difference_closed_loop(scenario, tick).largest_difference for name, tick in flown.items()},
-        "eigenvalues": {name: _listed(np.linalg.eigvals(A)) for name, A in eigenvalues.items()},
-        "jordan_blocks": [[m.eigenvalue.real, list(m.blocks)] for m in modes(loop.Phi, scale)],
-        "uncontrollable_modes": _modes(unreached_modes(loop.Phi, loop.Gamma, radius=0.0, scale=scale)),
-        "unobservable_states": unobservable_states(scenario),
-        "unobservable_modes": {
+    return LinearizationReport(
+        scenario=scenario.name,
+        h=scenario.h,
+        sensors=scenario.sensors,
+        agreement=agreement(scenario),
+        flown={name: difference_closed_loop(scenario, tick).largest_difference for name, tick in flown.items()},
+        eigenvalues={name: _sorted(np.linalg.eigvals(A)) for name, A in eigenvalues.items()},
+        jordan_blocks=[(m.eigenvalue.real, m.blocks) for m in modes(loop.Phi, scale)],
+        uncontrollable_modes=_modes(unreached_modes(loop.Phi, loop.Gamma, radius=0.0, scale=scale)),
+        unobservable_states=unobservable_states(scenario),
+        unobservable_modes={
             name: _modes(unseen_modes(loop.Phi, rows_of(some), radius=0.0, scale=scale))
             for name, some in subsets.items()
         },
-        "gramians": {
-            "horizon": horizon,
-            "controllability": _gramian(controllability_gramian(scenario, horizon)),
-            "observability": {
+        gramians=Gramians(
+            horizon=horizon,
+            controllability=_gramian(controllability_gramian(scenario, horizon)),
+            observability={
                 name: _gramian(observability_gramian(scenario, some, horizon)) for name, some in subsets.items()
             },
-        },
-    }
+        ),
+    )

@@ -6,7 +6,7 @@ these are the attitude loops, and the filter predicts velocity and position from
 """
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,8 +15,33 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, hover_loop
 from ortilo_drake.studies.loop.input_loop import InputLoop, input_loop
-from ortilo_drake.theory.margins.loop_margins import SILENT, channel_margins, joint_margins
+from ortilo_drake.theory.margins.loop_margins import (
+    SILENT,
+    ChannelMargins,
+    JointMargins,
+    channel_margins,
+    joint_margins,
+)
 from ortilo_drake.theory.margins.loop_response import LOWEST, closed, one_channel, response, spectral_radius
+
+
+@dataclass(frozen=True)
+class LoopMargins:
+    """One loop's margins.
+
+    Attributes:
+        spectral_radius: of the closed loop.
+        lost: states that no sensor sees.
+        channels: by control, None where nothing is fed back; None for an unstable loop.
+        joint: of all controls at once; None for an unstable loop.
+        note: in words, what is lost or unstable; None if nothing is.
+    """
+
+    spectral_radius: float
+    lost: tuple[str, ...]
+    channels: dict[str, ChannelMargins | None] | None
+    joint: JointMargins | None
+    note: str | None
 
 
 def _explain(inner: InputLoop, silent: list[str]) -> str | None:
@@ -30,32 +55,27 @@ def _explain(inner: InputLoop, silent: list[str]) -> str | None:
     return text + (f"; nothing is fed back to {', '.join(silent)}" if silent else "")
 
 
-def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> dict[str, Any]:
-    """Return one loop's margins, ready for JSON.
+def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> LoopMargins:
+    """Return one loop's margins.
 
     Args:
         inner: the loop.
         h: tick [s].
         R: diagonal of the servo's weight of the controls, in which the joint margins are.
-
-    Returns:
-        'spectral_radius' of the closed loop; 'channels': control -> channel_margins, None where nothing is fed back;
-        'joint': joint_margins; 'lost': states that no sensor sees; 'note'. 'channels' and 'joint' are
-        None for an unstable loop.
     """
     loop = inner.loop
     radius = spectral_radius(closed(loop))
-    result: dict[str, Any] = {"spectral_radius": radius, "lost": list(inner.lost)}
+    lost = tuple(inner.lost)
     if not radius < 1.0:
         note = f"the closed loop is not stable (radius {radius:.6g}): it has no margins"
-        return result | {"channels": None, "joint": None, "note": note}
+        return LoopMargins(radius, lost, None, None, note)
     L = response(loop, np.geomspace(LOWEST, math.pi, 40))
     silent = [name for k, name in enumerate(CONTROL_NAMES) if abs(L[:, k, k]).max() < SILENT]
     channels = {
         name: None if name in silent else channel_margins(one_channel(loop, k), h)
         for k, name in enumerate(CONTROL_NAMES)
     }
-    return result | {"channels": channels, "joint": joint_margins(loop, h, R), "note": _explain(inner, silent)}
+    return LoopMargins(radius, lost, channels, joint_margins(loop, h, R), _explain(inner, silent))
 
 
 def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
@@ -74,8 +94,8 @@ def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> 
     return loops
 
 
-def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
-    """Return loop_margins of every case of a scenario, by name, ready for JSON.
+def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, LoopMargins]:
+    """Return loop_margins of every case of a scenario, by name.
 
     Args:
         scenario: its sensors are the nominal ones.

@@ -1,6 +1,6 @@
-"""The servo's and the filter's Riccati equations of a scenario by all four solvers, as plain data."""
+"""The servo's and the filter's Riccati equations of a scenario by all four solvers."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,14 +10,48 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
 from ortilo_drake.studies.loop.hover_loop import hover_loop
-from ortilo_drake.theory.riccati.riccati import RAW, by_drake, json_number, solve
-from ortilo_drake.theory.riccati.riccati_check import assess
-from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, solver_outcomes
+from ortilo_drake.theory.riccati.riccati import RAW, by_drake, solve
+from ortilo_drake.theory.riccati.riccati_check import RiccatiCheck, assess
+from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, SolverOutcomes, solver_outcomes
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 
 DRAKE_LIFT = 1e-10  # times I, added to W: Drake wants it positive definite
 
 Dare = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Unsolved:
+    """A solver's failure on a well-posed equation."""
+
+    note: str
+
+
+@dataclass(frozen=True)
+class Solution(RiccatiCheck):
+    """A solver's X: its quality, its relative Frobenius distance from the others' X, and how it was solved."""
+
+    difference: dict[str, float]
+    note: str | None
+
+
+Solutions = dict[str, Solution | Unsolved]  # by solver
+
+
+@dataclass(frozen=True)
+class IllPosed:
+    """An equation without a solution, and why."""
+
+    error: str
+
+
+@dataclass(frozen=True)
+class RiccatiReport:
+    """The solutions of the servo's equation, of the filter's by subset of the sensors, and the ill-posed problems."""
+
+    servo: Solutions
+    filter: dict[str, Solutions | IllPosed]
+    ill_posed: dict[str, SolverOutcomes]
 
 
 def servo_dare(scenario: Scenario) -> Dare:
@@ -41,8 +75,8 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
     return loop.Phi.T, loop.C[rows].T, loop.W, V
 
 
-def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> dict[str, Any]:
-    """Return the figures of riccati_check.assess for each solver's X, and the solutions' relative Frobenius distances.
+def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
+    """Return the quality of each solver's X.
 
     Drake refuses a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so. Its
     residual is that of the equation as posed, so the residual shows the effect.
@@ -61,23 +95,20 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> dict[str, 
     if "drake" in notes:
         solutions["drake"] = by_drake(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R)
         notes["drake"] = f"Drake refuses the semidefinite weight of the states; solved with {DRAKE_LIFT:g} I added"
-    rows: dict[str, Any] = {}
+    rows: Solutions = {}
     for solver in RAW:
         if solver not in solutions:
-            rows[solver] = {"note": notes[solver]}
+            rows[solver] = Unsolved(notes[solver])
             continue
         X = solutions[solver]
-        figures = {key: json_number(value) for key, value in assess(A, B, Q, R, X)._asdict().items()}
         distances = {
-            other: json_number(float(np.linalg.norm(X - Y) / np.linalg.norm(Y)))
-            for other, Y in solutions.items()
-            if other != solver
+            other: float(np.linalg.norm(X - Y) / np.linalg.norm(Y)) for other, Y in solutions.items() if other != solver
         }
-        rows[solver] = figures | {"difference": distances, "note": notes.get(solver)}
+        rows[solver] = Solution(**vars(assess(A, B, Q, R, X)), difference=distances, note=notes.get(solver))
     return rows
 
 
-def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> dict[str, Any]:
+def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> dict[str, Solutions]:
     """Return four_solutions of the 'servo' and the 'filter'; arguments and errors as filter_dare."""
     return {
         "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
@@ -85,18 +116,14 @@ def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.n
     }
 
 
-def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
-    """Return the solutions of the servo's and each sensor subset's filter equation, and the ill-posed cases, for JSON.
+def riccati_report(scenario: Scenario, V: np.ndarray) -> RiccatiReport:
+    """Return the solutions of the servo's and each sensor subset's filter equation, and the ill-posed cases.
 
     Args:
         scenario: the scenario; the subsets are of its sensors.
         V: covariance of all measurements (p x p), positive definite.
-
-    Returns:
-        'servo': solver -> figures. 'filter': 'uwb+camera+imu' and so on -> the same, or {'error': the modes that no
-        sensor sees}. 'ill_posed': case -> solver_outcomes.
     """
-    filters: dict[str, Any] = {}
+    filters: dict[str, Solutions | IllPosed] = {}
     for name, sensors in reversed(sensor_subsets(scenario.sensors).items()):
         if not sensors:
             continue
@@ -105,9 +132,9 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> dict[str, Any]:
         except InputError as error:
             if not str(error).startswith("Riccati equation"):
                 raise
-            filters[name] = {"error": str(error)}
-    return {
-        "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
-        "filter": filters,
-        "ill_posed": {case: solver_outcomes(*matrices) for case, matrices in ILL_POSED.items()},
-    }
+            filters[name] = IllPosed(str(error))
+    return RiccatiReport(
+        servo=four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
+        filter=filters,
+        ill_posed={case: solver_outcomes(*matrices) for case, matrices in ILL_POSED.items()},
+    )

@@ -1,32 +1,32 @@
 """A figure: the errors of many flights beside the paper's."""
 
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.studies.paper_tables.tables import PAPER
 from ortilo_drake.views.figures import COLOR, STYLE, TITLE
 from ortilo_drake.views.pictures import save_picture
 
 
-def error_figure(summaries: dict[str, list[dict[str, Any]]], path: Path) -> Path:
+def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
     """Draw the distribution of each table column over the flights, with the paper's median and quartiles."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 3.6), layout="constrained")
         for k, column in enumerate((*AXES, "path")):
             axes = figure.add_subplot(1, 4, k + 1)
             for i, (name, rows) in enumerate(summaries.items()):
-                kept = [row for row in rows if row["lost"] is None]
-                values = [row["path_mse"] if column == "path" else row["mse"][column] for row in kept]
-                values = [value for value in values if value is not None]
+                kept = [row for row in rows if row.lost is None]
+                found = [row.path_mse if column == "path" else row.mse[column] for row in kept]
+                values = [value for value in found if value is not None]
                 axes.boxplot(values, positions=[i - 0.15], widths=0.22, showfliers=False, medianprops={"color": "k"})
                 spread = np.linspace(-0.06, 0.06, len(values))
                 axes.plot(i - 0.15 + spread, values, ".", color=COLOR[name], ms=4, alpha=0.7)
-                paper = PAPER["path"][name] if column == "path" else PAPER["estimation"][name][column]
+                paper = PAPER.path[name] if column == "path" else PAPER.estimation[name][column]
                 axes.plot([i + 0.2] * 2, [paper["p25"], paper["p75"]], color="0.5", lw=4, solid_capstyle="butt")
                 axes.plot(i + 0.2, paper["median"], "k_", ms=12, mew=2)
             axes.set_xticks(range(len(summaries)), [TITLE[name].replace("+", "+\n") for name in summaries], fontsize=7)

@@ -1,8 +1,6 @@
 """The tables as text: ours with intervals, beside the paper's."""
 
-from typing import Any
-
-from ortilo_drake.studies.paper_tables.tables import ENOUGH_FLIGHTS, SCENARIOS, STATISTICS
+from ortilo_drake.studies.paper_tables.tables import ENOUGH_FLIGHTS, SCENARIOS, STATISTICS, Interval, Statistics, Tables
 
 _TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 _NAME = {"mean": "mean", "median": "median", "p75": "75 %", "p25": "25 %"}
@@ -12,24 +10,24 @@ def _mark(flights: int, statistic: str) -> str:
     return "" if flights >= ENOUGH_FLIGHTS[statistic] else " (!)"
 
 
-def _cell(value: float | None, interval: list[float] | None, mark: str) -> str:
+def _cell(value: float | None, interval: Interval | None, mark: str) -> str:
     if value is None:
         return "none"
     return f"{value:.4f}" + (f" [{interval[0]:.4f}, {interval[1]:.4f}]{mark}" if interval else "")
 
 
-def _kept(tables: dict[str, Any], scenario: str) -> int:
-    return int(tables["flights"] - tables["lost"][scenario])
+def _kept(tables: Tables, scenario: str) -> int:
+    return tables.flights - tables.lost[scenario]
 
 
-def _of_flights(tables: dict[str, Any], scenario: str) -> list[str]:
+def _of_flights(tables: Tables, scenario: str) -> list[str]:
     """Return the line above a table: how many flights its numbers are of."""
     kept = _kept(tables, scenario)
-    whole = "none was lost" if kept == tables["flights"] else f"the other {tables['flights'] - kept} are not counted"
+    whole = "none was lost" if kept == tables.flights else f"the other {tables.flights - kept} are not counted"
     return [f"{_TITLE[scenario]}: of {kept} flights that were not lost; {whole}.", ""]
 
 
-def _rows(tables: dict[str, Any], scenario: str, columns: dict[str, tuple[Any, Any]]) -> list[str]:
+def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, dict[str, float]]]) -> list[str]:
     lines = [
         *_of_flights(tables, scenario),
         f"| {_TITLE[scenario]} | " + " | ".join(f"{name} | paper" for name in columns) + " |",
@@ -39,43 +37,43 @@ def _rows(tables: dict[str, Any], scenario: str, columns: dict[str, tuple[Any, A
         cells, mark = [], _mark(_kept(tables, scenario), statistic)
         for name, (ours, paper) in columns.items():
             cells += [
-                _cell(ours[statistic], tables["intervals"][scenario][name][statistic], mark),
+                _cell(ours[statistic], tables.intervals[scenario][name][statistic], mark),
                 f"{paper[statistic]:.4f}",
             ]
         lines.append(f"| {_NAME[statistic]} | " + " | ".join(cells) + " |")
     return lines
 
 
-def _ratio(value: float | None, interval: list[float] | None, mark: str) -> str:
+def _ratio(value: float | None, interval: Interval | None, mark: str) -> str:
     if value is None:
         return "none"
     return f"{value:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]{mark}" if interval else "")
 
 
-def _efficiency_rows(tables: dict[str, Any], scenario: str) -> list[str]:
+def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
     """Return the rows of a scenario's efficiency_table."""
-    table, kept = tables["efficiency"][scenario], _kept(tables, scenario)
+    table, kept = tables.efficiency[scenario], _kept(tables, scenario)
     columns = list(table.values())
     lines = [f"| {_TITLE[scenario]} | " + " | ".join(table) + " |", "|---" * (1 + len(columns)) + "|"]
     rows = {
-        name: [_ratio(c[key]["value"], c[key]["interval"], _mark(kept, "mean")) for c in columns]
-        for name, key in (("all flights", "all"), ("tick by tick", "ticks"))
+        name: [_ratio(ratio.value, ratio.interval, _mark(kept, "mean")) for ratio in ratios]
+        for name, ratios in (("all flights", [c.all for c in columns]), ("tick by tick", [c.ticks for c in columns]))
     }
     for statistic in STATISTICS:
         mark = _mark(kept, statistic)
-        rows[_NAME[statistic]] = [_ratio(c[statistic], c["intervals"][statistic], mark) for c in columns]
-    rows["mean floor [m²]"] = ["none" if c["floor"] is None else f"{c['floor']:.6f}" for c in columns]
+        rows[_NAME[statistic]] = [_ratio(getattr(c, statistic), c.intervals[statistic], mark) for c in columns]
+    rows["mean floor [m²]"] = ["none" if c.floor is None else f"{c.floor:.6f}" for c in columns]
     return lines + [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
 
 
-def table_text(tables: dict[str, Any]) -> str:
+def table_text(tables: Tables) -> str:
     """Return tables I and II as Markdown, ours (bootstrap 95 % intervals) beside the paper's.
 
     Args:
         tables: what make_tables returned.
     """
-    paper = tables["paper"]
-    lines = [f"# The paper's tables, preset '{tables['preset']}', {tables['flights']} flights a scenario", ""]
+    paper = tables.paper
+    lines = [f"# The paper's tables, preset '{tables.preset}', {tables.flights} flights a scenario", ""]
     lines += [
         "Mean squared errors [m²] of flights not lost, with bootstrap 95 % intervals. An interval with (!) is too "
         "narrow to mean that: it takes more flights to hold the true value in 90 % of all cases, "
@@ -85,14 +83,14 @@ def table_text(tables: dict[str, Any]) -> str:
     ]
     lines += ["## Table I: estimation error, xhat(k|k-1)", ""]
     for scenario in SCENARIOS:
-        ours = tables["estimation"][scenario]
+        ours = tables.estimation[scenario]
         lines += [
-            *_rows(tables, scenario, {a: (ours[a], paper["estimation"][scenario][a]) for a in ours}),
+            *_rows(tables, scenario, {a: (ours[a], paper.estimation[scenario][a]) for a in ours}),
             "",
         ]
     lines += ["## Table II: path-following error, deviation in y at the actual x", ""]
     for scenario in SCENARIOS:
-        columns = {"path": (tables["path"][scenario], paper["path"][scenario])}
+        columns = {"path": (tables.path[scenario], paper.path[scenario])}
         lines += [*_rows(tables, scenario, columns), ""]
     lines += ["## Efficiency: estimation error over the Cramer-Rao floor", ""]
     lines += [
@@ -105,21 +103,21 @@ def table_text(tables: dict[str, Any]) -> str:
     for scenario in SCENARIOS:
         lines += [*_efficiency_rows(tables, scenario), ""]
     lines += ["## Beside the tables", ""]
-    drop = tables["drop_in_x"]
+    drop = tables.drop_in_x
     if drop is not None:
-        low, high = drop["interval"]
+        low, high = drop.interval
         mark = _mark(min(_kept(tables, scenario) for scenario in SCENARIOS), "median")
         lines.append(
-            f"- The camera lowers the median MSE in x by {drop['median']:.1%} [{low:.1%}, {high:.1%}]{mark}; "
+            f"- The camera lowers the median MSE in x by {drop.median:.1%} [{low:.1%}, {high:.1%}]{mark}; "
             "paper 93.35 %."
         )
     for scenario in SCENARIOS:
-        rates = [f"{sensor} {rate:.1%}" for sensor, rate in tables["arrivals"][scenario].items() if rate is not None]
-        nees = tables["nees"][scenario]
-        distance = tables["path_distance"][scenario]["median"]
+        rates = [f"{sensor} {rate:.1%}" for sensor, rate in tables.arrivals[scenario].items() if rate is not None]
+        nees = tables.nees[scenario]
+        distance = tables.path_distance[scenario]["median"]
         lines.append(
-            f"- {_TITLE[scenario]}: {tables['lost'][scenario]} of {tables['flights']} flights lost, "
-            f"{tables['touched'][scenario]} touched furniture; fixes used of due: {', '.join(rates) or 'none'}; "
+            f"- {_TITLE[scenario]}: {tables.lost[scenario]} of {tables.flights} flights lost, "
+            f"{tables.touched[scenario]} touched furniture; fixes used of due: {', '.join(rates) or 'none'}; "
             f"mean position NEES {'none' if nees is None else format(nees, '.2f')} (3 if consistent); "
             f"median squared distance to the path {_cell(distance, None, '')} m²."
         )

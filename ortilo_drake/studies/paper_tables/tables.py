@@ -1,16 +1,87 @@
 """The paper's tables I and II, ours beside its own."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
-from ortilo_drake.flight.efficiency import ratio_of_means
+from ortilo_drake.flight.efficiency import Ratio, ratio_of_means
 from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.summary import Summary
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
 STATISTICS = ("mean", "median", "p75", "p25")
+
+Statistics = dict[str, float | None]  # by name of STATISTICS; None each of no values
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PaperTables:
+    """The paper's figures by scenario: of the estimation by axis, and of the path following [m^2]."""
+
+    estimation: dict[str, dict[str, dict[str, float]]]
+    path: dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Drop:
+    """The share by which the camera lowers the median MSE in x, and its 95 % interval."""
+
+    median: float
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class AxisEfficiency:
+    """An axis's efficiency over flights: statistics, their intervals, of all together, tick by tick, the mean floor."""
+
+    mean: float | None
+    median: float | None
+    p75: float | None
+    p25: float | None
+    intervals: dict[str, Interval | None]
+    all: Ratio
+    ticks: Ratio
+    floor: float | None
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of an ensemble, as `ortilo tables --json` writes them; each field by scenario, but for a few.
+
+    Attributes:
+        preset: 'tuned' or 'paper'.
+        flights: of each scenario.
+        lost: how many were lost; they are not averaged.
+        touched: how many of the others touched furniture.
+        estimation: statistics of the mean squared error by axis [m^2].
+        path: statistics of the path-following error [m^2].
+        path_distance: statistics of the mean squared distance to the path [m^2].
+        intervals: 95 % intervals by column, the axes and 'path', and statistic.
+        efficiency: by axis.
+        drop_in_x: of both scenarios together.
+        nees: mean NEES of the position.
+        arrivals: mean rate of arrivals by sensor.
+        paper: the paper's own tables.
+    """
+
+    preset: str
+    flights: int
+    lost: dict[str, int]
+    touched: dict[str, int]
+    estimation: dict[str, dict[str, Statistics]]
+    path: dict[str, Statistics]
+    path_distance: dict[str, Statistics]
+    intervals: dict[str, dict[str, dict[str, Interval | None]]]
+    efficiency: dict[str, dict[str, AxisEfficiency]]
+    drop_in_x: Drop | None
+    nees: dict[str, float | None]
+    arrivals: dict[str, dict[str, float | None]]
+    paper: PaperTables
+
 
 # The paper's tables (mean squared errors [m^2]), each in the order of STATISTICS.
 _PAPER_ESTIMATION = {
@@ -29,13 +100,13 @@ _PAPER_PATH = {
     "imu_uwb": (0.0098, 0.0080, 0.0096, 0.0071),
     "imu_uwb_yolo": (0.0101, 0.0052, 0.0066, 0.0046),
 }
-PAPER: dict[str, Any] = {
-    "estimation": {
+PAPER = PaperTables(
+    estimation={
         scenario: {axis: dict(zip(STATISTICS, row, strict=True)) for axis, row in rows.items()}
         for scenario, rows in _PAPER_ESTIMATION.items()
     },
-    "path": {scenario: dict(zip(STATISTICS, row, strict=True)) for scenario, row in _PAPER_PATH.items()},
-}
+    path={scenario: dict(zip(STATISTICS, row, strict=True)) for scenario, row in _PAPER_PATH.items()},
+)
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "mean": np.mean,
@@ -50,14 +121,14 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 ENOUGH_FLIGHTS = {"mean": 60, "median": 6, "p75": 10, "p25": 10}
 
 
-def statistics(values: list[float]) -> dict[str, float | None]:
+def statistics(values: list[float]) -> Statistics:
     """Return mean, median and quartiles; None each if there is no value."""
     if not values:
         return dict.fromkeys(STATISTICS)
     return {name: float(_FUNCTIONS[name](np.array(values))) for name in STATISTICS}
 
 
-def bootstrap_interval(values: list[float], statistic: str) -> list[float] | None:
+def bootstrap_interval(values: list[float], statistic: str) -> Interval | None:
     """Return the bootstrap 95 % interval (percentile method) of a statistic; None below two values."""
     if len(values) < 2:
         return None
@@ -68,10 +139,15 @@ def bootstrap_interval(values: list[float], statistic: str) -> list[float] | Non
         method="percentile",
         rng=np.random.default_rng(0),
     )
-    return [float(found.confidence_interval.low), float(found.confidence_interval.high)]
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
-def drop_in_x(without: list[float], with_camera: list[float]) -> dict[str, Any] | None:
+def intervals_of(values: list[float]) -> dict[str, Interval | None]:
+    """Return the bootstrap interval of every statistic."""
+    return {statistic: bootstrap_interval(values, statistic) for statistic in STATISTICS}
+
+
+def drop_in_x(without: list[float], with_camera: list[float]) -> Drop | None:
     """Return the share by which the camera lowers the median MSE in x, with its bootstrap 95 % interval.
 
     The paper's own 93.35 % is 1 - 0.0066 / 0.0993.
@@ -85,27 +161,28 @@ def drop_in_x(without: list[float], with_camera: list[float]) -> dict[str, Any] 
     samples = (np.array(without), np.array(with_camera))
     found = scipy.stats.bootstrap(samples, drop, vectorized=True, method="percentile", rng=np.random.default_rng(0))
     low, high = found.confidence_interval
-    return {"median": float(drop(*samples)), "interval": [float(low), float(high)]}
+    return Drop(float(drop(*samples)), (float(low), float(high)))
 
 
-def efficiency_table(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def efficiency_table(rows: list[Summary]) -> dict[str, AxisEfficiency]:
     """Return each axis's efficiency over flights: statistics, of all together, tick by tick, and the mean floor."""
     table = {}
     for axis in AXES:
-        known = [s for s in rows if s["efficiency"][axis] is not None]
-        values, floors = [s["efficiency"][axis] for s in known], [s["floor"][axis] for s in known]
-        ticks = [s["tick_efficiency"][axis] for s in known if s["tick_efficiency"][axis] is not None]
-        table[axis] = {
+        known = [s for s in rows if s.efficiency[axis] is not None]
+        values = [value for s in known if (value := s.efficiency[axis]) is not None]
+        floors = [s.floor[axis] for s in known if s.floor]
+        ticks = [value for s in known if (value := s.tick_efficiency[axis]) is not None]
+        table[axis] = AxisEfficiency(
             **statistics(values),
-            "intervals": {statistic: bootstrap_interval(values, statistic) for statistic in STATISTICS},
-            "all": ratio_of_means([s["mse"][axis] for s in known], floors),
-            "ticks": {"value": statistics(ticks)["mean"], "interval": bootstrap_interval(ticks, "mean")},
-            "floor": float(np.mean(floors)) if floors else None,
-        }
+            intervals=intervals_of(values),
+            all=ratio_of_means([s.mse[axis] for s in known], floors),
+            ticks=Ratio(statistics(ticks)["mean"], bootstrap_interval(ticks, "mean")),
+            floor=float(np.mean(floors)) if floors else None,
+        )
     return table
 
 
-def make_tables(preset: str, summaries: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
     """Return the tables of an ensemble, as `ortilo tables --json` writes them.
 
     Lost flights are counted, not averaged.
@@ -114,36 +191,33 @@ def make_tables(preset: str, summaries: dict[str, list[dict[str, Any]]]) -> dict
         preset: 'tuned' or 'paper'.
         summaries: the flights' summaries by scenario, 'imu_uwb' and 'imu_uwb_yolo'.
     """
-    kept = {name: [s for s in rows if s["lost"] is None] for name, rows in summaries.items()}
-    x = {name: [s["mse"]["x"] for s in rows] for name, rows in kept.items()}
+    kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
+    x = {name: [s.mse["x"] for s in rows] for name, rows in kept.items()}
     estimation, path, intervals = {}, {}, {}
     for name, rows in kept.items():
-        columns = {axis: [s["mse"][axis] for s in rows] for axis in AXES}
-        columns["path"] = [s["path_mse"] for s in rows if s["path_mse"] is not None]
-        intervals[name] = {
-            column: {statistic: bootstrap_interval(values, statistic) for statistic in STATISTICS}
-            for column, values in columns.items()
-        }
+        columns = {axis: [s.mse[axis] for s in rows] for axis in AXES}
+        columns["path"] = [s.path_mse for s in rows if s.path_mse is not None]
+        intervals[name] = {column: intervals_of(values) for column, values in columns.items()}
         path[name] = statistics(columns.pop("path"))
         estimation[name] = {axis: statistics(values) for axis, values in columns.items()}
-    return {
-        "preset": preset,
-        "flights": max(len(rows) for rows in summaries.values()),
-        "lost": {name: sum(s["lost"] is not None for s in rows) for name, rows in summaries.items()},
-        "touched": {name: sum(bool(s["contacts"]) for s in rows) for name, rows in kept.items()},
-        "estimation": estimation,
-        "path": path,
-        "path_distance": {name: statistics([s["path_distance_mse"] for s in rows]) for name, rows in kept.items()},
-        "intervals": intervals,
-        "efficiency": {name: efficiency_table(rows) for name, rows in kept.items()},
-        "drop_in_x": drop_in_x(x["imu_uwb"], x["imu_uwb_yolo"]),
-        "nees": {name: statistics([s["nees"] for s in rows])["mean"] for name, rows in kept.items()},
-        "arrivals": {
+    return Tables(
+        preset=preset,
+        flights=max(len(rows) for rows in summaries.values()),
+        lost={name: sum(s.lost is not None for s in rows) for name, rows in summaries.items()},
+        touched={name: sum(bool(s.contacts) for s in rows) for name, rows in kept.items()},
+        estimation=estimation,
+        path=path,
+        path_distance={name: statistics([s.path_distance_mse for s in rows]) for name, rows in kept.items()},
+        intervals=intervals,
+        efficiency={name: efficiency_table(rows) for name, rows in kept.items()},
+        drop_in_x=drop_in_x(x["imu_uwb"], x["imu_uwb_yolo"]),
+        nees={name: statistics([s.nees for s in rows])["mean"] for name, rows in kept.items()},
+        arrivals={
             name: {
-                sensor: statistics([s["arrivals"][sensor] for s in rows if s["arrivals"][sensor] is not None])["mean"]
+                sensor: statistics([rate for s in rows if (rate := s.arrivals[sensor]) is not None])["mean"]
                 for sensor in ("uwb", "camera")
             }
             for name, rows in kept.items()
         },
-        "paper": PAPER,
-    }
+        paper=PAPER,
+    )

@@ -1,34 +1,80 @@
 """The work of `ortilo analyze`: the theory of a scenario, and the flights that check it."""
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ortilo_drake.flight.ensemble import flights_of, fly_many
+from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.arrivals.arrival_report import arrival_report
-from ortilo_drake.studies.command_link.command_flights import command_cases, command_flights, hover_V
-from ortilo_drake.studies.command_link.command_report import command_report
+from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport, arrival_report
+from ortilo_drake.studies.command_link.command_flights import CommandFlights, command_cases, command_flights, hover_V
+from ortilo_drake.studies.command_link.command_report import CommandReport, command_report
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, whiteness_figure
-from ortilo_drake.studies.consistency.consistency_flights import consistency_report
-from ortilo_drake.studies.linearization.linearization_report import linearization_report
+from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, consistency_report
+from ortilo_drake.studies.linearization.linearization_report import LinearizationReport, linearization_report
 from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import hover_loop
-from ortilo_drake.studies.loop.margins import margins_report
-from ortilo_drake.studies.loop.riccati_report import riccati_report
-from ortilo_drake.studies.paper_tables.tables import efficiency_table
+from ortilo_drake.studies.loop.margins import LoopMargins, margins_report
+from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_report
+from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_table
 from ortilo_drake.studies.tube.tube_map import without_blackouts
-from ortilo_drake.studies.tube.tube_report import Step, tube_report, why_no_tube
+from ortilo_drake.studies.tube.tube_report import Step, TubeReport, tube_report, why_no_tube
 
 RATES = np.linspace(0.0, 1.0, 21)  # of the bounds' map
 LOSSES, DELAYS = (0.2, 0.5, 0.8), (1, 2, 3, 4, 5)  # of commands, flown
 COMMAND_SEEDS = range(4)
 
 
-def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> dict[str, Any]:
-    """Return all that needs no flight: linearisation, Riccati equations, margins, arrival rates, commands.
+@dataclass(frozen=True)
+class Theory:
+    """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands."""
+
+    scenario: str
+    linearization: LinearizationReport
+    riccati: RiccatiReport
+    margins: dict[str, LoopMargins]
+    arrivals: ArrivalReport
+    commands: CommandReport
+
+
+@dataclass(frozen=True)
+class Honesty(ConsistencyReport):
+    """The consistency of a scenario's own flights, and their efficiency by axis."""
+
+    efficiency: dict[str, AxisEfficiency]
+
+
+@dataclass(frozen=True)
+class Analysis(Theory):
+    """The theory of a scenario and the flights that check it.
+
+    Attributes:
+        flights: of the scenario and of each pair of arrival rates.
+        command_flights: behind command links; None if none was flown.
+        honesty: of the scenario's own flights; None if none was flown.
+        no_tube: why there is no tube, None if there is one.
+        tube: the tube along the path.
+    """
+
+    flights: int
+    command_flights: CommandFlights | None
+    honesty: Honesty | None
+    no_tube: str | None
+    tube: TubeReport | None
+
+
+def analysis_data(analysis: Analysis) -> dict[str, Any]:
+    """Return an analysis as plain data for JSON, without the parts that there are not."""
+    data: dict[str, Any] = as_data(analysis)
+    return {key: value for key, value in data.items() if value is not None or key == "no_tube"}
+
+
+def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> Theory:
+    """Return all that needs no flight.
 
     Args:
         scenario: the scenario.
@@ -37,38 +83,42 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> d
     Raises:
         InputError: naming the modes, if the sensors leave some undetected, or naming what else is wrong.
     """
+
+    def begin(part: str) -> None:
+        parts = ("linearization", "riccati", "margins", "arrivals", "commands")
+        step(part, parts.index(part), len(parts))
+
     check_sensors(scenario)
     V, loop = hover_V(scenario), hover_loop(scenario)
     uwb, camera = (RATES.tolist() if sensor in scenario.sensors else [0.0] for sensor in ("uwb", "camera"))
-    parts: dict[str, Callable[[], Any]] = {
-        "linearization": lambda: linearization_report(scenario, V=V),
-        "riccati": lambda: riccati_report(scenario, V),
-        "margins": lambda: margins_report(scenario, V),
-        "arrivals": lambda: arrival_report(loop.W, V, scenario.h, uwb, camera, loop.C),
-        "commands": lambda: command_report(scenario, V),
-    }
-    data: dict[str, Any] = {"scenario": scenario.name}
-    for k, (name, part) in enumerate(parts.items()):
-        step(name, k, len(parts))
-        data[name] = part()
-    return data
+    begin("linearization")
+    linearization = linearization_report(scenario, V=V)
+    begin("riccati")
+    riccati = riccati_report(scenario, V)
+    begin("margins")
+    margins = margins_report(scenario, V)
+    begin("arrivals")
+    arrivals = arrival_report(loop.W, V, scenario.h, uwb, camera, loop.C)
+    begin("commands")
+    commands = command_report(scenario, V)
+    return Theory(scenario.name, linearization, riccati, margins, arrivals, commands)
 
 
 def honesty_section(
     scenario: Scenario, flights: int, out: Path, workers: int, step: Step
-) -> tuple[dict[str, Any], list[Path]]:
+) -> tuple[Honesty, list[Path]]:
     """Return consistency of the scenario's own flights and their efficiency, and the figures drawn."""
     done = 0
 
-    def count(_: dict[str, Any]) -> None:
+    def count(_: Summary) -> None:
         nonlocal done
         done += 1
         step("flights", done, flights)
 
     summaries = fly_many(scenario, range(flights), out / "flights", workers, count)
     flown = flights_of(scenario, range(flights), out / "flights")
-    report = consistency_report(flown)
-    report["efficiency"] = efficiency_table([s for s in summaries if s["lost"] is None])
+    efficiency = efficiency_table([s for s in summaries if s.lost is None])
+    report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
     names = {scenario.name: flown}
     figures = [
         nees_figure(names, out / "nees.png"),
@@ -79,8 +129,8 @@ def honesty_section(
 
 def analyze(
     scenario: Scenario, flights: int, out: Path, workers: int = 1, step: Step = lambda what, done, total: None
-) -> tuple[dict[str, Any], list[Path]]:
-    """Return the whole analysis as plain data for JSON, and the figures drawn in the folder ``out``.
+) -> tuple[Analysis, list[Path]]:
+    """Return the whole analysis, and the figures drawn in the folder ``out``.
 
     Args:
         scenario: the scenario.
@@ -92,11 +142,11 @@ def analyze(
     Raises:
         InputError: as theory.
     """
-    data, figures = theory(scenario, step), []
-    data["flights"] = flights
+    found, figures = theory(scenario, step), []
+    flown = honesty = tube = None
     if flights:
         links = command_cases(LOSSES, ("hold", "zero"), DELAYS)
-        data["command_flights"] = command_flights(
+        flown = command_flights(
             without_blackouts(scenario),
             links,
             COMMAND_SEEDS,
@@ -104,10 +154,13 @@ def analyze(
             workers=workers,
             progress=lambda case: step("command flights", 0, 1),
         )
-        data["honesty"], drawn = honesty_section(scenario, flights, out, workers, step)
+        honesty, drawn = honesty_section(scenario, flights, out, workers, step)
         figures += drawn
-    data["no_tube"] = why_no_tube(scenario)
-    if data["no_tube"] is None:
-        data["tube"], drawn = tube_report(scenario, flights, out, workers, step)
+    no_tube = why_no_tube(scenario)
+    if no_tube is None:
+        tube, drawn = tube_report(scenario, flights, out, workers, step)
         figures += drawn
-    return data, figures
+    analysis = Analysis(
+        **vars(found), flights=flights, command_flights=flown, honesty=honesty, no_tube=no_tube, tube=tube
+    )
+    return analysis, figures

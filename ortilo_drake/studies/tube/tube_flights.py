@@ -17,6 +17,7 @@ linearisation.
 
 import json
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -64,7 +65,8 @@ class Flown(NamedTuple):
     lost: float | None
 
 
-class PointResult(NamedTuple):
+@dataclass(frozen=True)
+class PointResult:
     """A point of a map: what the theory says, and what was flown. Lengths in m.
 
     Attributes:
@@ -82,6 +84,7 @@ class PointResult(NamedTuple):
         radius_mixture: mean of that radius over the path.
         lost: flights lost.
         holds: see the head of this file.
+        breakdown: why the prediction breaks down here; empty where it holds.
     """
 
     at: Point
@@ -98,19 +101,17 @@ class PointResult(NamedTuple):
     radius_mixture: float
     lost: int
     holds: bool
+    breakdown: str
 
-    @property
-    def breakdown(self) -> str:
-        """Why the prediction breaks down here; empty where it holds."""
-        if self.holds:
-            return ""
-        reasons = []
-        if self.contained < SHARE:
-            gaussian = self.expected < SHARE
-            reasons.append("tails longer than a Gaussian's" if gaussian else "deviations beyond the linear theory")
-        if self.lost and self.margin > 0.0:
-            reasons.append(f"{self.lost} lost though the tube is inside")
-        return "; ".join(reasons)
+
+def _breakdown(contained: float, expected: float, lost: int, least: float) -> str:
+    reasons = []
+    if contained < SHARE:
+        gaussian = expected < SHARE
+        reasons.append("tails longer than a Gaussian's" if gaussian else "deviations beyond the linear theory")
+    if lost and least > 0.0:
+        reasons.append(f"{lost} lost though the tube is inside")
+    return "; ".join(reasons)
 
 
 def flown(flight: xr.Dataset) -> Flown:
@@ -159,6 +160,7 @@ def judge_point(
     inside = [within(flight, tube.radius) for flight in flights]
     contained = float(np.mean(np.concatenate(inside)))
     low, high = interval(inside)
+    expected = 1.0 - float(np.mean(chance_outside(tube.radius, given)))
     least, lost = margin(tube, about).least, sum(flight.lost is not None for flight in flights)
     return PointResult(
         at=at,
@@ -170,11 +172,12 @@ def judge_point(
         contained_low=low,
         contained_high=high,
         contained_worst=worst_stretch(inside, len(nominal.time)),
-        expected=1.0 - float(np.mean(chance_outside(tube.radius, given))),
+        expected=expected,
         contained_mixture=float(np.mean(np.concatenate([within(flight, wide) for flight in flights]))),
         radius_mixture=float(wide.mean()),
         lost=lost,
         holds=contained >= SHARE and not (lost and least > 0.0),
+        breakdown=_breakdown(contained, expected, lost, least),
     )
 
 

@@ -1,8 +1,8 @@
 """The report on the tube over arrival rates and bursts, and on the flights that check it, for `ortilo analyze`."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -52,16 +52,34 @@ def why_no_tube(scenario: Scenario) -> str | None:
     return "delays are drawn at random" if any(link.random_delay for link in links) else None
 
 
-def plain(values: np.ndarray) -> list[Any]:
-    """Return an array as lists for JSON, None where it is not finite."""
-    kept = values.astype(object)
-    kept[~np.isfinite(values)] = None
-    return list(kept.tolist())
+@dataclass(frozen=True)
+class RateMargins:
+    """Least margin [m] of the tube over arrival rates (uwb, camera), NaN where there is no such link."""
+
+    uwb: np.ndarray
+    camera: np.ndarray
+    margin: np.ndarray
 
 
-def tube_report(
-    scenario: Scenario, flights: int, out: Path, workers: int, step: Step
-) -> tuple[dict[str, Any], list[Path]]:
+@dataclass(frozen=True)
+class BurstMargins:
+    """Least margin [m] of the tube over the rate of both links and their mean burst [s], NaN where there is none."""
+
+    rate: np.ndarray
+    burst_s: np.ndarray
+    margin: np.ndarray
+
+
+@dataclass(frozen=True)
+class TubeReport:
+    """The tube's margins, and the flights that check it by 'rates' and 'bursts'."""
+
+    rates: RateMargins
+    bursts: BurstMargins
+    flights: dict[str, list[PointResult]]
+
+
+def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step: Step) -> tuple[TubeReport, list[Path]]:
     """Return the tube's margins over rates and bursts and how flights compare with it, and the figures drawn.
 
     The scenario's own blackouts and losses are left out.
@@ -102,9 +120,5 @@ def tube_report(
     ]
     if shown:
         figures.append(plan_figure(calm, nominal, shown, out / "tube_plan.png"))
-    data = {
-        "rates": {"uwb": RATES.tolist(), "camera": RATES.tolist(), "margin": plain(rates.whole)},
-        "bursts": {"rate": BURST_RATES.tolist(), "burst_s": BURST_LENGTHS.tolist(), "margin": plain(bursts.whole)},
-        "flights": {kind: [r._asdict() | {"breakdown": r.breakdown} for r in found] for kind, found in results.items()},
-    }
-    return data, figures
+    maps = RateMargins(RATES, RATES, rates.whole), BurstMargins(BURST_RATES, BURST_LENGTHS, bursts.whole)
+    return TubeReport(*maps, results), figures

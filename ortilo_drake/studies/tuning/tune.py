@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -20,14 +20,42 @@ from ortilo_drake.studies.consistency.consistency_flights import START, check_sa
 from ortilo_drake.studies.tuning.fit_noise import LIFT_LOST, NoiseFit, fit_noise
 from ortilo_drake.studies.tuning.noise_likelihood import Record, refilter, used_covariance
 from ortilo_drake.studies.tuning.noise_settings import noise_model
-from ortilo_drake.theory.consistency.consistency import normalized_square, time_average
+from ortilo_drake.theory.consistency.consistency import Average, normalized_square, time_average
 
 BEFORE_LOSS = 1.0  # the last second before a loss is left out: no hover model holds there [s]
 SHORTEST = 5.0  # least length of the usable part of a flight [s]
 _SUFFIX = "_tuned"
 
 
-class Tuning(NamedTuple):
+@dataclass(frozen=True)
+class FilterFigures:
+    """NEES of position by region, NIS by sensor, and the mean squared error (x, y, z) [m^2] of a filter."""
+
+    nees: dict[str, Average | None]
+    nis: dict[str, Average | None]
+    mse: list[float]
+
+
+@dataclass(frozen=True)
+class FlownFigures:
+    """New flights: how many were lost; of the seeds not lost before or after, mse (x, y, z) [m^2] and NEES."""
+
+    lost: int
+    mse: list[float] | None
+    nees: Average | None
+
+
+@dataclass(frozen=True)
+class Check:
+    """Flights before and after a tuning, on seeds that the fit has not seen."""
+
+    seeds: list[int]
+    before: FlownFigures
+    after: FlownFigures
+
+
+@dataclass(frozen=True)
+class Tuning:
     """The result of `ortilo tune`.
 
     Attributes:
@@ -41,8 +69,8 @@ class Tuning(NamedTuple):
     fit: NoiseFit
     used: list[tuple[str, int]]
     notes: list[str]
-    before: dict[str, Any]
-    after: dict[str, Any]
+    before: FilterFigures
+    after: FilterFigures
 
 
 def find_flights(places: Sequence[Path]) -> list[Path]:
@@ -89,7 +117,7 @@ def usable_part(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | N
     return part.isel(tick=slice(0, ticks)), f"{name}: {cause}, used for its first {ticks * h:.1f} s"
 
 
-def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.Dataset]) -> dict[str, Any]:
+def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.Dataset]) -> FilterFigures:
     """Return NEES of position by region, NIS by sensor and the MSE of a scenario's filter run over recorded flights.
 
     Offline: the filter is given the measurements, covariances and controls that were recorded.
@@ -116,11 +144,11 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
             e = flight["measurement"].values[:, measurement.rows_of(sensor)] - xhat @ C.T
             nis[sensor].append(normalized_square(e, C @ P @ C.T + V2[:, s, : len(C), : len(C)]))
     everywhere = [mask["all"] for mask in masks]
-    return {
-        "nees": {region: time_average(nees, [m[region] for m in masks], 3) for region in masks[0]},
-        "nis": {s: time_average(values, everywhere, len(measurement.C_of(s))) for s, values in nis.items()},
-        "mse": np.mean(squares, axis=0).tolist(),
-    }
+    return FilterFigures(
+        nees={region: time_average(nees, [m[region] for m in masks], 3) for region in masks[0]},
+        nis={s: time_average(values, everywhere, len(measurement.C_of(s))) for s, values in nis.items()},
+        mse=np.mean(squares, axis=0).tolist(),
+    )
 
 
 def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluations: None) -> Tuning:
@@ -160,12 +188,8 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
     return Tuning(fit, used, notes, before, after)
 
 
-def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callable[[], None]) -> dict[str, Any]:
-    """Fly the scenario before and after tuning on seeds that the fit has not seen, and compare.
-
-    Returns:
-        seeds; before and after: lost, and of the seeds that neither lost mse (per axis) and nees (of position).
-    """
+def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callable[[], None]) -> Check:
+    """Fly the scenario before and after tuning on seeds that the fit has not seen."""
     first = max(seed for _, seed in tuning.used) + 1
     seeds = list(range(first, first + count))
     flights: dict[str, list[xr.Dataset]] = {"before": [], "after": []}
@@ -176,16 +200,17 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
             progress()
     lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
     both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]
-    result: dict[str, Any] = {"seeds": seeds}
-    for name, rows in flights.items():
-        kept = [rows[k] for k in both]
+
+    def figures(name: str) -> FlownFigures:
+        kept = [flights[name][k] for k in both]
         nees = [position_nees(f) for f in kept]
-        result[name] = {
-            "lost": sum(lost[name]),
-            "mse": np.mean([list(estimation_mse(f).values()) for f in kept], axis=0).tolist() if kept else None,
-            "nees": time_average(nees, [np.ones(len(n), dtype=bool) for n in nees], 3) if kept else None,
-        }
-    return result
+        return FlownFigures(
+            lost=sum(lost[name]),
+            mse=np.mean([list(estimation_mse(f).values()) for f in kept], axis=0).tolist() if kept else None,
+            nees=time_average(nees, [np.ones(len(n), dtype=bool) for n in nees], 3) if kept else None,
+        )
+
+    return Check(seeds, figures("before"), figures("after"))
 
 
 def overlay_text(tuning: Tuning) -> str:
@@ -207,29 +232,3 @@ def overlay_text(tuning: Tuning) -> str:
     # A file's name may hold a line break, which would end the comment.
     header = "".join(f"# {line.encode('unicode_escape').decode('ascii')}\n" for line in lines)
     return header + yaml.safe_dump(fit.scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=False)
-
-
-def tuning_data(tuning: Tuning) -> dict[str, Any]:
-    """Return a tuning as plain data for JSON."""
-    fit = tuning.fit
-    numbers = {
-        name: {
-            "before": fit.before[name],
-            "after": fit.values[name],
-            "standard_error": fit.errors.get(name),
-            "robust_error": fit.robust_errors.get(name),
-            "stays": fit.kept.get(name),
-        }
-        for name in fit.before
-    }
-    return {
-        "scenario": fit.scenario.name,
-        "flights": [{"file": file, "seed": seed} for file, seed in tuning.used],
-        "notes": tuning.notes,
-        "numbers": numbers,
-        "counted": list(fit.counted),
-        "tilted": fit.tilted,
-        "log_likelihood": {"before": fit.log_likelihood[0], "after": fit.log_likelihood[1]},
-        "before": tuning.before,
-        "after": tuning.after,
-    }

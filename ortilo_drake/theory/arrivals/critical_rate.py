@@ -15,7 +15,7 @@ detectable systems with intermittent observations", IEEE TAC 54(2), 2009) and fo
 57(3), 2012).
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import schur
@@ -29,7 +29,8 @@ _WIDTH = 1e-6  # of the last bracket of l_mare
 _POWER_STEPS = 400  # where they do not decide, l counts as too low, so that l_mare errs upwards
 
 
-class CriticalRate(NamedTuple):
+@dataclass(frozen=True)
+class CriticalRate:
     """What is known of l_c for a pair (A, C).
 
     Attributes:

@@ -9,12 +9,36 @@ independent samples, and the interval of their mean is Student's.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2, t
 
 REGULAR = 1e-10  # least eigenvalue of a correlation matrix that counts as regular
+
+
+@dataclass(frozen=True)
+class Average:
+    """A normalised square averaged over the ticks of a mask.
+
+    Attributes:
+        expected: n, the degrees of freedom.
+        mean: of the flights' means.
+        interval: of that mean; None for one flight.
+        ratio: mean / expected.
+        consistent: whether the interval contains n; None for one flight.
+        flights: how many have a number in the mask.
+        in_band: share of ticks at which the ensemble's average lies in its chi-square band; None without a tick.
+    """
+
+    expected: int
+    mean: float
+    interval: tuple[float, float] | None
+    ratio: float
+    consistent: bool | None
+    flights: int
+    in_band: float | None
 
 
 def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -88,13 +112,8 @@ def mean_interval(samples: np.ndarray, probability: float = 0.95) -> tuple[float
 
 def time_average(
     flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int, probability: float = 0.95
-) -> dict[str, Any] | None:
+) -> Average | None:
     """Judge a normalised square over the ticks of a mask; None if no flight has a number there.
-
-    Returns:
-        expected: n. mean: of the flights' means. interval: of that mean (None for one flight). ratio: mean / expected.
-        consistent: whether the interval contains n (None for one flight). flights: how many have a number in the mask.
-        in_band: share of ticks at which the ensemble's average lies in its chi-square band.
 
     Args:
         flights: normalised squares (one series each).
@@ -107,12 +126,12 @@ def time_average(
     if not len(means):
         return None
     interval = mean_interval(means, probability)
-    return {
-        "expected": dof,
-        "mean": float(np.mean(means)),
-        "interval": None if interval is None else list(interval),
-        "ratio": float(np.mean(means)) / dof,
-        "consistent": None if interval is None else bool(interval[0] <= dof <= interval[1]),
-        "flights": len(means),
-        "in_band": share_in_band(masked, dof, probability),
-    }
+    return Average(
+        expected=dof,
+        mean=float(np.mean(means)),
+        interval=interval,
+        ratio=float(np.mean(means)) / dof,
+        consistent=None if interval is None else bool(interval[0] <= dof <= interval[1]),
+        flights=len(means),
+        in_band=share_in_band(masked, dof, probability),
+    )

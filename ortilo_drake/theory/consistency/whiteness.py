@@ -13,7 +13,8 @@ gaps is counted in two ways: in arrivals (the gaps are removed first) and in tic
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -39,6 +40,31 @@ class Autocorrelation(NamedTuple):
     Q: float
     dof: int
     p_value: float
+
+
+@dataclass(frozen=True)
+class LagReport:
+    """Autocorrelation over one way to count lags: r (a row of components a lag), the band, Q, its degrees, p_value.
+
+    None where no pair has that lag.
+    """
+
+    r: list[list[float] | None]
+    band: list[float | None]
+    Q: float
+    dof: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class WhitenessReport:
+    """Whiteness of a sensor's normalised innovations z: mean and variance are 0 and 1 if consistent."""
+
+    samples: int
+    mean: list[float]
+    variance: list[float]
+    lag_arrivals: LagReport
+    lag_ticks: LagReport
 
 
 def normalized_innovations(e: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -89,11 +115,8 @@ def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> Autocorrelation
     return Autocorrelation(r, pairs[1:], samples, band, Q, dof, float(chi2.sf(Q, dof)) if dof else 1.0)
 
 
-def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> dict[str, Any] | None:
-    """Return the whiteness figures of one sensor, as plain data; None if it never arrived.
-
-    lag_arrivals and lag_ticks hold r (a row of components for each lag, None where no pair has it), the band, Q, its
-    degrees of freedom and p_value; mean and variance are of z, 0 and 1 if consistent.
+def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> WhitenessReport | None:
+    """Return the whiteness figures of one sensor; None if it never arrived.
 
     Args:
         flights: normalised innovations over ticks, NaN where nothing arrived (n, m).
@@ -104,17 +127,16 @@ def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> dict[str, Any]
     by_arrival, by_tick = autocorrelation(arrived, lags), autocorrelation(flights, lags)
     if by_arrival is None or by_tick is None:
         return None
-    report: dict[str, Any] = {
-        "samples": by_arrival.samples,
-        "mean": np.mean(all_z, axis=0).tolist(),
-        "variance": np.mean(all_z**2, axis=0).tolist(),
-    }
-    for name, found in (("lag_arrivals", by_arrival), ("lag_ticks", by_tick)):
-        report[name] = {
-            "r": [row.tolist() if np.isfinite(row).all() else None for row in found.r],
-            "band": [float(b) if np.isfinite(b) else None for b in found.band],
-            "Q": found.Q,
-            "dof": found.dof,
-            "p_value": found.p_value,
-        }
-    return report
+    return WhitenessReport(
+        samples=by_arrival.samples,
+        mean=np.mean(all_z, axis=0).tolist(),
+        variance=np.mean(all_z**2, axis=0).tolist(),
+        lag_arrivals=_lag_report(by_arrival),
+        lag_ticks=_lag_report(by_tick),
+    )
+
+
+def _lag_report(found: Autocorrelation) -> LagReport:
+    r = [row.tolist() if np.isfinite(row).all() else None for row in found.r]
+    band = [float(b) if np.isfinite(b) else None for b in found.band]
+    return LagReport(r, band, found.Q, found.dof, found.p_value)

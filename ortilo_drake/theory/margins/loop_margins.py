@@ -19,25 +19,80 @@ below 1 (B. D. O. Anderson, J. B. Moore, Optimal Control: Linear Quadratic Metho
 """
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ortilo_drake.theory.margins.loop_response import OpenLoop, crossings, frequency_grid, peak, response
-from ortilo_drake.theory.riccati.riccati import json_number
 
 SILENT = 1e-12  # |L| below this at every frequency: nothing is fed back
 
 
-def disk_margin(difference: float) -> dict[str, float | None]:
-    """Return alpha, the gain factors and the phase [rad] it allows by themselves, from max |S - T|."""
+@dataclass(frozen=True)
+class DiskMargin:
+    """Alpha, and the gain factors and the phase [rad] that it allows by themselves; inf for a gain without limit."""
+
+    alpha: float
+    gain_low: float
+    gain_high: float
+    phase: float
+
+
+@dataclass(frozen=True)
+class ChannelMargins:
+    """Margins of a stable loop of one channel; None for a margin without limit.
+
+    Attributes:
+        gain_up: least factor above 1.
+        gain_up_at: its frequency [rad/s].
+        gain_down: greatest factor below 1.
+        gain_down_at: its frequency [rad/s].
+        phase: [rad].
+        phase_at: its frequency [rad/s].
+        delay: [s].
+        delay_ticks: the same in ticks.
+        delay_at: its frequency [rad/s].
+        crossovers: where |L| = 1 [rad/s].
+        sensitivity: peak of |S|.
+        complementary: peak of |T|.
+        disk: disk margin.
+    """
+
+    gain_up: float | None
+    gain_up_at: float | None
+    gain_down: float | None
+    gain_down_at: float | None
+    phase: float | None
+    phase_at: float | None
+    delay: float | None
+    delay_ticks: float | None
+    delay_at: float | None
+    crossovers: list[float]
+    sensitivity: float
+    complementary: float
+    disk: DiskMargin
+
+
+@dataclass(frozen=True)
+class JointMargins:
+    """Peaks of the largest singular values of S and T, their frequencies [rad/s], and the disk margin."""
+
+    sensitivity: float
+    sensitivity_at: float
+    complementary: float
+    complementary_at: float
+    disk: DiskMargin
+
+
+def disk_margin(difference: float) -> DiskMargin:
+    """Return the disk margin from max |S - T|."""
     alpha = 2.0 / difference
-    return {
-        "alpha": alpha,
-        "gain_low": (2.0 - alpha) / (2.0 + alpha) if alpha < 2.0 else 0.0,
-        "gain_high": (2.0 + alpha) / (2.0 - alpha) if alpha < 2.0 else None,
-        "phase": 2.0 * math.atan(alpha / 2.0),
-    }
+    return DiskMargin(
+        alpha=alpha,
+        gain_low=(2.0 - alpha) / (2.0 + alpha) if alpha < 2.0 else 0.0,
+        gain_high=(2.0 + alpha) / (2.0 - alpha) if alpha < 2.0 else math.inf,
+        phase=2.0 * math.atan(alpha / 2.0),
+    )
 
 
 def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tuple[float, float]]:
@@ -49,17 +104,12 @@ def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tup
     return [(-1.0 / value, w) for value, w in zip(values, frequencies, strict=True) if value < -SILENT]
 
 
-def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
-    """Return the margins of a stable loop of one channel; None for a margin without limit.
+def channel_margins(loop: OpenLoop, h: float) -> ChannelMargins:
+    """Return the margins of a stable loop of one channel.
 
     Args:
         loop: one channel's.
         h: tick [s].
-
-    Returns:
-        'gain_up', 'gain_down' (factors) with their frequencies 'gain_up_at', 'gain_down_at' [rad/s]; 'phase' [rad] and
-        'phase_at'; 'delay' [s], 'delay_ticks' and 'delay_at'; 'crossovers' [rad/s], where |L| = 1; 'sensitivity' and
-        'complementary', the peaks of |S| and |T|; 'disk', what disk_margin returns.
     """
     omega = frequency_grid()
     L = response(loop, omega)[:, 0, 0]
@@ -75,25 +125,25 @@ def channel_margins(loop: OpenLoop, h: float) -> dict[str, Any]:
     def scalar(w: float) -> complex:
         return complex(response(loop, np.array([w]))[0, 0, 0])
 
-    return {
-        "gain_up": json_number(up[0]) if up else None,
-        "gain_up_at": json_number(up[1] / h) if up else None,
-        "gain_down": json_number(down[0]) if down else None,
-        "gain_down_at": json_number(down[1] / h) if down else None,
-        "phase": float(abs(angles[phase])) if phase is not None else None,
-        "phase_at": float(crossovers[phase] / h) if phase is not None else None,
-        "delay": float(ticks[delay] * h) if delay is not None else None,
-        "delay_ticks": float(ticks[delay]) if delay is not None else None,
-        "delay_at": float(crossovers[delay] / h) if delay is not None else None,
-        "crossovers": [float(w / h) for w in crossovers],
-        "sensitivity": peak(lambda w: abs(1.0 / (1.0 + scalar(w))), omega, abs(1.0 / (1.0 + L)))[0],
-        "complementary": peak(lambda w: abs(1.0 - 1.0 / (1.0 + scalar(w))), omega, abs(L / (1.0 + L)))[0],
-        "disk": disk_margin(peak(lambda w: abs(2.0 / (1.0 + scalar(w)) - 1.0), omega, abs((1.0 - L) / (1.0 + L)))[0]),
-    }
+    return ChannelMargins(
+        gain_up=float(up[0]) if up else None,
+        gain_up_at=float(up[1] / h) if up else None,
+        gain_down=float(down[0]) if down else None,
+        gain_down_at=float(down[1] / h) if down else None,
+        phase=float(abs(angles[phase])) if phase is not None else None,
+        phase_at=float(crossovers[phase] / h) if phase is not None else None,
+        delay=float(ticks[delay] * h) if delay is not None else None,
+        delay_ticks=float(ticks[delay]) if delay is not None else None,
+        delay_at=float(crossovers[delay] / h) if delay is not None else None,
+        crossovers=[float(w / h) for w in crossovers],
+        sensitivity=peak(lambda w: abs(1.0 / (1.0 + scalar(w))), omega, abs(1.0 / (1.0 + L)))[0],
+        complementary=peak(lambda w: abs(1.0 - 1.0 / (1.0 + scalar(w))), omega, abs(L / (1.0 + L)))[0],
+        disk=disk_margin(peak(lambda w: abs(2.0 / (1.0 + scalar(w)) - 1.0), omega, abs((1.0 - L) / (1.0 + L)))[0]),
+    )
 
 
-def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> dict[str, Any]:
-    """Return the peaks of the largest singular values of S and T, their frequencies [rad/s], and the disk margin.
+def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> JointMargins:
+    """Return the margins of all controls at once.
 
     Args:
         loop: the loop of all controls.
@@ -112,10 +162,10 @@ def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> dict[str, Any]:
         return peak(lambda w: float(values(np.array([w]))[0]), omega, values(omega))
 
     S, T, difference = largest(1.0, 0.0), largest(-1.0, 1.0), largest(2.0, -1.0)
-    return {
-        "sensitivity": S[0],
-        "sensitivity_at": S[1] / h,
-        "complementary": T[0],
-        "complementary_at": T[1] / h,
-        "disk": disk_margin(difference[0]),
-    }
+    return JointMargins(
+        sensitivity=S[0],
+        sensitivity_at=S[1] / h,
+        complementary=T[0],
+        complementary_at=T[1] / h,
+        disk=disk_margin(difference[0]),
+    )

@@ -13,7 +13,6 @@ RAW holds the bare solvers. SOLVERS holds them behind require_well_posed, with o
 refuse complex matrices (InputError): the equation is that of real matrices.
 """
 
-import math
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -34,11 +33,6 @@ from ortilo_drake.theory.riccati.riccati_problem import (
 )
 
 Solver = Callable[..., np.ndarray]
-
-
-def json_number(x: float | None) -> float | None:
-    """Return x for JSON: None for NaN and infinity."""
-    return float(x) if x is not None and math.isfinite(x) else None
 
 
 def by_drake(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray | None = None) -> np.ndarray:

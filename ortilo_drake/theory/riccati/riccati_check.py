@@ -1,6 +1,6 @@
 """Checks of a solution of the discrete-time algebraic Riccati equation."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices, symmetris
 from ortilo_drake.theory.riccati.stability_radius import stability_radius
 
 
-class RiccatiCheck(NamedTuple):
+@dataclass(frozen=True)
+class RiccatiCheck:
     """Quality of a solution X of the DARE.
 
     Attributes:

@@ -1,11 +1,11 @@
 """Behaviour of each solver on Riccati equations that have no solution to return."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.riccati.riccati import RAW, gain, json_number
+from ortilo_drake.theory.riccati.riccati import RAW, gain
 from ortilo_drake.theory.riccati.riccati_check import residual
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 
@@ -32,31 +32,60 @@ ILL_POSED: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {
 }
 
 
-def _try(solver: str, A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Outcome:
+    """The behaviour of a raw solver on a problem.
+
+    Attributes:
+        outcome: 'ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution' or
+            'returns NaN'.
+        message: of the error.
+    """
+
+    outcome: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Returned(Outcome):
+    """A returned X, with the spectral radius of its closed loop and the equation's residual."""
+
+    spectral_radius: float
+    residual: float
+    X: np.ndarray
+
+
+@dataclass(frozen=True)
+class SolverOutcomes:
+    """The error of require_well_posed, None if a problem is well-posed, and the outcome of each raw solver."""
+
+    error: str | None
+    drake: Outcome
+    scipy: Outcome
+    doubling: Outcome
+    recursion: Outcome
+
+
+def _try(solver: str, A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> Outcome:
     limit = {"limit": RECURSION_LIMIT} if solver == "recursion" else {}
     try:
         X = RAW[solver](A, B, Q, R, **limit)
     except SystemExit as error:  # Drake's, which 'except Exception' would let through
-        return {"outcome": "ends the process", "message": str(error)}
+        return Outcome("ends the process", str(error))
     except (InputError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
-        return {"outcome": "raises", "message": f"{type(error).__name__}: {error}"}
+        return Outcome("raises", f"{type(error).__name__}: {error}")
     if not np.isfinite(X).all():
-        return {"outcome": "returns NaN", "message": ""}
+        return Outcome("returns NaN", "")
     with np.errstate(all="ignore"):  # X may be as large as a float can be
         radius = float(abs(np.linalg.eigvals(A - B @ gain(A, B, R, X))).max())
         definite = bool(np.linalg.eigvalsh(X)[0] >= -1e-12 * abs(X).max())
         left = residual(A, B, Q, R, X)
     kind = ("stabilising" if radius < 1.0 - 1e-9 else "not stabilising") + ("" if definite else ", indefinite")
-    return {
-        "outcome": f"returns a solution: {kind}" if left < 1e-6 else "returns what is no solution",
-        "message": "",
-        "spectral_radius": json_number(radius),
-        "residual": json_number(left),
-        "X": X.tolist(),
-    }
+    outcome = f"returns a solution: {kind}" if left < 1e-6 else "returns what is no solution"
+    return Returned(outcome, "", radius, left, X)
 
 
-def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> dict[str, Any]:
+def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> SolverOutcomes:
     """Return the outcome of each raw solver on a problem, and the error of solve.
 
     Args:
@@ -64,16 +93,10 @@ def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
         B: inputs.
         Q: weight of the states.
         R: weight of the inputs.
-
-    Returns:
-        'error': the message of require_well_posed, None if the problem is well-posed; and by solver the 'outcome'
-        ('ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution',
-        'returns NaN') with its 'message', and for a returned X 'spectral_radius' of the closed loop, 'residual'
-        and 'X'.
     """
     try:
         require_well_posed(A, B, Q, R)
         error = None
     except InputError as problem:
         error = str(problem)
-    return {"error": error} | {solver: _try(solver, A, B, Q, R) for solver in RAW}
+    return SolverOutcomes(error, **{solver: _try(solver, A, B, Q, R) for solver in RAW})

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,39 @@ from ortilo_drake.training.judging.average_precision import average_precision, m
 from ortilo_drake.training.pictures.labels import BOX, CLASS, LEAST, Frames, is_to_be_found
 
 Detect = Callable[[np.ndarray], Boxes]
-CENTER = {"median": 0.5, "p95": 0.95}  # quantiles of the centres' errors
+
+
+@dataclass(frozen=True)
+class CenterError:
+    """Median and 95th percentile of the centres' errors [px]; None if no object is found whole."""
+
+    median: float | None
+    p95: float | None
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A detector on labelled pictures.
+
+    Attributes:
+        map50: mean of the classes' average precisions at an overlap of 0.5.
+        ap50: the average precision by class; None for a class without objects.
+        center_error_px: of objects found whole.
+        recall: objects found at the threshold of flights over all.
+        false_boxes_per_image: at that threshold.
+        objects: to be found.
+        images: how many.
+        worst: the pictures with most faults, by number.
+    """
+
+    map50: float
+    ap50: dict[str, float | None]
+    center_error_px: CenterError
+    recall: float
+    false_boxes_per_image: float
+    objects: int
+    images: int
+    worst: list[int]
 
 
 def is_whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -28,7 +60,7 @@ def evaluate(
     classes: tuple[str, ...],
     threshold: float,
     least: tuple[float, float] = LEAST,
-) -> dict[str, Any]:
+) -> Evaluation:
     """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
 
     Args:
@@ -37,10 +69,6 @@ def evaluate(
         classes: the labels' names.
         threshold: the threshold of flights, for centres, recall and false boxes.
         least: limits of what must be found, see is_to_be_found.
-
-    Returns:
-        Plain data; AP is None for a class without objects, the errors of the centres are None if no object
-        is found whole.
 
     Raises:
         InputError: if the pictures show no object to be found.
@@ -72,16 +100,16 @@ def evaluate(
         rows = [(s, i >= 0) for k, s, i in found_all if k == c]
         scores, true = np.array([s for s, _ in rows]), np.array([t for _, t in rows], dtype=bool)
         ap[name] = average_precision(scores, true, int(objects[c]))
-    return {
-        "map50": float(np.nanmean(list(ap.values()))),
-        "ap50": {name: None if np.isnan(value) else value for name, value in ap.items()},
-        "center_error_px": {name: float(np.quantile(errors, q)) if errors else None for name, q in CENTER.items()},
-        "recall": hits / max(int(objects.sum()), 1),
-        "false_boxes_per_image": false / len(frames.images),
-        "objects": int(objects.sum()),
-        "images": len(frames.images),
-        "worst": [int(i) for i in np.argsort(-np.array(faults), kind="stable")[:12]],
-    }
+    return Evaluation(
+        map50=float(np.nanmean(list(ap.values()))),
+        ap50={name: None if np.isnan(value) else value for name, value in ap.items()},
+        center_error_px=CenterError(*(float(np.quantile(errors, q)) if errors else None for q in (0.5, 0.95))),
+        recall=hits / max(int(objects.sum()), 1),
+        false_boxes_per_image=false / len(frames.images),
+        objects=int(objects.sum()),
+        images=len(frames.images),
+        worst=[int(i) for i in np.argsort(-np.array(faults), kind="stable")[:12]],
+    )
 
 
 def milliseconds_per_frame(detect: Detect, images: np.ndarray, repeats: int = 100) -> float:

@@ -1,7 +1,7 @@
 """The judgement of a detector: both test sets, its speed, and the pictures with most faults."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -11,10 +11,33 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector.detector_network import load_detector, own_backend
 from ortilo_drake.scenario import Detector
-from ortilo_drake.training.judging.evaluate import Detect, evaluate, milliseconds_per_frame
+from ortilo_drake.training.judging.evaluate import Detect, Evaluation, evaluate, milliseconds_per_frame
 from ortilo_drake.training.pictures.labels import BOX, LEAST_CLEAR, Frames, is_to_be_found
 from ortilo_drake.training.pictures.sets import KINDS, set_folder
 from ortilo_drake.training.pictures.shards import load_frames
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A detector on both test sets, as `ortilo detector evaluate --json` writes it.
+
+    Attributes:
+        map50: by set.
+        map50_clear: of objects in clearer view alone.
+        center_error_px: median by set.
+        ms_per_frame: on one core.
+        backend: that computes the network.
+        threshold: of flights.
+        sets: all figures by set.
+    """
+
+    map50: dict[str, float]
+    map50_clear: dict[str, float]
+    center_error_px: dict[str, float | None]
+    ms_per_frame: float
+    backend: str
+    threshold: float
+    sets: dict[str, Evaluation]
 
 
 def draw_boxes(
@@ -46,8 +69,8 @@ def _worst_figure(
     write_bytes(path, cv2.imencode(".png", np.vstack(rows))[1].tobytes())
 
 
-def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> dict[str, Any]:
-    """Return the judgement as plain data, as `ortilo detector evaluate --json` writes it.
+def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> Judgement:
+    """Return the judgement of a detector.
 
     Args:
         settings: the network and the score it flies with.
@@ -69,18 +92,18 @@ def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: 
     detect = load_detector(all_boxes, room, (width, height))
     results = {kind: evaluate(detect, frames, room.classes, settings.threshold) for kind, frames in sets.items()}
     clear = {
-        kind: evaluate(detect, frames, room.classes, settings.threshold, LEAST_CLEAR)["map50"]
+        kind: evaluate(detect, frames, room.classes, settings.threshold, LEAST_CLEAR).map50
         for kind, frames in sets.items()
     }
     flown = load_detector(settings, room, (width, height))
     if worst is not None:
-        _worst_figure(flown, {kind: (sets[kind], results[kind]["worst"]) for kind in KINDS}, room.classes, worst)
-    return {
-        "map50": {kind: result["map50"] for kind, result in results.items()},
-        "map50_clear": clear,  # of objects in clearer view alone
-        "center_error_px": {kind: result["center_error_px"]["median"] for kind, result in results.items()},
-        "ms_per_frame": milliseconds_per_frame(flown, sets["paper_room"].images),
-        "backend": "torch" if settings.cfg else own_backend(settings.backend),
-        "threshold": settings.threshold,
-        "sets": results,
-    }
+        _worst_figure(flown, {kind: (sets[kind], results[kind].worst) for kind in KINDS}, room.classes, worst)
+    return Judgement(
+        map50={kind: result.map50 for kind, result in results.items()},
+        map50_clear=clear,
+        center_error_px={kind: result.center_error_px.median for kind, result in results.items()},
+        ms_per_frame=milliseconds_per_frame(flown, sets["paper_room"].images),
+        backend="torch" if settings.cfg else own_backend(settings.backend),
+        threshold=settings.threshold,
+        sets=results,
+    )

@@ -1,0 +1,79 @@
+"""The summary of a flight."""
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Final
+
+from pydantic import TypeAdapter
+
+
+@dataclass(frozen=True)
+class Loss:
+    """The end of a lost flight: when [s] and why."""
+
+    time: float
+    cause: str
+
+
+@dataclass(frozen=True)
+class FixError:
+    """Median and 95th percentile of a position fix's distance from the truth [m]."""
+
+    median: float
+    p95: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of a flight, as `ortilo fly --json` writes them; a lost flight's errors are those up to its loss.
+
+    Attributes:
+        scenario: its name.
+        seed: of all noise.
+        lost: when and why it was lost, None of a flight that reached its end.
+        contacts: furniture that the vehicle touched.
+        mse: mean squared error of the estimate per axis [m^2], see metrics.estimation_mse.
+        floor: mean Cramer-Rao floor of that per axis [m^2], None where there is none.
+        efficiency: mse over floor per axis.
+        tick_efficiency: mean over ticks of squared error over floor per axis.
+        path_mse: see metrics.path_mse [m^2]; None where it is not defined.
+        path_distance_mse: see metrics.path_distance_mse [m^2].
+        max_path_distance: farthest from the path [m].
+        max_reference_distance: farthest from r_k [m].
+        arrivals: measurements used over those due by sensor; None of one that is never due.
+        fix_errors: errors of the position fixes by sensor.
+        nees: mean of metrics.position_nees, 3 if the filter is consistent.
+        nis: mean of metrics.nis by sensor.
+        real_time_factor: simulated over wall time; NaN where time was not measured.
+    """
+
+    scenario: str
+    seed: int
+    lost: Loss | None
+    contacts: list[str]
+    mse: dict[str, float]
+    floor: dict[str, float] | None
+    efficiency: dict[str, float | None]
+    tick_efficiency: dict[str, float | None]
+    path_mse: float | None
+    path_distance_mse: float
+    max_path_distance: float
+    max_reference_distance: float
+    arrivals: dict[str, float | None]
+    fix_errors: dict[str, FixError]
+    nees: float
+    nis: dict[str, float]
+    real_time_factor: float
+
+
+_SUMMARY: Final = TypeAdapter(Summary)
+
+
+def summary_text(summary: Summary) -> str:
+    """Return a summary as read_summary reads it."""
+    return json.dumps(asdict(summary))
+
+
+def read_summary(text: str | bytes) -> Summary:
+    """Return the summary that summary_text wrote; ValueError if it is none."""
+    return _SUMMARY.validate_python(json.loads(text))

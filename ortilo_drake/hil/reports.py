@@ -1,0 +1,79 @@
+"""Reports of the two halves on their flight."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.hil.real_time.tick_timing import TimingFigures
+from ortilo_drake.hil.wire.inbox import PacketCounts
+from ortilo_drake.model.as_data import as_data
+
+
+@dataclass(frozen=True)
+class WorldReport:
+    """A world's flight.
+
+    Attributes:
+        ticks: how many.
+        packets: the commands.
+        timing: of the ticks in real time; None in lockstep.
+        latencies_ms: of every answered tick in real time [ms]; None in lockstep.
+        pictures_skipped: by a camera's process; None without one.
+    """
+
+    ticks: int
+    packets: PacketCounts
+    timing: TimingFigures | None = None
+    latencies_ms: np.ndarray | None = None
+    pictures_skipped: int | None = None
+
+    def lines(self) -> dict[str, Any]:
+        """Return what the commands print and write as JSON."""
+        figures = {"ticks": self.ticks} | (as_data(self.timing) if self.timing else {})
+        return figures | _skipped(self.pictures_skipped) | _packets(self.packets)
+
+
+@dataclass(frozen=True)
+class OnboardFigures:
+    """An onboard half in real time.
+
+    Attributes:
+        silent_at: the tick at which the world fell silent before it said that it has finished; None if it did not.
+        age_in_ticks: how many messages were used at what age [ticks].
+        overtaken: messages not used, as a newer one had come.
+    """
+
+    silent_at: int | None
+    age_in_ticks: dict[str, int]
+    overtaken: int
+
+
+@dataclass(frozen=True)
+class OnboardReport:
+    """An onboard half's flight.
+
+    Attributes:
+        ticks: how many.
+        packets: the world's ticks.
+        real_time: None in lockstep.
+        pictures_skipped: by a detector's thread; None without one.
+    """
+
+    ticks: int
+    packets: PacketCounts
+    real_time: OnboardFigures | None = None
+    pictures_skipped: int | None = None
+
+    def lines(self) -> dict[str, Any]:
+        """Return what the command prints and writes as JSON."""
+        figures = {"ticks": self.ticks} | (as_data(self.real_time) if self.real_time else {})
+        return figures | _skipped(self.pictures_skipped) | _packets(self.packets)
+
+
+def _skipped(pictures: int | None) -> dict[str, Any]:
+    return {} if pictures is None else {"pictures_skipped": pictures}
+
+
+def _packets(counts: PacketCounts) -> dict[str, Any]:
+    return {"packets": as_data(counts), "rejected": counts.rejected}
