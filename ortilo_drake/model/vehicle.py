@@ -39,8 +39,8 @@ class Vehicle(Frozen):
     Attributes:
         mass: m [kg].
         inertia: principal moments I_x, I_y, I_z [kg m^2] in B.
-        arm_length: distance of each rotor axis from the centre of mass [m] of a quadrotor in X configuration; not used
-            where `arms` says more.
+        arm_length: distance of each rotor axis from the centre of mass [m] of a quadrotor in X configuration; another
+            one than the default is refused beside `arms`.
         arms: the rotors' places, at least four; by default that X: front left, front right, rear right, rear left,
             of spin +1, -1, +1, -1.
         rotor_lift: thrust per squared rotor speed [N s^2/rad^2].
@@ -60,6 +60,15 @@ class Vehicle(Frozen):
     rotor_time_constant: tuple[Positive, Positive] = (0.0125, 0.025)
     rotor_max_speed: Positive = 838.0
     radius: NonNegativeFloat = 0.49
+
+    @model_validator(mode="after")
+    def _has_one_layout(self) -> "Vehicle":
+        if self.arms is not None and self.arm_length != type(self).model_fields["arm_length"].default:
+            raise ValueError(
+                f"arm_length: {self.arm_length}: is that of a quadrotor in X configuration: must be left out "
+                "where arms are given, each with its own length"
+            )
+        return self
 
     @model_validator(mode="after")
     def _can_hover(self) -> "Vehicle":
