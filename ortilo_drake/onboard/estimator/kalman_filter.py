@@ -1,8 +1,10 @@
 """The intermittent Kalman filter as a system, without and with a history for late measurements."""
 
+from functools import partial
+
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Measurement
@@ -173,24 +175,24 @@ class ReplayKalmanFilter(KalmanFilter):
         self._history = self.DeclareDiscreteState(empty_history(ticks, self._slot).ravel())
         for sensor, size in messages.items():
             message = self.DeclareVectorInputPort(f"message_{sensor}", size)
-
-            def calc(context: Context, output: BasicVector, message=message) -> None:  # type: ignore[no-untyped-def]
-                output.set_value(self._past(context, message.Eval(context)))
-
             needs = {message.ticket(), self.xd_ticket()}
+            calc = partial(self._calc_past, message)
             self.DeclareVectorOutputPort(f"belief_{sensor}", N_BELIEF, calc, prerequisites_of_calc=needs)
 
     def HasHistory(self) -> bool:
         """Return whether there is more in the state than the belief."""
         return True
 
-    def _past(self, context: Context, message: np.ndarray) -> np.ndarray:
+    def _calc_past(self, port: InputPort, context: Context, output: BasicVector) -> None:
+        """Compute the belief of the tick of the message on a port."""
+        message = port.Eval(context)
         if message[ARRIVED]:
             history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
             row = row_of_past(history, tick_of(message[STAMP], self._h))
             if row >= 0:
-                return np.asarray(known_part(history[row, self._slot.belief : self._slot.y], self._n))
-        return np.asarray(context.get_discrete_state(self._known).value())
+                output.set_value(known_part(history[row, self._slot.belief : self._slot.y], self._n))
+                return
+        output.set_value(context.get_discrete_state(self._known).value())
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         y, delta, V2, u, r = self._inputs(context)
