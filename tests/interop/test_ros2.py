@@ -4,14 +4,13 @@ import array
 import contextlib
 import importlib.util
 import json
-import os
 import socket
 import subprocess
 import sys
 import threading
 import time
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -60,12 +59,14 @@ def own_domain() -> tuple[socket.socket, int]:
     raise AssertionError("no ROS domain is free")
 
 
-_HELD, DOMAIN = own_domain()
-
-
-def local() -> dict[str, str]:
-    """Return the environment of a process whose ROS hears this machine's only, in the tests' own domain."""
-    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(DOMAIN)}
+@pytest.fixture(scope="module", autouse=True)
+def _ros_of_these_tests_alone() -> Iterator[None]:
+    """ROS, in every process that a test starts, hears this machine's only, in the tests' own domain."""
+    held, domain = own_domain()
+    with held, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield
 
 
 # --- fields to messages ------------------------------------------------------------------------------------------
@@ -285,7 +286,7 @@ def fly_with_bridge(
     scenario = load_scenario("imu_uwb", SETTINGS)
     warm_up(scenario)  # neither half is to wait for the compiler in flight
     command = [*BRIDGE, "--url", bus, "--key", str(key_file(report.parent)), "--json", str(report), *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=local()) as bridge:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as bridge:
         try:
             assert bridge.stdout
             said: list[str] = []
@@ -372,7 +373,7 @@ print(json.dumps(got), flush=True)
 @needs_ros
 def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     program = [sys.executable, "-c", _RECEIVER]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, env=local()) as receiver:
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as receiver:
         try:
             assert receiver.stdout
             assert receiver.stdout.readline() == "ready\n"
@@ -454,7 +455,7 @@ def test_a_goal_from_ros_crosses_to_the_onboard_half(tmp_path: Path, bus: str) -
     scenario = load_scenario("imu_uwb", SETTINGS)
     command = [*BRIDGE, "--url", bus, "--key", str(key_file(tmp_path)), "--ros2"]
     sender = [sys.executable, "-c", _SENDER]
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": local()}
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
 
     def pass_on(stop: threading.Event) -> list[str]:
         with subprocess.Popen(command, **pipes) as bridge, subprocess.Popen(sender, **pipes) as ros:
@@ -479,7 +480,7 @@ def test_a_goal_from_ros_crosses_to_the_onboard_half(tmp_path: Path, bus: str) -
 @needs_ros
 def test_goals_come_back_in_the_map_frame_only() -> None:
     run = subprocess.run(
-        [sys.executable, "-c", _GOALS, _SENDER], capture_output=True, text=True, timeout=HANGS, env=local(), check=True
+        [sys.executable, "-c", _GOALS, _SENDER], capture_output=True, text=True, timeout=HANGS, check=True
     )
     goals = [line for line in run.stdout.splitlines() if line.startswith("goal")]
     assert goals == ["goal None None", "goal None None", "goal [3.5, -2.0, 1.25] None", "goal [4.0, 0.5, 1.0] None"]
