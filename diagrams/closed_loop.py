@@ -65,7 +65,7 @@ class ClosedLoop(Diagram):
         self._log = builder.AddNamedSystem("log", VectorLogSink(sum(sizes.values()), scenario.h))
         builder.Connect(multiplexer.get_output_port(), self._log.get_input_port())
         if meshcat is not None:
-            display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h))
+            display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h, vehicle=scenario.vehicle))
             for name in ("state", "estimate", "covariance"):
                 source = world if name == "state" else onboard
                 builder.Connect(source.GetOutputPort(name), display.GetInputPort(name))

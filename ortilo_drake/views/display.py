@@ -23,6 +23,7 @@ def flight_page(flight: xr.Dataset) -> str:
         flight["truth"].values,
         flight["estimate"].values,
         flight["covariance"].values,
+        vehicle=scenario.vehicle,
     )
 
 

@@ -100,7 +100,7 @@ def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
     time, x = flight["time"].values, flight["truth"].values
     planned = flight["reference"].values
     shown = _thinned(x[:, :3])
-    room_view = make_room_view(room, planned[_thinned(planned)], panel, height)
+    room_view = make_room_view(room, planned[_thinned(planned)], panel, height, scenario.vehicle)
     has_camera = "camera" in scenario.sensors
     camera_view = make_camera_view(scenario) if has_camera else None
 

@@ -21,14 +21,16 @@ from pydrake.systems.sensors import CameraInfo
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
+from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.scenery.meshcat_draw import VEHICLE_MESH, pose
+from ortilo_drake.world.scenery.meshcat_draw import pose
 from ortilo_drake.world.scenery.meshcat_room import class_color
 from ortilo_drake.world.scenery.obj_normals import with_face_normals
 from ortilo_drake.world.scenery.rendering import FARTHEST, NEAREST, RENDERER, make_scene_graph
 from ortilo_drake.world.scenery.scene import scene_items
+from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
 from ortilo_drake.world.sensors.line_of_sight import is_hidden
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
@@ -122,7 +124,7 @@ def _draw_line(picture: np.ndarray, points: np.ndarray, seen: np.ndarray, color:
         cv2.line(picture, tuple(fine[k].tolist()), tuple(fine[k + 1].tolist()), color, 1, cv2.LINE_AA, 4)
 
 
-def make_room_view(room: Room, planned: np.ndarray, width: int, height: int) -> RoomView:
+def make_room_view(room: Room, planned: np.ndarray, width: int, height: int, vehicle: Vehicle = M100) -> RoomView:
     """Return the function from a state (12) and a path flown p_W (m, 3) to a picture of the vehicle in the room.
 
     The view is from the west, behind and above; the walls on that side are left out. The planned path is blue, the
@@ -133,6 +135,7 @@ def make_room_view(room: Room, planned: np.ndarray, width: int, height: int) -> 
         planned: the planned path p_W (n, 3).
         width: of the picture [px].
         height: of the picture [px].
+        vehicle: drawn with its own arms.
 
     Raises:
         InputError: if there is no EGL.
@@ -144,11 +147,11 @@ def make_room_view(room: Room, planned: np.ndarray, width: int, height: int) -> 
     scene_graph = make_scene_graph(kept)
     source = scene_graph.RegisterSource("vehicle")
     frame = scene_graph.RegisterFrame(source, GeometryFrame("body"))
-    vehicle = GeometryInstance(RigidTransform(), Mesh(with_face_normals(VEHICLE_MESH)), "vehicle")
+    airframe = GeometryInstance(RigidTransform(), Mesh(with_face_normals(vehicle_obj(vehicle), M100_MESH)), "vehicle")
     properties = PerceptionProperties()
     properties.AddProperty("label", "id", RenderLabel.kDontCare)
-    vehicle.set_perception_properties(properties)
-    scene_graph.RegisterGeometry(source, frame, vehicle)
+    airframe.set_perception_properties(properties)
+    scene_graph.RegisterGeometry(source, frame, airframe)
     info = CameraInfo(width, height, VIEW_ANGLE)
     camera = ColorRenderCamera(RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, 2 * FARTHEST), RigidTransform()))
     context = scene_graph.CreateDefaultContext()

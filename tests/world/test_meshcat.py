@@ -21,12 +21,13 @@ from pydrake.trajectories import PiecewisePolynomial
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.scenario import load_scenario
 from ortilo_drake.world.scenery.meshcat_draw import (
     PLANNED_PATH,
     TRUE,
-    VEHICLE_MESH,
     draw_path,
     draw_plan,
+    draw_vehicle,
     sigma_ellipsoid,
     tube,
 )
@@ -34,8 +35,10 @@ from ortilo_drake.world.scenery.meshcat_flight import CHUNK, MeshcatFlight
 from ortilo_drake.world.scenery.meshcat_replay import html_replay
 from ortilo_drake.world.scenery.meshcat_room import draw_room, make_meshcat
 from ortilo_drake.world.scenery.scene import scene_items
+from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "make_vehicle_mesh.py"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 ROOM = load_room()
 h = 1 / 30
 
@@ -81,12 +84,12 @@ def parts_of(obj: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def test_the_script_writes_the_shipped_mesh(tmp_path):
     runpy.run_path(str(SCRIPT))["main"](tmp_path)
     for name in ("m100.obj", "m100.mtl"):
-        assert (tmp_path / name).read_bytes() == VEHICLE_MESH.with_name(name).read_bytes()
-    assert VEHICLE_MESH.stat().st_size < 200_000
+        assert (tmp_path / name).read_bytes() == M100_MESH.with_name(name).read_bytes()
+    assert M100_MESH.stat().st_size < 200_000
 
 
 def test_every_part_of_the_mesh_is_closed_with_outward_faces():
-    parts = parts_of(VEHICLE_MESH.read_text())
+    parts = parts_of(M100_MESH.read_text())
     assert len(parts) == 5 + 4 * 6
     for name, (points, faces) in parts.items():
         edges = Counter((a, b) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True))
@@ -98,8 +101,30 @@ def test_every_part_of_the_mesh_is_closed_with_outward_faces():
         np.testing.assert_allclose(np.cross(b - a, c - a).sum(axis=0), 0.0, atol=1e-12)
 
 
+def test_a_hexarotor_is_drawn_with_its_own_arms():
+    firefly = load_scenario("imu_uwb", (f"vehicle={EXAMPLES / 'hexarotor.yaml'}",)).vehicle
+    parts = parts_of(vehicle_obj(firefly))
+    assert len(parts) == 5 + 6 * 6
+    points = np.vstack([points[np.unique(faces)] for points, faces in parts.values()])
+    assert np.hypot(*points[:, :2].T).max() == pytest.approx(firefly.radius, abs=1e-4)
+    for i, arm in enumerate(firefly.arms):
+        vertices, faces = parts[f"propeller_{i}"]
+        disc = vertices[np.unique(faces)]
+        axis = 0.215 * np.array([np.cos(arm.angle), np.sin(arm.angle)])
+        np.testing.assert_allclose(disc.mean(axis=0)[:2], axis, atol=1e-5)
+        assert np.hypot(*(disc[:, :2] - axis).T).max() == pytest.approx(0.1, abs=1e-4)  # RotorS: radius_rotor
+
+
+def test_the_ghost_and_the_vehicle_have_the_same_arms(meshcat):
+    firefly = load_scenario("imu_uwb", (f"vehicle={EXAMPLES / 'hexarotor.yaml'}",)).vehicle
+    draw_vehicle(meshcat, firefly)
+    points = vertices(meshcat, "/flight/estimate")
+    assert np.hypot(*points[:, :2].T).max() == pytest.approx(firefly.radius, abs=1e-4)
+    assert b"propeller_5" in meshcat._GetPackedObject("/flight/vehicle")
+
+
 def test_the_mesh_has_the_vehicles_size():
-    points = np.array(ReadObjToTriangleSurfaceMesh(VEHICLE_MESH).vertices())
+    points = np.array(ReadObjToTriangleSurfaceMesh(M100_MESH).vertices())
     reach = 0.65 / 2 * np.sqrt(0.5) + 13 * 0.0254 / 2
     assert np.hypot(*points[:, :2].T).max() <= M100.radius + 0.001
     np.testing.assert_allclose(points[:, :2].max(axis=0), reach, atol=0.002)
@@ -109,11 +134,11 @@ def test_the_mesh_has_the_vehicles_size():
 
 
 def test_every_material_is_a_plain_colour():
-    library = VEHICLE_MESH.with_suffix(".mtl").read_text()
-    used = set(re.findall(r"^usemtl (\w+)$", VEHICLE_MESH.read_text(), re.M))
+    library = M100_MESH.with_suffix(".mtl").read_text()
+    used = set(re.findall(r"^usemtl (\w+)$", M100_MESH.read_text(), re.M))
     assert used == set(re.findall(r"^newmtl (\w+)$", library, re.M))
     assert "map_" not in library
-    assert "mtllib m100.mtl\n" in VEHICLE_MESH.read_text()
+    assert "mtllib m100.mtl\n" in M100_MESH.read_text()
 
 
 def test_meshcat_listens_on_the_loopback_only(meshcat):

@@ -252,7 +252,7 @@ def test_a_mesh_without_normals_has_the_same_faces_and_is_smaller():
 
 def test_face_normals_are_those_of_the_faces():
     path = mesh_file("m100")
-    text = with_face_normals(path).mesh_file.contents().decode()
+    text = with_face_normals(path.read_text(), path).mesh_file.contents().decode()
     rows = {
         key: [line.split()[1:] for line in text.splitlines() if line.startswith(key + " ")] for key in ("v", "vn", "f")
     }

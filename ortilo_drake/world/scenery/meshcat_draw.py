@@ -1,14 +1,16 @@
 """Draw a vehicle, its estimate with the 3-sigma ellipsoid, and planned and flown paths in Meshcat."""
 
 import itertools
-from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Mesh, Meshcat, ReadObjToTriangleSurfaceMesh, Rgba, Sphere
+from pydrake.common import MemoryFile
+from pydrake.geometry import InMemoryMesh, Mesh, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.trajectories import Trajectory
 
-VEHICLE_MESH = Path(__file__).with_name("meshes") / "m100.obj"
+from ortilo_drake.model.vehicle import M100, Vehicle
+from ortilo_drake.world.scenery.obj_normals import triangles_of
+from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
 
 VEHICLE = "/flight/vehicle"
 ESTIMATE = "/flight/estimate"
@@ -106,13 +108,18 @@ def draw_plan(meshcat: Meshcat, trajectory: Trajectory, samples: int = 400) -> N
     draw_path(meshcat, PLANNED_PATH, points, 0.045, PLANNED)
 
 
-def draw_vehicle(meshcat: Meshcat) -> None:
+def draw_vehicle(meshcat: Meshcat, vehicle: Vehicle = M100) -> None:
     """Put vehicle, estimate (a ghost of the vehicle) and ellipsoid under /flight, and delete flown paths."""
     for path in (TRUE_PATH, ESTIMATED_PATH):
         meshcat.Delete(path)
-    meshcat.SetObject(VEHICLE, Mesh(VEHICLE_MESH))
+    text = vehicle_obj(vehicle)
+    library = {"m100.mtl": M100_MESH.with_suffix(".mtl")}
+    meshcat.SetObject(
+        VEHICLE, Mesh(InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "vehicle.obj"), supporting_files=library))
+    )
     # Without its materials: Meshcat's property "color" leaves those of a mesh file as they are.
-    meshcat.SetObject(ESTIMATE, ReadObjToTriangleSurfaceMesh(VEHICLE_MESH), GHOST)
+    vertices, faces = triangles_of(text)
+    meshcat.SetTriangleMesh(ESTIMATE, vertices.T, faces.T, GHOST)
     meshcat.SetObject(ELLIPSOID, Sphere(1.0), UNCERTAINTY)
 
 

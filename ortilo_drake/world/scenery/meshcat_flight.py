@@ -7,6 +7,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.world.scenery.meshcat_draw import draw_flown, draw_vehicle, show_pose
 
 CHUNK = 30  # points in one object of a live trail
@@ -27,14 +28,15 @@ class MeshcatFlight(LeafSystem):
         meshcat: where to draw; draw_room is the caller's.
         h: tick [s].
         ticks: ticks between two displayed frames.
+        vehicle: drawn with its own arms.
     """
 
-    def __init__(self, meshcat: Meshcat, h: float, ticks: int = 2):
+    def __init__(self, meshcat: Meshcat, h: float, ticks: int = 2, vehicle: Vehicle = M100):
         super().__init__()
         if ticks < 1:
             raise InputError(f"ticks: {ticks}: must be at least 1")
         self.set_name("meshcat_flight")
-        self._meshcat, self._h, self._ticks = meshcat, h, ticks
+        self._meshcat, self._h, self._ticks, self._vehicle = meshcat, h, ticks, vehicle
         self._state = self.DeclareVectorInputPort("state", N_X)
         self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
         self._covariance = self.DeclareVectorInputPort("covariance", N_XBAR * N_XBAR)
@@ -43,7 +45,7 @@ class MeshcatFlight(LeafSystem):
         self.DeclareInitializationPublishEvent(self._draw)
         self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._extend_trail)
         self.DeclarePeriodicPublishEvent(h, 0.0, self._show)
-        draw_vehicle(meshcat)
+        draw_vehicle(meshcat, vehicle)
 
     def _now(self, context: Context) -> np.ndarray:
         return np.concatenate([self._state.Eval(context)[:3], self._estimate.Eval(context)[:3]])
@@ -62,7 +64,7 @@ class MeshcatFlight(LeafSystem):
             values.set_value(self._trail, np.concatenate([trail[6:], self._now(context)]))
 
     def _draw(self, context: Context) -> None:
-        draw_vehicle(self._meshcat)
+        draw_vehicle(self._meshcat, self._vehicle)
 
     def _show(self, context: Context) -> None:
         frame = self._frame(context)

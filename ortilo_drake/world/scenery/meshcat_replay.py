@@ -9,6 +9,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.world.scenery.meshcat_draw import (
     ESTIMATED,
     PLANNED,
@@ -62,6 +63,7 @@ def html_replay(
     estimates: np.ndarray,
     covariances: np.ndarray,
     meshcat: Meshcat | None = None,
+    vehicle: Vehicle = M100,
 ) -> str:
     """Return a logged flight as one HTML page that plays without a network.
 
@@ -73,6 +75,7 @@ def html_replay(
         estimates: xhat (n, 15).
         covariances: P (n, 15, 15).
         meshcat: where to draw; a new one if None.
+        vehicle: drawn with its own arms.
 
     Raises:
         InputError: naming the array that does not fit.
@@ -81,7 +84,7 @@ def html_replay(
     meshcat = make_meshcat() if meshcat is None else meshcat
     draw_room(meshcat, room)
     draw_plan(meshcat, trajectory)
-    draw_vehicle(meshcat)
+    draw_vehicle(meshcat, vehicle)
     h = (times[-1] - times[0]) / (len(times) - 1)
     stride = max(1, round(1.0 / (FRAME_RATE * h)))
     shown = slice(0, len(times), stride)

@@ -25,15 +25,24 @@ def without_normals(path: Path) -> InMemoryMesh:
     return _mesh(re.sub(r"(\d+/\d*)/\d+", r"\1", text), path)
 
 
-def with_face_normals(path: Path) -> InMemoryMesh:
+def triangles_of(text: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (n, 3) and triangles (m, 3), counted from 0, of an OBJ mesh without normals and texture."""
+    lines = text.splitlines()
+    vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
+    faces = np.array([line.split()[1:] for line in lines if line.startswith("f ")], dtype=np.int32)
+    return vertices, faces - 1
+
+
+def with_face_normals(text: str, path: Path) -> InMemoryMesh:
     """Return an OBJ mesh that has neither normals nor texture, each face with its own normal.
 
-    Faces are triangles of positive vertex numbers.
+    Args:
+        text: the mesh; faces are triangles of positive vertex numbers.
+        path: the file whose library it uses.
     """
-    lines = path.read_text(encoding="utf-8").splitlines()
-    vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
-    faces = np.array([line.split()[1:] for line in lines if line.startswith("f ")], dtype=int)
-    a, b, c = (vertices[faces[:, k] - 1] for k in range(3))
+    lines = text.splitlines()
+    vertices, faces = triangles_of(text)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     made, k = [], 0
