@@ -92,7 +92,7 @@ def fix_errors(flight: xr.Dataset) -> dict[str, FixError]:
     for sensor, is_position in zip(measurement.sensors, measurement.layout.is_position, strict=True):
         there = flight["arrival"].sel(sensor=sensor).values
         if is_position and there.any():
-            fix = flight["measurement"].values[there, measurement.rows_of(sensor)]
+            fix = flight["measurement"].values[there, measurement.rows_of(sensor)][:, :3]
             truth = flight["truth"].values[there, :3]
             error = np.linalg.norm(fix - truth, axis=1)
             errors[sensor] = FixError(float(np.median(error)), float(np.quantile(error, 0.95)))

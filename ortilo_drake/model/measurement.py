@@ -41,6 +41,7 @@ def row(name: str, **sees: float) -> Row:
 Rows = tuple[tuple[str, tuple[Row, ...]], ...]  # a sensor's name and its rows, for each sensor
 UWB: Final = tuple(row(f"{axis}_uwb", **{axis: 1.0}) for axis in POSITION)
 CAMERA: Final = tuple(row(f"{axis}_cam", **{axis: 1.0}) for axis in POSITION)
+ATTITUDE_CAMERA: Final = tuple(row(f"{angle}_cam", **{angle: 1.0}) for angle in STATE_NAMES[3:6])
 IMU: Final = tuple(row(f"{angle}_imu", **{angle: 1.0}) for angle in STATE_NAMES[3:6])
 PAPER: Final[Rows] = (("uwb", UWB), ("camera", CAMERA), ("imu", IMU))
 
@@ -54,7 +55,7 @@ class Layout(NamedTuple):
         weights: ... and with which coefficients (p, w), 0 where it sees fewer.
         first: first row of each sensor, and p (s + 1).
         block: where each sensor's covariance begins in V2, and q (s + 1).
-        is_position: whether a sensor's three rows are p_WB itself, which the integrator may take (s).
+        is_position: whether a sensor's first three rows are p_WB itself, which the integrator may take (s).
     """
 
     C: np.ndarray
@@ -66,7 +67,7 @@ class Layout(NamedTuple):
 
 
 def _measures_position(rows: tuple[Row, ...]) -> bool:
-    """Return whether a sensor's rows are p_WB, whatever else than the vehicle's states they see."""
+    """Return whether three rows are p_WB, whatever else than the vehicle's states they see."""
     of_vehicle = [tuple(seen for seen in r.sees if seen[0] in STATE_NAMES) for r in rows]
     return of_vehicle == [((axis, 1.0),) for axis in POSITION]
 
@@ -97,7 +98,7 @@ class Measurement:
                 seen[i, k], weights[i, k] = states.index(state), coefficient
                 C[i, seen[i, k]] = coefficient
         lengths = np.array([len(own) for _, own in rows], dtype=np.int64)
-        is_position = [_measures_position(own) for _, own in rows]
+        is_position = [_measures_position(own[:3]) for _, own in rows]
         first = np.concatenate(([0], np.cumsum(lengths)))
         block = np.concatenate(([0], np.cumsum(lengths**2)))
         self.layout = Layout(C, seen, weights, first, block, np.array(is_position, dtype=np.bool_))
@@ -130,7 +131,8 @@ class Measurement:
         E = np.zeros((3, self.sizes["y"]))
         arrived = np.flatnonzero(self.layout.is_position & (np.asarray(delta) > 0.0))
         if arrived.size:
-            E[:, self.rows_of(self.sensors[arrived[0]])] = np.eye(3)
+            start = self.layout.first[arrived[0]]
+            E[:, start : start + 3] = np.eye(3)
         return E
 
     def matrix(self, V2: np.ndarray) -> np.ndarray:

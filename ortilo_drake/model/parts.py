@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.measurement import PAPER, Measurement, Row, make_measurement
+from ortilo_drake.model.measurement import CAMERA, PAPER, Measurement, Row, make_measurement
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -173,10 +173,16 @@ def find_part(role: str, kind: str) -> Part | None:
     return _PARTS.get((role, kind))
 
 
-def measurement_of(sensors: Iterable[str]) -> Measurement:
-    """Return the measurement of the paper's three sensors and of the registered ones among those named."""
+def measurement_of(sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA) -> Measurement:
+    """Return the measurement of the paper's three sensors and of the registered ones among those named.
+
+    Args:
+        sensors: their names.
+        camera: the rows that a landmark fix fills.
+    """
     own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
-    return make_measurement((*PAPER, *((name, sensor.rows) for name, sensor in own if sensor is not None)))
+    paper = ((name, camera if name == "camera" else rows) for name, rows in PAPER)
+    return make_measurement((*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None)))
 
 
 def known_sensors() -> tuple[str, ...]:

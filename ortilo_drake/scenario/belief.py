@@ -126,7 +126,7 @@ class Belief(Frozen):
     @property
     def measurement(self) -> Measurement:
         """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly."""
-        return measurement_of(self.sensors)
+        return measurement_of(self.sensors, self.landmark_fix.rows)
 
     def load_room(self) -> Room:
         """Return the room as it was surveyed; InputError if its file is wrong."""

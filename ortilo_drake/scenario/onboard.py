@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer, model_validator
 
+from ortilo_drake.model.measurement import ATTITUDE_CAMERA, CAMERA, Row
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
@@ -74,12 +75,13 @@ class LandmarkFix(Frozen):
     """Position from landmark boxes.
 
     Attributes:
-        method: 'known_attitude' (two landmarks or more, attitude from the filter), 'cosine_law' (three or more,
-            the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
-        center_sd: what the solver believes of a box centre's error [px]; more than the boxes' own, because the
-            filter's attitude error is common to successive fixes.
+        method: 'known_attitude' (two landmarks or more, attitude from the filter), 'known_tilt' (two or more, roll and
+            pitch from the filter: position and yaw), 'pose' (two or more: position and attitude), 'cosine_law' (three
+            or more, the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
+        center_sd: what the solver believes of the error of a small box's centre [px].
+        center_growth: g [1/px]: along an axis in which the box is b px long the error is center_sd sqrt(1 + (g b)^2).
         gate: an association is refused beyond this probability [1] of the predicted projection's error.
-        max_residual: 'known_attitude' drops boxes that disagree with the rest by more than so many standard
+        max_residual: the first three methods drop boxes that disagree with the rest by more than so many standard
             deviations [1].
         prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
             filter's covariance.
@@ -87,12 +89,19 @@ class LandmarkFix(Frozen):
             sizes alone.
     """
 
-    method: Literal["known_attitude", "cosine_law", "pnp"] = "known_attitude"
+    method: Literal["known_attitude", "known_tilt", "pose", "cosine_law", "pnp"] = "known_attitude"
     center_sd: Positive = 3.0
+    center_growth: NonNegativeFloat = 0.0
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
     max_residual: Positive = 4.0
     prior_sd: tuple[Positive, Positive] | None = None
     shapes: Literal["outlines", "boxes"] = "outlines"
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The rows of y that a fix fills."""
+        more = {"known_tilt": ATTITUDE_CAMERA[2:], "pose": ATTITUDE_CAMERA}
+        return CAMERA + more.get(self.method, ())
 
 
 class Noise(Frozen):

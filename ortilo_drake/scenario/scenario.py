@@ -129,6 +129,16 @@ class Scenario(Belief):
                 raise ValueError(f"truth.sensors.{sensor}: is none of the registered sensors{nearest(sensor, known)}")
         return self
 
+    @model_validator(mode="after")
+    def _camera_has_its_rows(self) -> "Scenario":
+        V, method = getattr(self.estimator, "V", None), self.landmark_fix.method
+        if V is not None and V.camera is not None and len(self.landmark_fix.rows) > len(V.camera):
+            raise ValueError(
+                f"estimator.V.camera: {list(V.camera)}: must be null, "
+                f"landmark_fix.method {method} gives more than a position"
+            )
+        return self
+
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
         """Pickle as JSON: a model with registered parts has no name to be found by."""
         return Scenario.model_validate_json, (self.model_dump_json(),)

@@ -76,5 +76,6 @@ def jacobian(pose, n: int = len(POINTS), step: float = 1e-6) -> np.ndarray:
 
 def solve(method: str, z, xhat, n=slice(None), P=None, sd: float = 1.0, max_residual: float = 4.0):
     P = covariance() if P is None else P
-    found, p_WB, cov = METHODS[method](z, POINTS[n], OUTLINES[n], xhat, P, CAMERA, sd, max_residual)
-    return found, p_WB, cov
+    sds = np.full(np.shape(z), sd)
+    found, value, cov = METHODS[method](z, POINTS[n], OUTLINES[n], xhat, P, CAMERA, sds, max_residual)
+    return found, value, cov

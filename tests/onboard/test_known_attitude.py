@@ -12,6 +12,10 @@ DOTS = np.zeros((len(POINTS), 1, 3))  # an outline of one point has no kinks: th
 SD = 1e-4  # of a box centre [px], so small that the projection is linear in the errors
 
 
+def sds(n: int) -> np.ndarray:
+    return np.full((n, 2), SD)
+
+
 def dense_jacobian(n: int) -> tuple[np.ndarray, np.ndarray]:
     """d centres / d p_WB and / d rpy (2 n, 3) by central differences of OpenCV's projection."""
     ahead, back = ([centers(EXACT + d, POINTS[:n], DOTS[:n]).ravel() for d in s * np.eye(6)] for s in (1e-5, -1e-5))
@@ -46,7 +50,7 @@ def test_the_box_that_disagrees_most_is_dropped_from_its_own_residual_covariance
     kept = []
     for limit in (0.997, 1.003):
         found, p_WB, cov = known_attitude(
-            z, POINTS[:n], DOTS[:n], state(), P.ravel(), CAMERA, SD, limit * np.sqrt(greatest)
+            z, POINTS[:n], DOTS[:n], state(), P.ravel(), CAMERA, sds(n), limit * np.sqrt(greatest)
         )
         kept.append(found and np.linalg.norm(p_WB - everything) < 1e-3 * np.linalg.norm(everything - EXACT[:3]))
     assert kept == [False, True]
@@ -78,7 +82,7 @@ def test_one_box_is_no_fix_and_leaves_the_estimates_position_without_a_covarianc
     xhat = state()
     xhat[:3] += 0.1
     seen = centers(EXACT, POINTS[:1], DOTS[:1])
-    found, p_WB, cov = known_attitude(seen, POINTS[:1], DOTS[:1], xhat, np.eye(15).ravel(), CAMERA, SD, 4.0)
+    found, p_WB, cov = known_attitude(seen, POINTS[:1], DOTS[:1], xhat, np.eye(15).ravel(), CAMERA, sds(1), 4.0)
     assert not found
     np.testing.assert_array_equal(p_WB, xhat[:3])
     np.testing.assert_array_equal(cov, np.zeros((3, 3)))
@@ -91,7 +95,7 @@ def test_of_two_boxes_that_are_wrong_the_worse_goes_first(n: int) -> None:
     for box, error in errors.items():
         z[box] += SD * np.array(error)
     P = 1e-20 * np.eye(15).ravel()
-    found, p_WB, cov = known_attitude(z, POINTS[:n], DOTS[:n], state(), P, CAMERA, SD, 4.0)
+    found, p_WB, cov = known_attitude(z, POINTS[:n], DOTS[:n], state(), P, CAMERA, sds(n), 4.0)
     assert found
     np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-9)
     J = np.delete(dense_jacobian(n)[0].reshape(-1, 2, 3), list(errors), axis=0).reshape(-1, 3)

@@ -61,12 +61,12 @@ def squared_distance(box, i: int, xhat, P, sd: float) -> float:
     return float(e @ np.linalg.solve(J @ P.reshape(15, 15)[:6, :6] @ J.T + sd**2 * np.eye(2), e))
 
 
-@given(st.integers(0, 10**6), st.floats(0.1, 10.0))
+@given(st.integers(0, 10**6), st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 10.0)))
 def test_the_innovation_covariance_and_its_distance_are_dense_algebras(seed, sd):
     rng = np.random.default_rng(seed)
     J, root, e = rng.normal(size=(2, 6)), rng.normal(size=(6, 6)), rng.normal(size=2)
-    S = J @ (root @ root.T) @ J.T + sd**2 * np.eye(2)
-    S_uu, S_uv, S_vv = innovation_covariance(J, root @ root.T, sd)
+    S = J @ (root @ root.T) @ J.T + np.diag(sd) ** 2
+    S_uu, S_uv, S_vv = innovation_covariance(J, root @ root.T, np.array(sd))
     np.testing.assert_allclose([[S_uu, S_uv], [S_uv, S_vv]], S, rtol=1e-9, atol=1e-9 * S.max())
     assert kernel_distance(*e, S_uu, S_uv, S_vv) == pytest.approx(e @ np.linalg.solve(S, e), rel=1e-6)
 

@@ -1,4 +1,4 @@
-"""The three methods against OpenCV's projection, the Cramer-Rao bound and their own covariances; the system."""
+"""The methods against OpenCV's projection, the Cramer-Rao bound and their own covariances; the system."""
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from seen_landmarks import (
     state,
 )
 
-from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, FIX_SIZE, PAYLOAD
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS, LandmarkFix
 from ortilo_drake.onboard.landmarks.pnp import refine_pose
 from ortilo_drake.scenario import Camera as CameraSettings
@@ -29,6 +29,8 @@ from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
+POSITION = [0, 1, 2]
+SEEN_BY = {"known_tilt": [0, 1, 2, 5], "pose": [0, 1, 2, 3, 4, 5]}  # what a fix gives of the pose
 offsets = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 angles = st.tuples(*[st.floats(-0.1, 0.1)] * 3)
 
@@ -41,9 +43,9 @@ def test_noise_free_boxes_give_the_position(method):
         pose = np.array([0.0, 0.0, 1.5, *rpy])
         xhat = state(pose)
         xhat[:3] += offset
-        found, p_WB, cov = solve(method, centers(pose), xhat)
+        found, value, cov = solve(method, centers(pose), xhat)
         assert found
-        np.testing.assert_allclose(p_WB, pose[:3], atol=1e-6)
+        np.testing.assert_allclose(value, pose[SEEN_BY.get(method, POSITION)], atol=1e-6)
         assert np.all(np.linalg.eigvalsh(cov) > 0.0)
 
     check()
@@ -57,21 +59,26 @@ def test_pnp_needs_no_attitude():
     np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-6)
 
 
-@pytest.mark.parametrize(("method", "fewest"), [("known_attitude", 2), ("cosine_law", 3), ("pnp", 4)])
+FEWEST = [("known_attitude", 2), ("known_tilt", 2), ("pose", 2), ("cosine_law", 3), ("pnp", 4)]
+
+
+@pytest.mark.parametrize(("method", "fewest"), FEWEST)
 def test_fewest_landmarks(method, fewest):
+    seen = SEEN_BY.get(method, POSITION)
+    exact, m = np.array(EXACT)[seen], len(seen)
     for n in range(fewest):
-        found, p_WB, cov = solve(method, centers(EXACT)[:n], state(), slice(n))
+        found, value, cov = solve(method, centers(EXACT)[:n], state(), slice(n))
         assert not found
-        np.testing.assert_array_equal(p_WB, EXACT[:3])
-        np.testing.assert_array_equal(cov, np.zeros((3, 3)))
-    found, p_WB, _ = solve(method, centers(EXACT)[:fewest], state(), slice(fewest))
+        np.testing.assert_array_equal(value, exact)
+        np.testing.assert_array_equal(cov, np.zeros((m, m)))
+    found, value, _ = solve(method, centers(EXACT)[:fewest], state(), slice(fewest))
     assert found
-    np.testing.assert_allclose(p_WB, EXACT[:3], atol=1e-6)
+    np.testing.assert_allclose(value, exact, atol=1e-6)
 
 
 def runs(method: str, count: int, attitude_sd: float, sd: float = 1.0):
-    """Errors (count, 3) and squared Mahalanobis distances of fixes under noise."""
-    rng = np.random.default_rng(0)
+    """Errors (count, m) and squared Mahalanobis distances of fixes under noise."""
+    rng, exact = np.random.default_rng(0), np.array(EXACT)[SEEN_BY.get(method, POSITION)]
     errors, nees = [], []
     for _ in range(count):
         xhat = state()
@@ -79,9 +86,9 @@ def runs(method: str, count: int, attitude_sd: float, sd: float = 1.0):
         xhat[3:6] += rng.normal(0.0, attitude_sd, 3)
         z = centers(EXACT) + rng.normal(0.0, sd, (len(POINTS), 2))
         P = covariance(angle_sd=max(attitude_sd, 1e-12))
-        found, p_WB, cov = solve(method, z, xhat, P=P, sd=sd, max_residual=8.0)
+        found, value, cov = solve(method, z, xhat, P=P, sd=sd, max_residual=8.0)
         assert found
-        errors.append(p_WB - EXACT[:3])
+        errors.append(value - exact)
         nees.append(errors[-1] @ np.linalg.solve(cov, errors[-1]))
     return np.array(errors), np.array(nees)
 
@@ -109,9 +116,9 @@ def test_methods_without_attitude_against_their_cramer_rao_bound(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_covariance_is_honest(method):
     """Mean squared Mahalanobis distance of the error, its chi-square band of 99.9 %."""
-    count = 2000 if method == "known_attitude" else 500
+    count, m = 2000 if method == "known_attitude" else 500, len(SEEN_BY.get(method, POSITION))
     _, nees = runs(method, count, ATTITUDE_SD, sd=0.7)
-    low, high = stats.chi2.ppf([0.0005, 0.9995], 3 * count) / count
+    low, high = stats.chi2.ppf([0.0005, 0.9995], m * count) / count
     assert low < nees.mean() < high
 
 
@@ -157,13 +164,16 @@ def test_pnp_repeats_itself_and_drops_an_outlier():
 @pytest.mark.parametrize("method", METHODS)
 def test_boxes_of_twice_the_noise_give_four_times_the_covariance(method):
     """With the attitude known, where it counts."""
-    once, twice = (solve(method, centers(EXACT), state(), P=covariance(angle_sd=1e-9), sd=sd)[2] for sd in (0.5, 1.0))
+    P = covariance(angle_sd=1e-9)
+    once, twice = (solve(method, centers(EXACT), state(), P=P, sd=sd)[2] for sd in (0.005, 0.01))
     np.testing.assert_allclose(twice, 4.0 * once, rtol=1e-4, atol=1e-4 * np.abs(twice).max())
 
 
 def test_two_boxes_do_not_tell_a_pose():
     xhat = state()
-    found, pose, cov = refine_pose(centers(EXACT)[:2], POINTS[:2], OUTLINES[:2], xhat[:3], xhat[3:6], CAMERA)
+    found, pose, cov = refine_pose(
+        centers(EXACT)[:2], POINTS[:2], OUTLINES[:2], xhat[:3], xhat[3:6], CAMERA, np.ones((2, 2))
+    )
     assert not found
     np.testing.assert_array_equal(pose, EXACT)
     np.testing.assert_array_equal(cov, np.zeros((6, 6)))
@@ -171,7 +181,9 @@ def test_two_boxes_do_not_tell_a_pose():
 
 def test_a_start_without_numbers_is_no_fix():
     """OpenCV's RANSAC may return NaN as found, as it does for some sets of four boxes that fit no pose."""
-    found, _, _ = refine_pose(centers(EXACT), POINTS, OUTLINES, np.full(3, np.nan), np.zeros(3), CAMERA)
+    found, _, _ = refine_pose(
+        centers(EXACT), POINTS, OUTLINES, np.full(3, np.nan), np.zeros(3), CAMERA, np.ones_like(centers(EXACT))
+    )
     assert not found
 
 
@@ -208,19 +220,20 @@ def test_system_turns_boxes_into_a_stamped_fix(method):
     xhat = state()
     xhat[:3] += [0.1, -0.1, 0.05]
     message = fix(detections(EXACT, shown=SHOWN), xhat, covariance(), Settings(method=method))
-    assert message.shape == (FIX_SIZE,)
+    m = len(SEEN_BY.get(method, POSITION))
+    assert message.shape == (PAYLOAD + m + m * m,)
     assert message[0] == 1.0
     assert message[1] == 7.5
-    np.testing.assert_allclose(message[2:5], EXACT[:3], atol=1e-6)
-    cov = message[5:].reshape(3, 3)
+    np.testing.assert_allclose(message[2 : 2 + m], np.array(EXACT)[SEEN_BY.get(method, POSITION)], atol=1e-6)
+    cov = message[2 + m :].reshape(m, m)
     np.testing.assert_allclose(cov, cov.T, rtol=1e-6)
     assert np.all(np.linalg.eigvalsh(cov) > 0.0)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_system_without_enough_is_no_fix(method):
-    chosen = Settings(method=method)
-    nothing = np.zeros(FIX_SIZE).tolist()
+    chosen, m = Settings(method=method), len(SEEN_BY.get(method, POSITION))
+    nothing = [0.0] * (PAYLOAD + m + m * m)
     assert fix(detections(EXACT, shown=SHOWN, arrived=0.0), state(), covariance(), chosen).tolist() == nothing
     assert fix(detections(EXACT, shown=[]), state(), covariance(), chosen).tolist() == nothing
     assert fix(detections(EXACT, shown=[4]), state(), covariance(), chosen).tolist() == nothing
@@ -270,7 +283,8 @@ def test_camera_and_fix_together_along_the_first_blackout():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_an_estimate_that_has_diverged_is_no_fix_and_no_error(method):
-    message, nothing = detections(EXACT, shown=SHOWN), np.zeros(FIX_SIZE).tolist()
+    m = len(SEEN_BY.get(method, POSITION))
+    message, nothing = detections(EXACT, shown=SHOWN), [0.0] * (PAYLOAD + m + m * m)
     for wrong in (np.inf, np.nan):
         assert fix(message, state(), np.full_like(covariance(), wrong), Settings(method=method)).tolist() == nothing
     for wrong in (1e7, 1e200, np.inf, np.nan):

@@ -105,12 +105,12 @@ def cosine_law(
     xhat: np.ndarray,
     P: np.ndarray,
     camera: Camera,
-    sd: float,
+    sd: np.ndarray,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
 
-    The covariance is sd^2 M M^T, M = d p / d pixels by the chain pixels -> cosines -> distances -> position.
+    The covariance is M diag(sd^2) M^T, M = d p / d pixels by the chain pixels -> cosines -> distances -> position.
     The attitude adds nothing that counts: its error turns p_BC, a few centimetres. Arguments as in
     known_attitude; P and max_residual are not used.
     """
@@ -143,5 +143,9 @@ def cosine_law(
                     C[k, 2 * j : 2 * j + 2] = b[i] @ db[j]
                     k += 1
             M = T @ np.ascontiguousarray(np.linalg.pinv(A)) @ C
-            return True, p_WB, sd**2 * (M @ M.T)
+            least = np.min(sd)
+            for i in range(n):
+                for axis in range(2):
+                    M[:, 2 * i + axis] *= sd[i, axis] / least
+            return True, p_WB, least**2 * (M @ M.T)
     return nothing

@@ -1,18 +1,25 @@
-"""Position from two or more landmarks, the attitude taken from the filter.
+"""Position, position and yaw, or pose from two or more landmarks; what is not sought is taken from the filter.
 
-With the attitude known each box centre gives two equations for p_WB. Least squares on the pixels by
-Gauss-Newton,
+Each box centre gives two equations for the part q of the pose that is sought, p_WB, [p_WB, psi] or [p_WB, rpy]; the
+part held, a, is rpy, [phi, theta] or nothing. Least squares on the pixels, weighted by their errors' covariance R_i,
+by Gauss-Newton,
 
-    p <- p + N^-1 sum_i J_i^T (z_i - h_i(p)),   N = sum_i J_i^T J_i,   J_i = d h_i / d p_WB,
+    q <- q + N^-1 sum_i J_i^T R_i^-1 (z_i - h_i(q)),   N = sum_i J_i^T R_i^-1 J_i,   J_i = d h_i / d q,
 
-from the filter's position. The attitude's error is common to all boxes and goes straight into the position:
+from the filter's pose. The error of what is held is common to all boxes and goes straight into the solution:
 
-    cov(p) = sd^2 N^-1 + G P_a G^T,   G = N^-1 sum_i J_i^T A_i,   A_i = d h_i / d rpy.
+    cov(q) = N^-1 + G P_a G^T,   G = N^-1 sum_i J_i^T R_i^-1 A_i,   A_i = d h_i / d a.
 
 A box's residual r_i has the covariance
 
-    S_i = sd^2 (I - J_i N^-1 J_i^T) + (A_i - J_i G) P_a (A_i - J_i G)^T = sd^2 I + [J_i A_i] Q [J_i A_i]^T,
-    Q = [G P_a G^T - sd^2 N^-1, -G P_a; -P_a G^T, P_a].
+    S_i = R_i - J_i N^-1 J_i^T + (A_i - J_i G) P_a (A_i - J_i G)^T = R_i + [J_i A_i] Q [J_i A_i]^T,
+    Q = [G P_a G^T - N^-1, -G P_a; -P_a G^T, P_a].
+
+A fix with the attitude held carries the filter's attitude error into the filter as if it were new in every fix. The
+whole pose does not: what the boxes say of the attitude goes in as rows of their own, and the covariance of the six has
+that of position and attitude in it, so that the filter weighs them as if it had been given the pixels. Two landmarks
+do not tell six unknowns; the filter's angles of FREE_SD each stand in, so wide that they count for nothing beside the
+filter's own.
 
 A box centre has kinks where another point of the outline becomes the outermost, and Gauss-Newton may step to
 and fro across one (by a millimetre, say); so steps shrink after the first few.
@@ -20,13 +27,19 @@ and fro across one (by a millimetre, say); so steps shrink after the first few.
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.landmarks.landmark_association import innovation_covariance, pose_covariance, squared_distance
 
 _ITERATIONS = 30
-_CONVERGED = 1e-7  # [m]
+_CONVERGED = 1e-7  # [m], [rad]
+_REGULAR = 1e-12  # a scaled determinant below this is singular
+FREE_SD = 0.05  # of the filter's angles where the whole pose is sought [rad]
+# The pose's entries in the order unknown, held.
+ATTITUDE_HELD = np.array([0, 1, 2, 3, 4, 5])
+TILT_HELD = np.array([0, 1, 2, 5, 3, 4])
 
 
 @njit(cache=True)
@@ -36,11 +49,125 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
     c = N[0, 1] * N[1, 2] - N[0, 2] * N[1, 1]
     determinant = N[0, 0] * a + N[0, 1] * b + N[0, 2] * c
     trace = N[0, 0] + N[1, 1] + N[2, 2]
-    if not determinant > 1e-12 * trace**3:
+    if not determinant > _REGULAR * trace**3:
         return False, np.zeros((3, 3))
     d, e = N[0, 0] * N[2, 2] - N[0, 2] ** 2, N[0, 1] * N[0, 2] - N[0, 0] * N[1, 2]
     g = N[0, 0] * N[1, 1] - N[0, 1] ** 2
     return True, np.array([[a, b, c], [b, d, e], [c, e, g]]) / determinant
+
+
+@njit(cache=True)
+def scaled_inverse(N: np.ndarray) -> tuple[bool, np.ndarray]:
+    """Return whether a symmetric N >= 0 (n x n) is far enough from singular, and N^-1.
+
+    Unknowns of different units are compared by N scaled to a diagonal of ones.
+    """
+    n = N.shape[0]
+    scale, scaled = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        if not N[i, i] > 0.0:
+            return False, np.zeros((n, n))
+        scale[i] = 1.0 / np.sqrt(N[i, i])
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = scale[i] * N[i, j] * scale[j]
+    if not np.linalg.det(scaled) > _REGULAR:
+        return False, np.zeros((n, n))
+    inverse = np.linalg.inv(scaled)
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = scale[i] * 0.5 * (inverse[i, j] + inverse[j, i]) * scale[j]
+    return True, scaled
+
+
+@register_jitable
+def _pose_from_boxes(
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    camera: Camera,
+    sd: np.ndarray,
+    max_residual: float,
+    order: np.ndarray,
+    m: int,
+    free_sd: float,
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return whether there is a fix, the first m entries of the pose in that order, and their covariance (m x m).
+
+    The angles sought begin as the filter's, with the error free_sd; inf if they are to count for nothing.
+    In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
+    """
+    n = centers.shape[0]
+    pose, h = xhat[0:6].copy(), 6 - m
+    P_pose = pose_covariance(P)
+    P_a = np.empty((h, h))
+    for j in range(h):
+        for k in range(h):
+            P_a[j, k] = P_pose[order[m + j], order[m + k]]
+    kept, n_kept = np.ones(n, dtype=np.bool_), n
+    least = np.min(sd) if n > 0 else 1.0
+    z, J, J_of, r = np.empty(2), np.empty((2, 6)), np.empty((n, 2, 6)), np.empty((n, 2))
+    Q = np.empty((6, 6))
+    nothing = (False, pose[order[:m]], np.zeros((m, m)))
+    while n_kept >= 2:
+        converged, N_inverse, B = False, np.zeros((m, m)), np.zeros((m, h))
+        for iteration in range(_ITERATIONS):
+            N, B, b = np.zeros((m, m)), np.zeros((m, h)), np.zeros(m)
+            R_WB = rotation_matrix(pose[3:6])
+            for i in range(n):
+                if not kept[i]:
+                    continue
+                if not box_center(positions[i], outlines[i], pose[0:3], pose[3:6], R_WB, camera, z, J):
+                    return nothing
+                for axis in range(2):
+                    r[i, axis] = centers[i, axis] - z[axis]
+                    weight = (least / sd[i, axis]) ** 2
+                    for j in range(6):
+                        J_of[i, axis, j] = J[axis, order[j]]
+                    for j in range(m):
+                        weighted = weight * J_of[i, axis, j]
+                        b[j] += weighted * r[i, axis]
+                        for k in range(m):
+                            N[j, k] += weighted * J_of[i, axis, k]
+                        for k in range(h):
+                            B[j, k] += weighted * J_of[i, axis, m + k]
+            for j in range(3, m):
+                weight = (least / free_sd) ** 2
+                N[j, j] += weight
+                b[j] += weight * (xhat[order[j]] - pose[order[j]])
+            regular, N_inverse = inverse_3x3(N) if m == 3 else scaled_inverse(N)
+            if not regular:
+                return nothing
+            if converged:
+                break
+            step = min(1.0, 2.0 ** (5 - iteration)) * (N_inverse @ b)
+            length = 0.0
+            for j in range(m):
+                pose[order[j]] += step[j]
+                length += step[j] ** 2
+            converged = np.sqrt(length) < _CONVERGED
+        if not converged:
+            return nothing
+        G = N_inverse @ B
+        G_P_a = G @ P_a
+        G_P_a_G = G_P_a @ np.ascontiguousarray(G.T)
+        Q[0:m, 0:m], Q[0:m, m:6] = G_P_a_G - least**2 * N_inverse, -G_P_a
+        Q[m:6, 0:m], Q[m:6, m:6] = -G_P_a.T, P_a
+        worst, farthest = -1, max_residual**2
+        for i in range(n):
+            if kept[i]:
+                S_uu, S_uv, S_vv = innovation_covariance(J_of[i], Q, sd[i])
+                # Two boxes leave a residual in one direction only; the last digits keep S regular.
+                d2 = squared_distance(r[i, 0], r[i, 1], S_uu + 1e-6 * least**2, S_uv, S_vv + 1e-6 * least**2)
+                if d2 > farthest:
+                    worst, farthest = i, d2
+        if worst < 0:
+            return True, pose[order[:m]], least**2 * N_inverse + G_P_a_G
+        kept[worst] = False
+        n_kept -= 1
+    return nothing
 
 
 @njit(cache=True)
@@ -51,7 +178,7 @@ def known_attitude(
     xhat: np.ndarray,
     P: np.ndarray,
     camera: Camera,
-    sd: float,
+    sd: np.ndarray,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
@@ -66,58 +193,44 @@ def known_attitude(
         xhat: estimate; position and attitude come first.
         P: its covariance (225).
         camera: the camera.
-        sd: error of a box centre [px].
+        sd: error of each box centre [px] (n, 2).
         max_residual: in standard deviations.
     """
-    n = centers.shape[0]
-    p, rpy, P_a = xhat[0:3].copy(), xhat[3:6], np.ascontiguousarray(pose_covariance(P)[3:6, 3:6])
-    R_WB = rotation_matrix(rpy)
-    kept, n_kept = np.ones(n, dtype=np.bool_), n
-    z, J, J_of, r = np.empty(2), np.empty((2, 6)), np.empty((n, 2, 6)), np.empty((n, 2))
-    Q = np.empty((6, 6))
-    nothing = (False, p, np.zeros((3, 3)))
-    while n_kept >= 2:
-        converged, N_inverse, B = False, np.zeros((3, 3)), np.zeros((3, 3))
-        for iteration in range(_ITERATIONS):
-            N, B, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-            for i in range(n):
-                if not kept[i]:
-                    continue
-                if not box_center(positions[i], outlines[i], p, rpy, R_WB, camera, z, J):
-                    return nothing
-                J_of[i] = J
-                for axis in range(2):
-                    r[i, axis] = centers[i, axis] - z[axis]
-                    for j in range(3):
-                        b[j] += J[axis, j] * r[i, axis]
-                        for k in range(3):
-                            N[j, k] += J[axis, j] * J[axis, k]
-                            B[j, k] += J[axis, j] * J[axis, 3 + k]
-            regular, N_inverse = inverse_3x3(N)
-            if not regular:
-                return nothing
-            if converged:
-                break
-            step = min(1.0, 2.0 ** (5 - iteration)) * (N_inverse @ b)
-            p = p + step
-            converged = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) < _CONVERGED
-        if not converged:
-            return nothing
-        G = N_inverse @ B
-        G_P_a = G @ P_a
-        G_P_a_G = G_P_a @ np.ascontiguousarray(G.T)
-        Q[0:3, 0:3], Q[0:3, 3:6] = G_P_a_G - sd**2 * N_inverse, -G_P_a
-        Q[3:6, 0:3], Q[3:6, 3:6] = -G_P_a.T, P_a
-        worst, farthest = -1, max_residual**2
-        for i in range(n):
-            if kept[i]:
-                S_uu, S_uv, S_vv = innovation_covariance(J_of[i], Q, sd)
-                # Two boxes leave a residual in one direction only; the last digits keep S regular.
-                d2 = squared_distance(r[i, 0], r[i, 1], S_uu + 1e-6 * sd**2, S_uv, S_vv + 1e-6 * sd**2)
-                if d2 > farthest:
-                    worst, farthest = i, d2
-        if worst < 0:
-            return True, p, sd**2 * N_inverse + G_P_a_G
-        kept[worst] = False
-        n_kept -= 1
-    return nothing
+    return _pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, ATTITUDE_HELD, 3, np.inf)
+
+
+@njit(cache=True)
+def known_tilt(
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    camera: Camera,
+    sd: np.ndarray,
+    max_residual: float,
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return whether there is a fix, [p_WB, psi] (4) and their covariance (4 x 4); roll and pitch are the filter's.
+
+    The yaw comes from the boxes alone, so that a compass that is off does not turn the position about the vehicle.
+    Boxes are dropped and arguments are as in known_attitude.
+    """
+    return _pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, TILT_HELD, 4, np.inf)
+
+
+@njit(cache=True)
+def pose(
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    camera: Camera,
+    sd: np.ndarray,
+    max_residual: float,
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return whether there is a fix, [p_WB, rpy] (6) and their covariance (6 x 6).
+
+    Boxes are dropped and arguments are as in known_attitude; P is not used.
+    """
+    return _pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, ATTITUDE_HELD, 6, FREE_SD)

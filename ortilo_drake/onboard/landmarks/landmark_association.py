@@ -2,7 +2,7 @@
 
 The filter predicts where each landmark's box centre appears, z_i = h_i(xhat), and how far that may be wrong,
 
-    S_i = J_i P J_i^T + sd^2 I,   J_i = d h_i / d(p_WB, rpy),   P of position and attitude (6 x 6).
+    S_i = J_i P J_i^T + R_i,   J_i = d h_i / d(p_WB, rpy),   P of position and attitude (6 x 6).
 
 A box of the same class and of about the predicted size may be landmark i if d^2 = e^T S_i^-1 e, e = z - z_i, is
 within the gate; the boxes are given out so that the sum of d^2 is least, a landmark without a box counting as
@@ -51,9 +51,9 @@ def pose_covariance(P: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: float) -> tuple[float, float, float]:
-    """Return S_uu, S_uv, S_vv of S = J P J^T + sd^2 I."""
-    S_uu, S_uv, S_vv = sd**2, 0.0, sd**2
+def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> tuple[float, float, float]:
+    """Return S_uu, S_uv, S_vv of S = J P J^T + diag(sd^2)."""
+    S_uu, S_uv, S_vv = sd[0] ** 2, 0.0, sd[1] ** 2
     for a in range(6):
         for b in range(6):
             S_uu += J[0, a] * P[a, b] * J[0, b]
@@ -69,6 +69,32 @@ def squared_distance(e_u: float, e_v: float, S_uu: float, S_uv: float, S_vv: flo
 
 
 @njit(cache=True)
+def center_sd(size: float, sd: float, growth: float) -> float:
+    """Return the error of a box's centre along an axis [px], by the box's size along it [px].
+
+    Args:
+        size: width for u, height for v.
+        sd: of small boxes [px].
+        growth: share of the size by which the error grows, over sd [1/px].
+    """
+    return float(sd * np.sqrt(1.0 + (growth * size) ** 2))
+
+
+@njit(cache=True)
+def center_sds(
+    positions: np.ndarray, outlines: np.ndarray, xhat: np.ndarray, camera: Camera, sd: float, growth: float
+) -> np.ndarray:
+    """Return the errors of landmarks' box centres (n, 2) [px], their sizes as the estimate predicts them."""
+    sds, box = np.empty((positions.shape[0], 2)), np.empty(4)
+    R_WB = rotation_matrix(xhat[3:6])
+    for i in range(positions.shape[0]):
+        extent_box(positions[i], outlines[i], xhat[0:3], R_WB, camera, box)
+        for axis in range(2):
+            sds[i, axis] = center_sd(box[2 + axis] - box[axis], sd, growth)
+    return sds
+
+
+@njit(cache=True)
 def association_costs(
     detections: np.ndarray,
     xhat: np.ndarray,
@@ -79,6 +105,7 @@ def association_costs(
     camera: Camera,
     sd: float,
     gate: float,
+    growth: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return candidate landmarks (k), centres of whole boxes (m, 2) and the costs of pairing them (k, m + k).
 
@@ -89,7 +116,7 @@ def association_costs(
     m, n = box_labels.size, positions.shape[0]
     p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
     R_WB = rotation_matrix(rpy)
-    z, J, box = np.empty(2), np.empty((2, 6)), np.empty(4)
+    z, J, box, own_sd = np.empty(2), np.empty((2, 6)), np.empty(4), np.empty(2)
     candidates, k = np.empty(n, dtype=np.int64), 0
     d2 = np.full((n, m), _FORBIDDEN)
     for i in range(n):
@@ -104,7 +131,8 @@ def association_costs(
             continue
         extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box)
         span = box[2] - box[0] + box[3] - box[1]
-        S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, sd)
+        own_sd[0], own_sd[1] = center_sd(box[2] - box[0], sd, growth), center_sd(box[3] - box[1], sd, growth)
+        S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, own_sd)
         for j in range(m):
             if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
                 squared = squared_distance(centers[j, 0] - z[0], centers[j, 1] - z[1], S_uu, S_uv, S_vv)
@@ -129,6 +157,7 @@ def associate(
     camera: Camera,
     sd: float,
     gate: float,
+    growth: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the landmarks found, as indices in rising order (k), and their boxes' centres (k, 2).
 
@@ -142,10 +171,13 @@ def associate(
         outlines: their outlines, see pinhole.py (n, m, 3).
         labels: their classes (n).
         camera: the camera.
-        sd: error of a box centre [px].
+        sd: error of a small box's centre [px].
         gate: largest admissible d^2.
+        growth: of that error with the box's size [1/px], see center_sd.
     """
-    candidates, centers, costs = association_costs(detections, xhat, P, positions, outlines, labels, camera, sd, gate)
+    candidates, centers, costs = association_costs(
+        detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth
+    )
     _, column = scipy.optimize.linear_sum_assignment(costs)
     paired = column < len(centers)
     return candidates[paired], centers[column[paired]]

@@ -23,8 +23,9 @@ def refine_pose(
     p_WB: np.ndarray,
     rpy: np.ndarray,
     camera: Camera,
+    sd: np.ndarray,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether Gauss-Newton converged, the pose [p_WB, rpy] (6) and (sum_i J_i^T J_i)^-1 (6 x 6).
+    """Return whether Gauss-Newton converged, the pose [p_WB, rpy] (6) and its covariance (6 x 6).
 
     Args:
         centers: centres of the boxes [px] (n, 2).
@@ -33,8 +34,10 @@ def refine_pose(
         p_WB: position to start from (3).
         rpy: attitude to start from (3).
         camera: the camera.
+        sd: error of each box centre [px] (n, 2).
     """
     n = centers.shape[0]
+    least = np.min(sd)
     pose = np.concatenate((p_WB, rpy))
     z, J, r = np.empty(2), np.zeros((2 * n, 6)), np.empty(2 * n)
     for iteration in range(_ITERATIONS):
@@ -44,6 +47,9 @@ def refine_pose(
             if not box_center(positions[i], outlines[i], pose[0:3], pose[3:6], R_WB, camera, z, J[rows]):
                 return False, pose, np.zeros((6, 6))
             r[rows] = centers[i] - z
+            for axis in range(2):
+                r[2 * i + axis] *= least / sd[i, axis]
+                J[2 * i + axis] *= least / sd[i, axis]
         step, _, rank, _ = np.linalg.lstsq(J, r, 1e-9)
         if rank < 6:
             break
@@ -51,7 +57,7 @@ def refine_pose(
         pose = pose + step
         if np.max(np.abs(step)) < _CONVERGED:
             J_inverse = np.linalg.pinv(J)
-            return True, pose, J_inverse @ J_inverse.T
+            return True, pose, least**2 * (J_inverse @ J_inverse.T)
     return False, pose, np.zeros((6, 6))
 
 
@@ -62,13 +68,13 @@ def pnp(
     xhat: np.ndarray,
     P: np.ndarray,
     camera: Camera,
-    sd: float,
+    sd: np.ndarray,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
 
-    RANSAC counts a box in if it lies within max_residual * sd of its place. Arguments as in known_attitude;
-    xhat serves only for the difference between a box's centre and the landmark's, P is not used.
+    RANSAC counts a box in if it lies within max_residual times the median sd of its place. Arguments as in
+    known_attitude; xhat serves only for the difference between a box's centre and the landmark's, P is not used.
     """
     nothing = (False, xhat[0:3].copy(), np.zeros((3, 3)))
     if len(centers) < 4:
@@ -80,7 +86,7 @@ def pnp(
     cv2.setRNGSeed(0)  # OpenCV's generator is global: the same boxes shall give the same fix
     try:
         found, rvec, t, inliers = cv2.solvePnPRansac(
-            positions, pixels, K, None, flags=cv2.SOLVEPNP_SQPNP, reprojectionError=max_residual * sd
+            positions, pixels, K, None, flags=cv2.SOLVEPNP_SQPNP, reprojectionError=max_residual * float(np.median(sd))
         )
     except cv2.error:  # raised where a minimal set is degenerate
         return nothing
@@ -92,5 +98,5 @@ def pnp(
     roll, pitch = np.arctan2(R_WB[2, 1], R_WB[2, 2]), np.arcsin(np.clip(-R_WB[2, 0], -1.0, 1.0))
     rpy = np.array([roll, pitch, np.arctan2(R_WB[1, 0], R_WB[0, 0])])
     kept = np.sort(inliers[:, 0])
-    refined, pose, covariance = refine_pose(centers[kept], positions[kept], outlines[kept], p_WB, rpy, camera)
-    return bool(refined), pose[0:3], sd**2 * covariance[0:3, 0:3]
+    refined, pose, covariance = refine_pose(centers[kept], positions[kept], outlines[kept], p_WB, rpy, camera, sd[kept])
+    return bool(refined), pose[0:3], covariance[0:3, 0:3]

@@ -99,7 +99,7 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 band = np.array([np.nan if b is None else b for b in lagged.band], dtype=float)
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
-                for i, colour in zip(range(m), (_BLUE, _ORANGE, _GREEN), strict=False):
+                for i, colour in zip(range(min(m, 3)), (_BLUE, _ORANGE, _GREEN), strict=False):
                     label = _COMPONENTS.get(sensor, "123")[i]
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
                 axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))

@@ -20,6 +20,7 @@ from ortilo_drake.studies.loop.hover_loop import arrivals_of, hover_loop, steady
 LAGS = ("up", "down")
 # Stand-ins for a position sensor whose covariance comes with each fix: the variances printed in the paper [m^2].
 PRINTED_V = {"uwb": (0.05, 0.05, 0.05), "camera": (0.08, 0.08, 0.08)}
+ANGLE_V = 0.0025  # of the angles that a landmark fix may give beside the position [rad^2]
 
 
 def reference_at(trajectory: Trajectory, t: float) -> np.ndarray:
@@ -78,7 +79,8 @@ def believed_V(scenario: Scenario) -> np.ndarray:
         sensor = described(name)
         V = sensor.V(scenario)
         if V is None and name in PRINTED_V:
-            V = np.diag(PRINTED_V[name])
+            more = len(scenario.measurement.C_of(name)) - len(PRINTED_V[name])
+            V = np.diag((*PRINTED_V[name], *[ANGLE_V] * more))
         blocks.append(np.diag(sensor.sd(scenario, room, middle)[0] ** 2) if V is None else V)
     return block_diag(*blocks)
 

@@ -164,7 +164,7 @@ def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
     """Return V_2 and what is there at state x (12). Links and blackouts are left out."""
     room, V, there = scenario.load_room(), {}, {}
     for name in scenario.measurement.sensors:
-        sensor, m = described(name), len(described(name).rows)
+        sensor, m = described(name), len(scenario.measurement.C_of(name))
         V[name], there[name] = np.eye(m), name in scenario.sensors
         if not there[name]:
             continue
