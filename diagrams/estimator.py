@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import Demultiplexer
 
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.model.signals import IMU_SIZE, N_XBAR
 from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
@@ -13,8 +13,10 @@ from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial
 from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter, ReplayKalmanFilter
 from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.described import described, message_port, message_size
+from ortilo_drake.sensors.described import flown
+from ortilo_drake.sensors.messages import message_port, message_size
 
 _PREDICTIONS = ("estimate", "covariance")
 
@@ -55,7 +57,7 @@ class IntermittentEstimator(Diagram):
         scenario = scenario.belief
         room, h, settings = scenario.load_room(), scenario.h, scenario.estimator
         measurement = scenario.measurement
-        sensors = [described(name) for name in measurement.sensors if name in scenario.sensors]
+        sensors = [flown(name, scenario) for name in measurement.sensors if name in scenario.sensors]
         solvers = {s.name: s.make_onboard(scenario, room) for s in sensors if s.make_onboard is not None}
         about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
 
@@ -64,7 +66,9 @@ class IntermittentEstimator(Diagram):
         model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras)
         P_0, hover_thrust = initial_covariance(settings, extras), scenario.vehicle.hover_thrust
         arguments = model, augmented_rows(measurement.rows, extras), hover_thrust, xbar_0, P_0, h
-        measures = np.array(settings.V.specific_force) if settings.force == "measured" else None
+        measures = None
+        if settings.force == "measured":
+            measures = np.array(settings.V.specific_force) / scenario.samples("imu")
         replays = settings.delay == "replay"
         if replays:
             sizes = {name: message_port(solvers[name]).size() for name in about}
@@ -102,7 +106,7 @@ class IntermittentEstimator(Diagram):
                     builder.ConnectInput(message, reader)
             fixes[name] = solver.get_output_port()
 
-        V = {name: described(name).V(scenario) for name in measurement.sensors}
+        V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
         sizes = {s.name: fixes[s.name].size() if s.name in fixes else message_size(s, scenario, room) for s in sensors}
         handler = builder.AddSystem(MeasurementHandler(measurement, sizes, V, dict(settings.gates), h, settings.delay))
         for s in sensors:
@@ -116,7 +120,12 @@ class IntermittentEstimator(Diagram):
         for port in (*measurement.sizes, *(["stamps"] * replays)):
             builder.Connect(handler.GetOutputPort(port), kalman.GetInputPort(port))
         if measures is not None:
-            builder.ConnectInput("imu", kalman.GetInputPort("imu"))
+            reader, n = kalman.GetInputPort("imu"), scenario.samples("imu")
+            if n > 1:
+                mean = builder.AddSystem(SampleMean("imu", IMU_SIZE, n))
+                builder.Connect(mean.get_output_port(), reader)
+                reader = mean.get_input_port()
+            builder.ConnectInput("imu", reader)
         if extras:
             parts = builder.AddNamedSystem("extra", Demultiplexer([3, 2 * len(model.extra) - 3]))
             builder.Connect(kalman.GetOutputPort("extra"), parts.get_input_port())

@@ -29,7 +29,7 @@ def add_vehicle(
         hold: of the commanded u.
         command_period: see diagrams/world.py.
     """
-    sampled = scenario.world.plant == "sampled" and command_period is None
+    sampled = scenario.world.plant == "sampled" and command_period is None and not scenario.faster_sensors
     h = scenario.h
     plant = builder.AddSystem(
         QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)

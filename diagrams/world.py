@@ -18,6 +18,7 @@ from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
 from ortilo_drake.world.radio.link import SensorLink_
 from ortilo_drake.world.seeded_system import set_seed
 from ortilo_drake.world.sensors.message_error import MessageError_
+from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import SensorClock_
 from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.shutter import Shutter
@@ -30,7 +31,8 @@ class World(Diagram):
     """The world as a Diagram.
 
     In real time a command comes when it comes. With a command_period the world looks for one that often, through a
-    failsafe, and Drake integrates the plant in between, whatever world.plant says; all else keeps its tick h.
+    failsafe, and Drake integrates the plant in between, whatever world.plant says; all else keeps its tick h. Where a
+    sensor is faster than the tick, Drake integrates the plant between its samples, whatever world.plant says.
 
     Ports:
         control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get
@@ -73,10 +75,11 @@ class World(Diagram):
                 self._payloads[name] = 0
                 continue
             latency = scenario.camera.latency if name == "camera" else 0
-            source = builder.AddSystem(described(name).make_world(scenario, room))
+            source = builder.AddSystem(described(name).make_world(scenario.sampled_for(name), room))
             _connect(builder, seen, source)
             self._payloads[name] = source.get_output_port().size() - PAYLOAD
             message = _with_errors(builder, scenario, name, source.get_output_port())
+            message = _collected(builder, scenario, name, message)
             delivered = _add_link(builder, scenario, name, message, ports["state"], latency)
             builder.ExportOutput(delivered, source.get_output_port().get_name())
         if scenario.lends_velocities:
@@ -149,6 +152,17 @@ def _with_errors(builder: DiagramBuilder, scenario: Scenario, sensor: str, messa
     builder.Connect(slow.get_output_port(), error.GetInputPort("error"))
     measured: OutputPort = error.get_output_port()
     return measured
+
+
+def _collected(builder: DiagramBuilder, scenario: Scenario, sensor: str, message: OutputPort) -> OutputPort:
+    """Collect the samples of a sensor faster than the tick; return where a tick's message comes out."""
+    n = scenario.samples(sensor)
+    if n == 1:
+        return message
+    collector = builder.AddSystem(SampleCollector(sensor, message.size(), n, scenario.h))
+    builder.Connect(message, collector.get_input_port())
+    collected: OutputPort = collector.get_output_port()
+    return collected
 
 
 def _add_link(

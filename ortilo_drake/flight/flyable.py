@@ -9,7 +9,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
-from ortilo_drake.sensors.described import described, message_size
+from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.world.drawn_truth import check_size
 from ortilo_drake.world.radio.image_delay import check_kept
 from ortilo_drake.world.scenery.rendering import check_egl

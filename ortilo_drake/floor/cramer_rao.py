@@ -21,6 +21,7 @@ difference is small if that error is small against the distance of anchors and l
 
 Every approximation adds information, so it lowers the floor:
 - a late measurement counts from the tick in which it was taken;
+- the disturbance is taken not to act between the samples of a sensor faster than the tick;
 - the landmark of each box, the excess of a range behind walls, and the control that acted count as known;
 - messages that gave no fix, or were refused, count.
 Data that the paper's filter does not use is left out: body rates and specific force of the imu message, the sizes of
@@ -34,8 +35,9 @@ from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.floor.information_camera import camera_rows, camera_tables
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import ROW_SIZE, angle_rows, by_tick, rows_of
+from ortilo_drake.floor.information_rows import ROW_SIZE, by_tick, rows_of
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
+from ortilo_drake.model.measurement import rows_matrix, seen_earlier
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X, SENSORS
 from ortilo_drake.scenario import Scenario
@@ -56,11 +58,19 @@ def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
 
 
 def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np.ndarray:
-    """Return the rows of a registered sensor, from its noise at the true states (n, 12) and its rows of C."""
+    """Return the rows of the imu or a registered sensor, from its noise at the true states (n, 12) and its rows of C.
+
+    Of a sensor faster than the tick each sample has rows of its own, which see the state of t_k at their age.
+    """
+    sensor, samples = described(name), scenario.samples(name)
     ticks = np.flatnonzero(arrived(scenario, name, truth))
-    sd = described(name).sd(scenario, room, truth[ticks])
+    sd = sensor.sd(scenario, room, truth[ticks])
     i, j = np.nonzero(np.isfinite(sd))
-    return rows_of(ticks[i], scenario.measurement.C_of(name)[j], sd[i, j] ** 2)
+    parts = []
+    for age in scenario.h * np.arange(samples) / samples:
+        C = rows_matrix([seen_earlier(row, age) for row in sensor.rows])
+        parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2))
+    return np.concatenate(parts)
 
 
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
@@ -72,11 +82,11 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
             return None
         camera = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
         spacing = int(tables.slow[0, 1])
+    own = (name for name in scenario.sensors if name not in SENSORS)
     rows = by_tick(
         range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth)),
         camera,
-        angle_rows(arrived(scenario, "imu", truth), scenario.imu.angle_sd),
-        *(own_rows(name, scenario, room, truth) for name in scenario.sensors if name not in SENSORS),
+        *(own_rows(name, scenario, room, truth) for name in ("imu", *own)),
     )
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     disturbance = scenario.world.disturbance

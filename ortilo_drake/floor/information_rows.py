@@ -30,13 +30,6 @@ def rows_of(ticks: np.ndarray, gradients: np.ndarray, variances: np.ndarray) -> 
     return rows
 
 
-def angle_rows(seen: np.ndarray, sd: float) -> np.ndarray:
-    """Return the rows of an IMU's three angles, of that sd [rad], in the ticks where it is seen (n)."""
-    ticks = np.repeat(np.flatnonzero(seen), 3)
-    gradients = np.tile(np.eye(N_X)[3:6], (len(ticks) // 3, 1))
-    return rows_of(ticks, gradients, np.full(len(ticks), sd**2))
-
-
 def by_tick(*parts: np.ndarray) -> np.ndarray:
     """Return all rows in one array, in the order of their ticks."""
     rows = np.concatenate([np.empty((0, ROW_SIZE)), *parts])

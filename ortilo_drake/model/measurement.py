@@ -9,11 +9,13 @@ A list of sensors gives
 The filter's model of the values is y_j = C_j x + v_j, v_j of covariance V_j.
 """
 
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.hover import hover_A
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X, N_XBAR, REFERENCE_SIZE, STATE_NAMES
 
 POSITION: Final = STATE_NAMES[:3]
@@ -36,6 +38,22 @@ def row(name: str, **sees: float) -> Row:
     if unknown or not sees:
         raise ValueError(f"{name}: sees {unknown or 'nothing'}: must be among {', '.join(STATE_NAMES)}")
     return Row(name, tuple((state, float(c)) for state, c in sees.items()))
+
+
+def rows_matrix(rows: Iterable[Row]) -> np.ndarray:
+    """Return the rows of C over the states (m, 12)."""
+    return np.array([[sum(c for state, c in own.sees if state == name) for name in STATE_NAMES] for own in rows], float)
+
+
+def seen_earlier(own: Row, age: float) -> Row:
+    """Return what a row tells of the state now if it was measured some time ago [s]: C (I - age A), to first order.
+
+    A is the hover model's (model/hover.py). Left out are the control and the disturbance that acted since: a constant
+    angular acceleration alpha changes an angle by alpha age^2 / 2 beyond it.
+    """
+    C = rows_matrix([own])[0]
+    C = C - age * (C @ hover_A())
+    return Row(own.name, tuple((STATE_NAMES[i], float(C[i])) for i in np.flatnonzero(C)))
 
 
 Rows = tuple[tuple[str, tuple[Row, ...]], ...]  # a sensor's name and its rows, for each sensor

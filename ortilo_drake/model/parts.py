@@ -8,7 +8,7 @@ loaded. A scenario file by itself never runs code.
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.measurement import CAMERA, PAPER, Measurement, Row, make_measurement
+from ortilo_drake.model.measurement import CAMERA, PAPER, Measurement, Row, make_measurement, seen_earlier
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 
@@ -29,7 +29,7 @@ KINDS: Final = ("estimator", "servo", "planner")
 
 @dataclass(frozen=True)
 class Sensor:
-    """Everything that the laboratory knows of a sensor.
+    """Everything that the laboratory knows of a sensor; where it is faster than the tick, of one of its samples.
 
     What crosses from the world to the onboard half is its message [arrived, stamp, payload ...] (model/signals.py).
     What reaches the filter is a value of m rows and its covariance: y = C x + v.
@@ -39,7 +39,8 @@ class Sensor:
         settings: its group in a scenario, a frozen model with at least a field ``link: Link``.
         rows: what it tells the filter, m rows of y.
         make_world: (scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one
-            output, the message.
+            output, the message, a function of its inputs, the time and noise. Where the sensor is faster than the tick,
+            that scenario's h is the time from one sample to the next, and its message is one sample.
         make_onboard: (scenario, room) -> System with the message as input, if it wants them estimate (15) and
             covariance (225), and one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if
             the message itself begins with the value, or is a fix.
@@ -116,7 +117,7 @@ def register_part(role: str, part: Part) -> None:
 def _remember_caller() -> None:
     """Remember the file that registers a part, so that worker processes can load it as well."""
     frame = inspect.currentframe()
-    while frame is not None and frame.f_globals.get("__name__") in (__name__, "ortilo_drake.api"):
+    while frame is not None and frame.f_globals.get("__name__") in (__name__, "ortilo_drake.api.parts"):
         frame = frame.f_back
     if frame is None or frame.f_globals.get("__name__", "").partition(".")[0] == "ortilo_drake":
         return  # comes with the package
@@ -173,16 +174,23 @@ def find_part(role: str, kind: str) -> Part | None:
     return _PARTS.get((role, kind))
 
 
-def measurement_of(sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA) -> Measurement:
+def measurement_of(
+    sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA, ages: Mapping[str, float] | None = None
+) -> Measurement:
     """Return the measurement of the paper's three sensors and of the registered ones among those named.
 
     Args:
         sensors: their names.
         camera: the rows that a landmark fix fills.
+        ages: how old the values of some sensors are on average [s], of those that are faster than the tick.
     """
     own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
     paper = ((name, camera if name == "camera" else rows) for name, rows in PAPER)
-    return make_measurement((*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None)))
+    rows = (*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None))
+    old = ages or {}
+    return make_measurement(
+        tuple((name, tuple(seen_earlier(r, old[name]) for r in its) if name in old else its) for name, its in rows)
+    )
 
 
 def known_sensors() -> tuple[str, ...]:

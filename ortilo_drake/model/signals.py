@@ -17,9 +17,15 @@ which its content was true. The payloads:
     fix         p_WB [m] (3), its covariance row by row [m^2] (9)
     <own>       what a registered sensor sends, see model/parts.py
     velocity    v_WB [m/s], Euler-angle rates [rad/s]; only where a scenario lends the servo the truth  (6)
+
+A sensor faster than the tick sends n samples in one message a tick: its payload is n rows [arrived, stamp, payload of
+one sample], oldest first, taken at t_k - h + h / n, ..., t_k. The head [arrived, stamp] is then that of the newest
+sample that is there.
 """
 
 from typing import Final
+
+import numpy as np
 
 STATE_NAMES: Final = (
     "x", "y", "z", "phi", "theta", "psi",
@@ -55,3 +61,16 @@ REFERENCE_SIZE: Final = 9
 def uwb_size(anchors: int) -> int:
     """Return the size of a uwb message for that many anchors."""
     return PAYLOAD + 2 * anchors
+
+
+def samples_in(message: np.ndarray, n: int) -> np.ndarray:
+    """Return the samples in a message of a sensor faster than the tick, rows [arrived, stamp, payload] (n, 2 + p)."""
+    return message[PAYLOAD:].reshape(n, -1)
+
+
+def size_of_samples(size: int, n: int) -> int:
+    """Return the size of a message that carries n samples, each of that size with its own arrived and stamp.
+
+    It is also the index at which sample n of a longer message begins.
+    """
+    return PAYLOAD + n * size

@@ -111,6 +111,16 @@ class Belief(Frozen):
         ticks: int = self.group_of(sensor).link.every(self.h)
         return ticks
 
+    def samples(self, sensor: str) -> int:
+        """Return how many samples a message carries: more than one of a sensor that flies faster than the tick."""
+        n: int = self.group_of(sensor).link.samples(self.h) if sensor in self.sensors else 1
+        return n
+
+    @property
+    def faster_sensors(self) -> tuple[str, ...]:
+        """Those that fly and are faster than the tick."""
+        return tuple(sensor for sensor in self.sensors if self.samples(sensor) > 1)
+
     def settings_of(self, sensor: str) -> Any:
         """Return the settings of a registered sensor, its defaults where the scenario has none."""
         found = find_sensor(sensor)
@@ -125,8 +135,13 @@ class Belief(Frozen):
 
     @property
     def measurement(self) -> Measurement:
-        """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly."""
-        return measurement_of(self.sensors, self.landmark_fix.rows)
+        """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly.
+
+        Of a sensor faster than the tick it gets the mean of a tick's samples, which is (n - 1) h / (2 n) old.
+        """
+        faster = {sensor: self.samples(sensor) for sensor in self.faster_sensors}
+        ages = {sensor: 0.5 * (n - 1) / n * self.h for sensor, n in faster.items()}
+        return measurement_of(self.sensors, self.landmark_fix.rows, ages)
 
     def load_room(self) -> Room:
         """Return the room as it was surveyed; InputError if its file is wrong."""

@@ -1,11 +1,14 @@
 """Settings of the links that carry sensor messages to the vehicle, and commands to its rotors."""
 
-from typing import Annotated, Any, Literal
+import math
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
 
+MOST_SAMPLES: Final = 100  # of a sensor in one tick: a packet is not to grow without limit
+ONE_A_TICK: Final = ("uwb", "camera")  # their messages are whole sets of ranges or boxes, which have no mean
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -111,7 +114,9 @@ class LinkRate(Frozen):
     """How often a sensor sends.
 
     Attributes:
-        rate: messages a second [Hz]; must divide the scenario's control_rate. null sends on every tick.
+        rate: samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb
+            and camera), and each tick's packet carries the samples taken since the tick before, each with its stamp.
+            null sends on every tick.
     """
 
     rate: Annotated[float, Field(ge=1e-3)] | None = None
@@ -120,12 +125,16 @@ class LinkRate(Frozen):
         """Return how many ticks of h [s] lie from one message to the next."""
         return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
 
+    def samples(self, h: float) -> int:
+        """Return how many samples a message carries: more than one if the sensor is faster than the tick of h [s]."""
+        return 1 if self.rate is None else max(1, round(self.rate * h))
+
 
 class Link(LinkRate):
-    """How one sensor's messages reach the vehicle.
+    """How one sensor's messages reach the vehicle: one packet in each tick that is due, delivered or lost as a whole.
 
     Attributes:
-        rate: messages a second [Hz]; must divide the scenario's control_rate. null sends on every tick.
+        rate: see LinkRate.
         loss: what is lost at random; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].
@@ -143,6 +152,25 @@ class Link(LinkRate):
             if blackout.start >= blackout.end:
                 raise ValueError(f"blackout: start {blackout.start} must be below end {blackout.end}")
         return self
+
+
+def check_rate(sensor: str, rate: float, control_rate: float) -> None:
+    """Raise ValueError if a sensor's rate [Hz] neither divides the control rate nor is a multiple that can be flown."""
+    ticks, samples = control_rate / rate, rate / control_rate
+    if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:
+        return
+    wrong = f"{sensor}.link.rate: {rate}: must divide control_rate, {control_rate:g} Hz"
+    if ticks > 1.0:
+        below, above = control_rate / math.ceil(ticks), control_rate / math.floor(ticks)
+        raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
+    if sensor in ONE_A_TICK:
+        raise ValueError(f"{wrong}, or be null: of {sensor} comes no more than one message a tick")
+    wrong += f", or be 2 to {MOST_SAMPLES} times it"
+    if samples > MOST_SAMPLES:
+        raise ValueError(wrong)
+    if abs(samples - round(samples)) > 1e-9 * samples:
+        below, above = control_rate * math.floor(samples), control_rate * math.ceil(samples)
+        raise ValueError(f"{wrong}; the nearest that are: {below:.12g} and {above:.12g}")
 
 
 class CommandLink(Frozen):

@@ -1,6 +1,5 @@
 """The scenario: everything that decides a flight, and nothing else."""
 
-import math
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -11,7 +10,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest, validate
 from ortilo_drake.scenario.belief import Belief
 from ortilo_drake.scenario.failsafe import Failsafe
-from ortilo_drake.scenario.link import CommandLink, Link
+from ortilo_drake.scenario.link import CommandLink, Link, check_rate
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.sensors import Camera, Imu, Uwb
 from ortilo_drake.scenario.truth import Truth
@@ -71,18 +70,17 @@ class Scenario(Belief):
         link: Link = self.group_of(sensor).link
         return link
 
+    def sampled_for(self, sensor: str) -> "Scenario":
+        """Return the scenario for a sensor's own clock: where it is faster than the tick, its samples are the ticks."""
+        n = self.samples(sensor)
+        return self if n == 1 else self.model_copy(update={"control_rate": n * self.control_rate})
+
     @model_validator(mode="after")
-    def _rates_divide_control_rate(self) -> "Scenario":
+    def _rates_fit_control_rate(self) -> "Scenario":
         for sensor in self.sensors:
-            rate, most = self.link_of(sensor).rate, self.control_rate
-            ticks = 1.0 if rate is None else most / rate
-            if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:
-                continue
-            wrong = f"{sensor}.link.rate: {rate}: must divide control_rate, {most:g} Hz"
-            if ticks < 1.0:
-                raise ValueError(f"{wrong}, or be null: a sensor faster than the tick is not flown yet")
-            below, above = most / math.ceil(ticks), most / math.floor(ticks)
-            raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
+            rate = self.link_of(sensor).rate
+            if rate is not None:
+                check_rate(sensor, rate, self.control_rate)
         return self
 
     @model_validator(mode="after")

@@ -47,6 +47,7 @@ class World(Frozen):
             'linear' is the paper's linearisation at hover.
         plant: 'sampled' steps the vehicle once a tick by the classical Runge-Kutta method, which for held inputs leaves
             the simulator nothing to integrate; 'continuous' has Drake integrate it. Rotors with a lag need the latter.
+            Where a sensor is faster than the tick the plant is always integrated, from sample to sample.
         rotors: between the control and the body.
         disturbance: what pushes the vehicle about.
     """

@@ -1,7 +1,6 @@
 """The descriptions of the sensors that a scenario flies, built-in and registered ones alike."""
 
 import numpy as np
-from pydrake.systems.framework import InputPort, System
 
 from ortilo_drake.model.measurement import CAMERA, IMU, UWB
 from ortilo_drake.model.parts import Sensor, find_sensor
@@ -13,6 +12,7 @@ from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Uwb as UwbSettings
+from ortilo_drake.sensors.faster import with_samples
 from ortilo_drake.world.sensors.imu import Imu_
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 from ortilo_drake.world.sensors.uwb import UwbRanging_
@@ -73,16 +73,7 @@ def described(name: str) -> Sensor:
     return found
 
 
-def message_port(system: System) -> InputPort:
-    """Return the port at which a sensor's messages come in, of the system that make_onboard returned."""
-    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
-    return next(port for port in ports if port.get_name() not in ("estimate", "covariance"))
-
-
-def message_size(sensor: Sensor, scenario: Belief, room: Room) -> int:
-    """Return the size of a sensor's message."""
-    if sensor.make_onboard is not None:
-        return int(message_port(sensor.make_onboard(scenario.belief, room)).size())
-    m = len(sensor.rows)
-    payload = sensor.payload or (m if sensor.V(scenario) is not None else m + m * m)
-    return PAYLOAD + payload
+def flown(name: str, scenario: Belief) -> Sensor:
+    """Return the description of a sensor as a scenario flies it: of one faster than the tick, that of its means."""
+    n = scenario.samples(name)
+    return described(name) if n == 1 else with_samples(described(name), n)

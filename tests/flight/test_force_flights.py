@@ -26,9 +26,15 @@ def hovering(force: str, *settings: str) -> Scenario:
     return load_scenario("imu_uwb", (HOVER, "settle=0", f"estimator.force={force}", *settings))
 
 
-@pytest.mark.parametrize("force", ["thrust", "measured"])
-def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_counters(force: str) -> None:
-    scenario = hovering(force)
+@pytest.mark.parametrize(
+    ("force", "settings"),
+    [("thrust", ()), ("measured", ()), ("measured", ("imu.link.rate=240",))],
+    ids=["thrust", "measured", "faster"],
+)
+def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_counters(
+    force: str, settings: tuple[str, ...]
+) -> None:
+    scenario = hovering(force, *settings)
     diagram = make_closed_loop(scenario)
     simulator = make_simulator(diagram, scenario)
     context = simulator.get_mutable_context()
@@ -56,7 +62,11 @@ def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_count
     assert abs(state[2] - 1.5) < 0.15
 
 
-@pytest.mark.parametrize("settings", [(), ("estimator.delay=replay", "uwb.link.delay=3")], ids=["now", "late"])
+@pytest.mark.parametrize(
+    "settings",
+    [(), ("estimator.delay=replay", "uwb.link.delay=3"), ("imu.link.rate=240",)],
+    ids=["now", "late", "faster"],
+)
 def test_two_halves_fly_it_and_a_log_repeats_it_bit_for_bit(tmp_path: Path, settings: tuple[str, ...]) -> None:
     scenario = hovering("measured", "planner={kind: hover, duration: 2.0}", *settings)
     whole = fly(scenario)

@@ -22,7 +22,6 @@ from ortilo_drake.floor.information_rows import (
     ROW_SIZE,
     SLOW,
     VARIANCE,
-    angle_rows,
     by_tick,
     information,
     rows_of,
@@ -46,6 +45,12 @@ W = disturbance_W(M100, H, FORCE, TORQUE)
 NOTHING = np.zeros((12, 12))
 ROOM = load_scenario("imu_uwb").load_room()
 COMPARED = [0, 1, 8, 15, 27]  # ticks
+
+
+def angle_rows(seen: np.ndarray, sd: float) -> np.ndarray:
+    """Return the rows of an IMU's three angles, of that sd [rad], in the ticks where it is seen (n)."""
+    ticks = np.repeat(np.flatnonzero(seen), 3)
+    return rows_of(ticks, np.tile(np.eye(12)[3:6], (len(ticks) // 3, 1)), np.full(len(ticks), sd**2))
 
 
 def random_rows(rng: np.random.Generator, ticks: int, count: int, slow: int = 0) -> np.ndarray:

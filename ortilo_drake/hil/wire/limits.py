@@ -26,10 +26,12 @@ from ortilo_drake.model.signals import (
     N_X,
     PAYLOAD,
     SENSORS,
+    size_of_samples,
 )
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import described, message_size
+from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.messages import message_size
 
 ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; ideal rotors give it
 SIGMAS: Final = 10.0
@@ -46,23 +48,32 @@ class Limits(NamedTuple):
         high: greatest values.
         whole: indices of the entries that are whole numbers.
         oldest: how old a stamp may be, in ticks.
+        samples: how many samples the message carries, 0 where it is one itself.
     """
 
     low: np.ndarray
     high: np.ndarray
     whole: np.ndarray = np.empty(0, dtype=int)
     oldest: int = 0
+    samples: int = 0
 
 
 def _symmetric(high: np.ndarray) -> Limits:
     return Limits(-high, high)
 
 
-def _message(low: np.ndarray, high: np.ndarray, oldest: int, whole: list[int] | None = None) -> Limits:
-    """Return the limits of a message from those of its payload; check_stamp checks its stamp."""
+def _message(
+    low: np.ndarray, high: np.ndarray, oldest: int, whole: list[int] | None = None, samples: int = 1
+) -> Limits:
+    """Return the limits of a message from those of the payload of one sample; check_stamp checks its stamps."""
     head = np.array([0.0, -np.inf]), np.array([1.0, np.inf])
+    one = np.concatenate((head[0], low)), np.concatenate((head[1], high))
     indices = np.array([ARRIVED, *(PAYLOAD + i for i in whole or ())])
-    return Limits(np.concatenate((head[0], low)), np.concatenate((head[1], high)), indices, oldest)
+    if samples == 1:
+        return Limits(*one, indices, oldest)
+    indices = np.concatenate([[ARRIVED], *(size_of_samples(one[0].size, i) + indices for i in range(samples))])
+    low, high = (np.concatenate((ends, np.tile(of_one, samples))) for ends, of_one in zip(head, one, strict=True))
+    return Limits(low, high, indices, oldest, samples)
 
 
 def largest_command(vehicle: Vehicle) -> np.ndarray:
@@ -129,9 +140,11 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         sensor = described(name)
         payload = message_size(sensor, scenario, room) - PAYLOAD
         bounds = np.full(payload, -LARGEST), np.full(payload, LARGEST)
-        own[name] = _message(*(sensor.limits(scenario, room) if sensor.limits else bounds), oldest(name))
+        own[name] = _message(
+            *(sensor.limits(scenario, room) if sensor.limits else bounds), oldest(name), samples=scenario.samples(name)
+        )
     return own | {
-        "imu": _message(-inertial, inertial, oldest("imu")),
+        "imu": _message(-inertial, inertial, oldest("imu"), samples=scenario.samples("imu")),
         "uwb": _message(np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), oldest("uwb"), list(range(n, 2 * n))),
         "detections": _message(box_low, box_high, oldest("camera") + latency, labels),
         "shutter": _message(nothing, nothing, oldest("camera")),

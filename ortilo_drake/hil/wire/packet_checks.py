@@ -20,6 +20,7 @@ import numpy as np
 from ortilo_drake.hil.wire.limits import Limits
 from ortilo_drake.hil.wire.packets import MAX_TEXT
 from ortilo_drake.hil.wire.seal import MAC_SIZE, is_sealed
+from ortilo_drake.model.signals import ARRIVED, STAMP, samples_in
 
 TOLERANCE: Final = 1e-6  # [s] by which a stamp may pass its tick: rounding
 LONGEST: Final = 1e6  # flight [s]
@@ -95,6 +96,17 @@ def check_tick(tick: int, flight: Flight) -> None:
 def check_stamp(stamp: float, tick: int, limits: Limits, flight: Flight) -> None:
     """Refuse a stamp [s] from before the flight, after its tick, or older than the signal's link can delay it."""
     if not max(0.0, (tick - limits.oldest) * flight.h - TOLERANCE) <= stamp <= tick * flight.h + TOLERANCE:
+        raise BadPacket("stamp")
+
+
+def check_samples(values: np.ndarray, tick: int, limits: Limits, flight: Flight) -> None:
+    """Refuse samples whose stamps do not ascend to the message's own, or that are older than a tick before it."""
+    there = samples_in(values, limits.samples)
+    stamps = there[there[:, ARRIVED] > 0.0, STAMP]
+    if len(stamps) == 0:
+        return
+    check_stamp(float(stamps[0]), tick, limits._replace(oldest=limits.oldest + 1), flight)
+    if (np.diff(stamps) <= 0.0).any() or stamps[-1] != values[STAMP]:
         raise BadPacket("stamp")
 
 

@@ -24,6 +24,7 @@ from ortilo_drake.hil.wire.packet_checks import (
     BadPacket,
     Flight,
     check_canonical,
+    check_samples,
     check_size,
     check_stamp,
     check_texts,
@@ -81,6 +82,8 @@ def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
     values = np.array(message.values)
     check_values(values, limits)
     check_stamp(float(values[STAMP]), message.tick, limits, flight)
+    if limits.samples:
+        check_samples(values, message.tick, limits, flight)
     return Packet(name, message.tick, values)
 
 

@@ -14,7 +14,7 @@ from ortilo_drake.interop.ros.ros_fields import (
     vector_fields,
 )
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP, samples_in
 from ortilo_drake.scenario import Scenario
 
 IMAGE_TOPIC = "/camera/image/compressed"
@@ -27,7 +27,9 @@ def sensor_messages(t: float, messages: Signals, scenario: Scenario, room: Room)
     """Return the messages of all sensors that arrived in the tick at t [s]; see ros_messages.tick_messages."""
     sent = []
     if _arrived(messages, "imu"):
-        sent.append(imu_message(messages["imu"], scenario))
+        n = scenario.samples("imu")
+        samples = samples_in(messages["imu"], n) if n > 1 else [messages["imu"]]
+        sent += [imu_message(sample, scenario) for sample in samples if sample[ARRIVED] == 1.0]
     if _arrived(messages, "uwb"):
         sent += range_messages(messages["uwb"], scenario)
     if _arrived(messages, "detections"):
@@ -47,7 +49,7 @@ def _isotropic(sd: float) -> list[float]:
 
 
 def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
-    """Return an imu message's content, stamped with the time at which it was true."""
+    """Return an imu message's content or a sample's of it, stamped with the time at which it was true."""
     settings, payload = scenario.imu, imu[PAYLOAD:].tolist()
     return (
         "/imu/data",

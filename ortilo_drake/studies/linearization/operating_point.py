@@ -13,7 +13,7 @@ from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.described import flown
 from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, hover_loop, steady_predictor
 
@@ -76,7 +76,7 @@ def believed_V(scenario: Scenario) -> np.ndarray:
     middle = np.zeros((1, N_X))
     middle[0, :3] = (np.array(room.interior.min) + np.array(room.interior.max)) / 2.0
     for name in scenario.measurement.sensors:
-        sensor = described(name)
+        sensor = flown(name, scenario)
         V = sensor.V(scenario)
         if V is None and name in PRINTED_V:
             more = len(scenario.measurement.C_of(name)) - len(PRINTED_V[name])

@@ -32,7 +32,7 @@ from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.multilateration import Multilateration_
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.sensors import ParametricErrors
-from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.described import flown
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
@@ -78,7 +78,7 @@ def attitude_covariance(scenario: Scenario) -> np.ndarray:
     measurement, every = scenario.measurement, scenario.every("imu")
     belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
-    V2[measurement.block_of("imu")] = np.diag(scenario.estimator.V.imu).ravel()
+    V2[measurement.block_of("imu")] = np.diag(scenario.estimator.V.imu).ravel() / scenario.samples("imu")
     u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.sensors.index("imu")
     for k in range(SETTLED):
         delta[imu] = float("imu" in scenario.sensors and k % every == 0)
@@ -164,7 +164,7 @@ def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
     """Return V_2 and what is there at state x (12). Links and blackouts are left out."""
     room, V, there = scenario.load_room(), {}, {}
     for name in scenario.measurement.sensors:
-        sensor, m = described(name), len(scenario.measurement.C_of(name))
+        sensor, m = flown(name, scenario), len(scenario.measurement.C_of(name))
         V[name], there[name] = np.eye(m), name in scenario.sensors
         if not there[name]:
             continue

@@ -8,7 +8,7 @@ import numpy as np
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
@@ -64,7 +64,7 @@ def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def planned_reference(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Return t_k (n) and r, r_dot, r_ddot (n, 9) of the whole flight; InputError if there is no path."""
-    path = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+    path = path_of(scenario)
     end = path.end_time()
     time = np.arange(round((end + scenario.settle) * scenario.control_rate) + 1) * scenario.h
     inside = np.minimum(time, end)
@@ -91,7 +91,7 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     there = np.zeros((n, len(sensors)), dtype=np.bool_)
     flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(sensors) if sensor in scenario.sensors]
     delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
-    V_imu = np.diag(scenario.estimator.V.imu)
+    V_imu = np.diag(scenario.estimator.V.imu) / scenario.samples("imu")
     for k in range(n):
         noise = None
         for s, sensor, link in flying:

@@ -17,7 +17,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.onboard.estimator.filter_model import process_noise
 from ortilo_drake.scenario import DiagonalW, Scenario
-from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.described import flown
 from ortilo_drake.studies.loop.hover_loop import check_filter
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
@@ -82,7 +82,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
     counts = np.array([float(counted is None or s in counted) for s in sensors])
     model = NoiseModel(W, np.zeros((len(sensors), max(sizes), max(sizes))), np.zeros(len(sensors)), counts)
     for s, sensor in enumerate(sensors):
-        constant = described(sensor).V(scenario)
+        constant = flown(sensor, scenario).V(scenario)
         if constant is not None:
             model.V[s, : sizes[s], : sizes[s]] = constant
             continue

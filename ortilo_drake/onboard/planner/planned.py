@@ -1,0 +1,86 @@
+"""What a scenario flies along: a path that is planned before the flight, or a System that says it tick by tick."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from pydrake.systems.framework import PortDataType, System
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.model.parts import find_part
+from ortilo_drake.model.signals import REFERENCE_SIZE
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import Belief, GcsPlanner, HoverPlanner, WaypointPlanner
+
+Planned: TypeAlias = Trajectory | System
+_BUILT_IN = (GcsPlanner, HoverPlanner, WaypointPlanner)
+
+
+def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -> Planned:
+    """Return what a scenario's planner plans, or the one given; a System is a new one at each call.
+
+    Raises:
+        InputError: if there is no path, or the planner returns neither a path nor a System with a reference.
+    """
+    scenario = scenario.belief
+    if make is None and not isinstance(scenario.planner, _BUILT_IN):
+        found = find_part("planner", scenario.planner.kind)
+        make = found.make if found else None
+    if make is None:
+        return plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+    made = make(scenario)
+    if isinstance(made, Trajectory) and (made.rows(), made.cols()) == (3, 1):
+        return made
+    if isinstance(made, System) and made.HasOutputPort("reference"):
+        port = made.GetOutputPort("reference")
+        if port.get_data_type() == PortDataType.kVectorValued and port.size() == REFERENCE_SIZE:
+            return made
+    raise InputError(
+        f"planner: returns {type(made).__name__}: must be a Trajectory of 3 rows, or a System with an output "
+        f"'reference' of {REFERENCE_SIZE} numbers"
+    )
+
+
+def path_of(scenario: Belief) -> Trajectory:
+    """Return the path p_WB(t) (3 rows) [m] that a scenario's planner plans; InputError if it is a System."""
+    path = planned(scenario)
+    if not isinstance(path, Trajectory):
+        raise InputError(
+            f"planner: {path.get_name()}: is a System: this needs a path that is planned before the flight"
+        )
+    return path
+
+
+def start_of(plan: Planned) -> np.ndarray:
+    """Return p_WB (3) at the start; a System's is its reference in a default Context, with zeros at its inputs."""
+    if isinstance(plan, Trajectory):
+        return np.array(plan.value(plan.start_time())[:, 0])
+    context = plan.CreateDefaultContext()
+    for i in range(plan.num_input_ports()):
+        port = plan.get_input_port(i)
+        is_vector = port.get_data_type() == PortDataType.kVectorValued
+        port.FixValue(context, np.zeros(port.size()) if is_vector else plan.AllocateInputAbstract(port))
+    return np.array(plan.GetOutputPort("reference").Eval(context)[0:3])
+
+
+def duration_of(scenario: Belief, plan: Planned) -> float:
+    """Return how long the flight follows its reference [s], before it settles.
+
+    A System does not tell. It flies for the duration in its settings in the scenario, or where those are a built-in
+    planner's, for as long as that one's path.
+
+    Raises:
+        InputError: if its settings have no duration.
+    """
+    if not isinstance(plan, Trajectory) and isinstance(scenario.planner, _BUILT_IN):
+        plan = path_of(scenario)
+    if isinstance(plan, Trajectory):
+        return float(plan.end_time())
+    duration = getattr(scenario.planner, "duration", None)
+    if not isinstance(duration, float | int) or not duration > 0.0:
+        raise InputError(
+            f"planner: {plan.get_name()}: its settings need a field 'duration' [s], greater than 0: a System does not "
+            "tell when it ends"
+        )
+    return float(duration)

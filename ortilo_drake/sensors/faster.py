@@ -1,0 +1,82 @@
+"""A sensor faster than the tick, described as the filter takes it: by the mean of its samples in each tick.
+
+The n samples of a tick lie at t_k - h + h / n, ..., t_k. Their mean is that of the state (n - 1) h / (2 n) ago, to
+first order in the state's change over a tick, and its noise has 1 / n of one sample's covariance. The rows of C say so
+(model/measurement.py, seen_earlier), thus filter, gates, theory bench and tube know the age; nothing is corrected by
+the estimate. Where a solver makes a fix of a message, it makes it of the mean payload. A covariance that comes with a
+fix is divided by n as a whole; the part of it that the filter's own error makes is common to the samples, so it comes
+out too small. An integrator of measured positions takes none that is a mean over the tick.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Gain
+
+from ortilo_drake.model.parts import Sensor
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.onboard.sample_mean import SampleMean
+from ortilo_drake.scenario import Belief
+from ortilo_drake.sensors.messages import message_port, message_size
+
+
+def with_samples(sensor: Sensor, n: int) -> Sensor:
+    """Return the description of a sensor that sends n samples a tick, of the description of a single sample.
+
+    Its rows, limits and make_world stay those of a sample: Scenario.measurement has the rows with their age,
+    diagrams/world.py collects the samples.
+    """
+
+    def V(scenario: Belief) -> np.ndarray | None:
+        of_one = sensor.V(scenario)
+        return None if of_one is None else of_one / n
+
+    def sd(scenario: Belief, room: Room, states: np.ndarray) -> np.ndarray:
+        return np.asarray(sensor.sd(scenario, room, states) / np.sqrt(n))
+
+    return replace(
+        sensor,
+        V=V,
+        sd=sd,
+        make_onboard=lambda scenario, room: make_mean_fix(sensor, n, scenario, room),
+    )
+
+
+def make_mean_fix(sensor: Sensor, n: int, scenario: Belief, room: Room) -> Diagram:
+    """Return what makes a tick's value of a message of n samples.
+
+    Ports:
+        <message> (2 + n (2 + p)): n samples.
+        estimate (15), covariance (225): where the sensor's own solver wants them.
+        fix (output): as the sensor's own, the covariance in it divided by n; without a solver the mean message.
+
+    Args:
+        sensor: the description of a single sample.
+        n: samples in a message.
+        scenario: the scenario.
+        room: its room.
+    """
+    builder = DiagramBuilder()
+    solver = None if sensor.make_onboard is None else builder.AddSystem(sensor.make_onboard(scenario, room))
+    name = sensor.name if solver is None else message_port(solver).get_name()
+    mean = builder.AddSystem(SampleMean(name, message_size(sensor, scenario, room), n))
+    builder.ExportInput(mean.get_input_port(), name)
+    fix = mean.get_output_port()
+    if solver is not None:
+        builder.Connect(fix, message_port(solver))
+        for port in ("estimate", "covariance"):
+            if solver.HasInputPort(port):
+                builder.ExportInput(solver.GetInputPort(port), port)
+        fix = solver.get_output_port()
+    if sensor.V(scenario) is None:  # it comes behind the value
+        share = np.ones(fix.size())
+        share[PAYLOAD + len(sensor.rows) :] = 1.0 / n
+        of_mean = builder.AddSystem(Gain(share))
+        builder.Connect(fix, of_mean.get_input_port())
+        fix = of_mean.get_output_port()
+    builder.ExportOutput(fix, "fix")
+    diagram = builder.Build()
+    diagram.set_name(f"{sensor.name}_fix")
+    return diagram

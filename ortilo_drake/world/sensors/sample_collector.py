@@ -1,0 +1,53 @@
+"""The samples of a sensor faster than the tick, collected into one message a tick."""
+
+from functools import partial
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in, size_of_samples
+
+
+class SampleCollector(LeafSystem):
+    """Samples a memoryless sensor n times a tick, at t_k - h + h / n, ..., t_k, and sends the n samples at t_k.
+
+    The last sample is the sensor's output at t_k itself. The others are kept by events of period h at the offsets
+    h (i / n): no event falls between two ticks that is meant for one of them, as with a period of h / n, which splits
+    coincident events by an ulp; and two sensors that sample at one instant do so in one event.
+
+    Ports:
+        sample (2 + p): the sensor's message [arrived, stamp, payload] of any instant.
+        <name> (2 + n (2 + p), output): see model/signals.py; at t_0 only the last sample is there.
+
+    State (discrete):
+        samples ((n - 1) (2 + p)): those taken inside the tick, oldest first.
+
+    Args:
+        name: the message's.
+        size: 2 + p.
+        n: samples a tick, 2 or more.
+        h: tick [s].
+    """
+
+    def __init__(self, name: str, size: int, n: int, h: float):
+        super().__init__()
+        self.set_name(f"{name}_samples")
+        self._n, self._size = n, size
+        self._sample = self.DeclareVectorInputPort("sample", size)
+        self._kept = self.DeclareDiscreteState((n - 1) * size)
+        for i in range(1, n):
+            self.DeclarePeriodicDiscreteUpdateEvent(h, h * (i / n), partial(self._keep, i - 1))
+        needs = {self._sample.ticket(), self.xd_ticket()}
+        self.DeclareVectorOutputPort(name, size_of_samples(size, n), self._calc, prerequisites_of_calc=needs)
+
+    def _keep(self, i: int, context: Context, values: DiscreteValues) -> None:
+        values.get_mutable_value(self._kept)[i * self._size : (i + 1) * self._size] = self._sample.Eval(context)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        message = np.zeros(output.size())
+        message[PAYLOAD:] = np.concatenate((context.get_discrete_state(self._kept).value(), self._sample.Eval(context)))
+        there = samples_in(message, self._n)
+        there = there[there[:, ARRIVED] > 0.0]
+        if len(there):
+            message[ARRIVED], message[STAMP] = 1.0, there[-1, STAMP]
+        output.SetFromVector(message)

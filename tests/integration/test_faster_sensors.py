@@ -1,0 +1,215 @@
+"""A sensor faster than the tick: its samples, their mean in the filter, and the ways that they take."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from hil_link import FLIGHT_KEY, KEY, answering
+from scipy import stats
+from scipy.integrate import solve_ivp
+from waiting import HANGS
+
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.flight.stepped_halves import WorldHalf
+from ortilo_drake.floor.cramer_rao import own_rows
+from ortilo_drake.hil import sessions
+from ortilo_drake.hil.wire.handshake import flight_of
+from ortilo_drake.hil.wire.packet_checks import BadPacket
+from ortilo_drake.hil.wire.packets import encode_vector
+from ortilo_drake.hil.wire.seal import seal
+from ortilo_drake.hil.wire.unpack import decode
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.mcap_records import read_logged
+from ortilo_drake.interop.log.reader import log_file, read_log, read_messages
+from ortilo_drake.interop.log.replay import replay_log
+from ortilo_drake.interop.ros.ros_types import from_cdr
+from ortilo_drake.model.equations import DYNAMICS
+from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, STAMP, samples_in
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.world.noise import normals, stream_id
+
+H, N = 1.0 / 30.0, 8
+AGE = (N - 1) * H / (2 * N)
+FAST, EXACT = "imu.link.rate=240", "imu={link: {rate: 240}, angle_sd: 0, rate_sd: 0, specific_force_sd: 0}"
+SHORT = ("settle=0", "planner={kind: hover, duration: 1.0}")
+
+
+def imu_messages(scenario: Scenario, ticks: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x (ticks, 12) and the imu's samples (ticks, n, 2 + 9) of a world that flies under one control."""
+    world, states, samples = WorldHalf(scenario), [], []
+    for _ in range(ticks):
+        states.append(world.state)
+        samples.append(samples_in(world.sample()["imu"], scenario.samples("imu")))
+        world.advance(u)
+    return np.array(states), np.array(samples)
+
+
+@pytest.mark.parametrize("rate", [240, 300])
+def test_samples_are_the_state_between_the_ticks_as_scipy_integrates_it(rate: int) -> None:
+    n = rate // 30
+    scenario = load_scenario(
+        "imu_uwb", ("world.disturbance={force_sd: 0, torque_sd: 0}", EXACT, f"imu.link.rate={rate}")
+    )
+    u = np.array([1.05 * M100.hover_thrust, 0.3, -0.2, 0.1])
+    states, samples = imu_messages(scenario, 6, u)
+    inertia, f = np.array(M100.inertia), DYNAMICS["small_angle"].py_func
+    for k in range(2, 6):
+        within = solve_ivp(
+            lambda t, x: f(x, u, np.zeros(6), M100.mass, inertia),
+            (0.0, H),
+            states[k - 1],
+            "DOP853",
+            t_eval=H * np.arange(1, n + 1) / n,
+            rtol=1e-13,
+            atol=1e-15,
+        ).y.T
+        np.testing.assert_allclose(samples[k, :, 2:5], within[:, 3:6], rtol=0.0, atol=1e-11)
+        np.testing.assert_array_equal(samples[k, -1, 2:5], states[k, 3:6])
+        np.testing.assert_allclose(samples[k, :, STAMP], k * H - H + H * np.arange(1, n + 1) / n, rtol=0.0, atol=1e-14)
+        assert samples[k, -1, STAMP] == k * scenario.h
+        np.testing.assert_allclose(samples[k, :, 10], u[0] / M100.mass, rtol=1e-15)  # the thrust that acts
+
+
+def test_each_sample_has_the_noise_of_its_number_and_the_first_tick_has_one() -> None:
+    changes = ("world.disturbance={force_sd: 0, torque_sd: 0}",)
+    u = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
+    _, samples = imu_messages(load_scenario("imu_uwb", (*changes, FAST)), 4, u)
+    _, exact = imu_messages(load_scenario("imu_uwb", (*changes, EXACT)), 4, u)
+    assert not samples[0, :-1].any()
+    sd, seed = np.repeat([0.01, 0.01, 0.05], 3), load_scenario("imu_uwb").seed
+    for k in range(4):
+        for i in range(N) if k else (N - 1,):
+            v = normals(seed, stream_id("imu"), N * (k - 1) + i + 1, 9)
+            np.testing.assert_allclose(samples[k, i, PAYLOAD:] - exact[k, i, PAYLOAD:], sd * v, rtol=0.0, atol=1e-13)
+
+
+@pytest.fixture(scope="module")
+def flight() -> xr.Dataset:
+    return fly(load_scenario("imu_uwb", (FAST, "seed=3")))
+
+
+def test_the_filter_gets_the_mean_of_a_tick_with_an_eighth_of_the_variance(flight: xr.Dataset) -> None:
+    x = flight["truth"].values[1:]
+    y = flight["measurement"].sel(output=["phi_imu", "theta_imu", "psi_imu"]).values
+    assert np.isnan(y[0]).all()
+    assert np.isfinite(y[1:]).all()
+    noise = (y[1:] - (x[:, 3:6] - AGE * x[:, 9:12])) / (0.01 / np.sqrt(N))
+    n = noise.size
+    low, high = stats.chi2.ppf([0.0005, 0.9995], n)
+    assert low < np.sum(noise**2) < high
+    assert abs(noise.mean()) < 3.5 / np.sqrt(n)
+    V = flight["measurement_covariance"].sel(sensor="imu").values[1:]
+    np.testing.assert_allclose(V, np.broadcast_to(1e-4 / N * np.eye(3), V.shape), rtol=1e-15)
+    # Taken as if it were of the tick's end, it would err by the rates times its age.
+    late = (y[1:] - x[:, 3:6]) / (0.01 / np.sqrt(N))
+    assert np.sum(late**2) > np.sum(noise**2)
+
+
+def test_the_innovations_of_the_means_are_as_large_as_the_filter_says(flight: xr.Dataset) -> None:
+    rows = ["phi_imu", "theta_imu", "psi_imu"]
+    nu = flight["innovation"].sel(output=rows).values[30:]
+    C = load_scenario("imu_uwb", (FAST,)).measurement.C_of("imu")
+    S = C @ flight["covariance"].values[30:, :12, :12] @ C.T + 1e-4 / N * np.eye(3)
+    nis = np.einsum("ki,kij,kj->k", nu, np.linalg.inv(S), nu)
+    # White innovations: the sum is of chi-square. With V whole it would be 0.14 a degree of freedom.
+    low, high = stats.chi2.ppf([0.0005, 0.9995], nu.size) / nu.size
+    assert low < nis.mean() / 3.0 < high
+
+
+def test_the_filter_is_consistent_and_knows_the_attitude_better(flight: xr.Dataset) -> None:
+    slow = fly(load_scenario("imu_uwb", ("seed=3",)))
+    spread = {}
+    for name, data in {"fast": flight, "slow": slow}.items():
+        e = data["estimate"].values[300:, 3:6] - data["truth"].values[300:, 3:6]
+        P = data["covariance"].values[300:, 3:6, 3:6]
+        nees = np.einsum("ki,kij,kj->k", e, np.linalg.inv(P), e)
+        assert 0.7 < nees.mean() / 3.0 < 1.3, name  # neighbouring ticks are correlated: wide
+        spread[name] = np.sqrt(np.mean(e**2, axis=0))
+    assert (spread["fast"] < 0.7 * spread["slow"]).all()
+    assert flight.attrs["lost"] == "null"
+
+
+def test_the_floor_counts_every_sample_at_its_age() -> None:
+    scenario = load_scenario("imu_uwb", (FAST,))
+    rows = own_rows("imu", scenario, scenario.load_room(), np.zeros((1, 12)))
+    assert len(rows) == 3 * N
+    J = (rows[:, 1:13].T / rows[:, 13]) @ rows[:, 1:13]
+    ages = H * np.arange(N) / N
+    for angle, rate in ((3, 9), (4, 10), (5, 11)):
+        block = J[np.ix_([angle, rate], [angle, rate])]
+        expected = np.array([[N, -ages.sum()], [-ages.sum(), ages @ ages]]) / 0.01**2
+        np.testing.assert_allclose(block, expected, rtol=1e-12)
+
+
+REGISTERED = ("altimeter.link.rate=60", "flow.link={rate: 90, loss: 0.2}")
+LATE = ("imu.link={rate: 240, delay: 1, random_delay: 2}", "estimator.delay=replay", "altimeter.link.rate=60")
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("imu_uwb", (FAST,)), ("flow", REGISTERED), ("altimeter", LATE)],
+    ids=["imu", "registered", "late"],
+)
+def test_halves_logs_and_replays_carry_the_same_bits(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:
+    scenario = load_scenario(name, (*SHORT, *settings))
+    alone = fly(scenario)
+    halves = fly_lockstep(scenario, in_this_process(scenario))
+    del alone.attrs["real_time_factor"]
+    assert xr.Dataset.identical(halves, alone)
+    fly_logged(scenario, tmp_path / "log")
+    assert xr.Dataset.identical(read_log(tmp_path / "log").drop_attrs(), alone.drop_attrs())
+    assert replay_log(tmp_path / "log").identical
+    used = alone["arrival"].sel(sensor=list(scenario.faster_sensors)).mean("tick").values
+    assert (used > 0.4).all()
+
+
+def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path) -> None:
+    scenario = load_scenario("imu_uwb", ("settle=0", "planner={kind: hover, duration: 0.1}", FAST))
+    fly_logged(scenario, tmp_path / "log")
+    logged = read_logged(log_file(tmp_path / "log"), lambda topic: topic == "/imu/data")
+    stamps = [from_cdr("sensor_msgs/msg/Imu", message.data).header.stamp for message in logged]
+    np.testing.assert_allclose([s.sec + 1e-9 * s.nanosec for s in stamps], np.arange(3 * N + 1) / 240, atol=1e-9)
+    sizes = {messages["imu"].size for _, messages, _ in read_messages(tmp_path / "log")}
+    assert sizes == {PAYLOAD + N * IMU_SIZE}
+
+
+def test_over_a_link_the_flight_is_that_of_a_single_process(bus: str) -> None:
+    scenario = load_scenario("flow", (*SHORT, FAST, *REGISTERED))
+    alone = fly(scenario)
+    del alone.attrs["real_time_factor"]
+    with answering(scenario, bus) as answered:
+        flight, report = sessions.run_world(scenario, bus, KEY, True, HANGS)
+        assert answered.result(HANGS) == flight.sizes["tick"]
+    assert xr.Dataset.identical(flight, alone)
+    assert report.packets.rejected == 0
+
+
+def test_packets_hold_samples_of_this_tick_in_their_order() -> None:
+    scenario = load_scenario("imu_uwb", (FAST,))
+    flight, tick = flight_of(scenario, 77, FLIGHT_KEY), 300
+    samples = np.zeros((N, IMU_SIZE))
+    samples[:, 0], samples[:, STAMP] = 1.0, (tick - 1 + np.arange(1, N + 1) / N) * H
+
+    def verdict(changed: dict[tuple[int, int], float], **head: Any) -> str:
+        its = samples.copy()
+        for at, value in changed.items():
+            its[at] = value
+        message = np.concatenate(([head.get("arrived", 1.0), head.get("stamp", tick * H)], its.ravel()))
+        try:
+            decode("imu", seal(FLIGHT_KEY, "imu", encode_vector(77, tick, message)), b"", flight)
+        except BadPacket as problem:
+            return problem.reason
+        return "accepted"
+
+    assert verdict({}) == "accepted"
+    assert verdict({(0, 0): 0.0}) == "accepted"  # one is missing
+    assert verdict({(3, 0): 0.5}) == "value"
+    assert verdict({(3, 4): 1e9}) == "value"
+    assert verdict({(3, STAMP): samples[2, STAMP]}) == "stamp"
+    assert verdict({(0, STAMP): (tick - 1.1) * H}) == "stamp"
+    assert verdict({(N - 1, STAMP): (tick + 0.1) * H}) == "stamp"
+    assert verdict({}, stamp=(tick - 0.5) * H) == "stamp"
