@@ -4,13 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, PortDataType, System
 from pydrake.systems.primitives import Multiplexer, VectorLog, VectorLogSink
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import NO_PARTS, Onboard, Parts
 from ortilo_drake.diagrams.world import World
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.world.scenery.meshcat_flight import MeshcatFlight
 
@@ -52,7 +53,12 @@ class ClosedLoop(Diagram):
             if not world.HasOutputPort(port.get_name()):
                 sent = [world.get_output_port(i).get_name() for i in range(world.num_output_ports())]
                 raise InputError(f"onboard: wants '{port.get_name()}', the world sends only {', '.join(sent)}")
-            builder.Connect(world.GetOutputPort(port.get_name()), port)
+            sent_port = world.GetOutputPort(port.get_name())
+            if sent_port.get_data_type() == PortDataType.kVectorValued and sent_port.size() != port.size():
+                raise InputError(
+                    f"onboard: takes '{port.get_name()}' of {port.size()} numbers, the world sends {sent_port.size()}"
+                )
+            builder.Connect(sent_port, port)
         builder.Connect(onboard.GetOutputPort("control"), world.GetInputPort("control"))
 
         sizes = scenario.measurement.logged_sizes()
@@ -74,8 +80,7 @@ class ClosedLoop(Diagram):
 
     def SetHovering(self, context: Context) -> None:
         """Put the vehicle hovering at rest at the start of its reference; the context is this diagram's."""
-        reference = self._onboard.GetOutputPort("reference").Eval(self._onboard.GetMyContextFromRoot(context))
-        self._world.SetHovering(context, np.array(reference[0:3]), self._yaw)
+        self._world.SetHovering(context, self._onboard.r_0, self._yaw)
 
     def SetSeed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise; the context is this diagram's."""
@@ -92,7 +97,7 @@ def make_closed_loop(
     meshcat: Meshcat | None = None,
     estimator: Callable[[Belief, np.ndarray], System] | None = None,
     servo: Callable[[Belief], System] | None = None,
-    planner: Callable[[Belief], Trajectory] | None = None,
+    planner: Callable[[Belief], Planned] | None = None,
 ) -> ClosedLoop:
     """Return the closed loop of a scenario, with parts of one's own where they are given.
 
@@ -102,7 +107,7 @@ def make_closed_loop(
         meshcat: if given, shows the flight in it.
         estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py.
         servo: makes the servo.
-        planner: makes the path.
+        planner: makes the path, or the System that gives the reference.
 
     Raises:
         InputError: as ClosedLoop.

@@ -4,20 +4,21 @@
                                          control (4) and reference (9) if it wants them; outputs estimate (12, or 15
                                          with the integral of the position error) and covariance (its square), and
                                          force (3), the disturbance force in W [N], if it knows it
-    servo(scenario)                   -> System with inputs estimate (15), reference (9) and, if it wants it, force (3),
-                                         0 where no estimator knows it; output control (4)
-    planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m]
+    servo(scenario)                   -> System with inputs estimate (15), reference (9); output control (4)
+    planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m], or a System with output
+                                         reference (9)
 
-Such a function may be given to make_closed_loop, or registered and named in the scenario by its kind. The System may be
-a LeafSystem or a Diagram; it sees nothing of the world but messages, and of the scenario nothing but the Belief, which
-leaves out what only the world knows (scenario/belief.py).
+Each may also have as inputs what the others give (estimate, covariance, control, reference, and force, 0 where no
+estimator knows it) and any message. Such a function may be given to make_closed_loop, or registered and named in the
+scenario by its kind. The System may be a LeafSystem or a Diagram; it sees nothing of the world but messages, and of the
+scenario nothing but the Belief, which leaves out what only the world knows (scenario/belief.py).
 """
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem, MatrixGain, Multiplexer
 from pydrake.trajectories import Trajectory
 
@@ -26,7 +27,8 @@ from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.path_player import PathPlayer
-from ortilo_drake.onboard.planner.planner import make_planner, plan
+from ortilo_drake.onboard.planner.planned import Planned, planned, start_of
+from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral
 from ortilo_drake.scenario import Belief, LqServo
@@ -37,13 +39,10 @@ class Parts(NamedTuple):
 
     estimator: Callable[[Belief, np.ndarray], System] | None = None
     servo: Callable[[Belief], System] | None = None
-    planner: Callable[[Belief], Trajectory] | None = None
+    planner: Callable[[Belief], Planned] | None = None
 
 
 NO_PARTS: Final = Parts()
-
-
-_OWN_INPUTS = ("estimate", "control", "reference", "force")  # of an estimator or a servo, beside messages
 
 
 def initial_estimate(scenario: Belief, r_0: np.ndarray) -> np.ndarray:
@@ -77,7 +76,11 @@ class Onboard(Diagram):
         trajectory: the path to fly (3 rows, W); by default what the scenario's planner plans.
         detects: whether the pictures of a rendered camera come here; if not, detections do.
         parts: in place of the scenario's.
-        takes_paths: whether the path is an input, for a half that is given others in flight.
+        takes_paths: whether the path is an input, for a half that is given others in flight; not of a planner that
+            is a System.
+
+    Attributes:
+        r_0: p_WB (3) [m] where the reference starts.
 
     Raises:
         InputError: if there is no path or no servo gain, if the detector's files are wrong, or if a part of one's own
@@ -94,15 +97,17 @@ class Onboard(Diagram):
     ):
         super().__init__()
         scenario = scenario.belief
-        trajectory = trajectory or path_of(scenario, parts.planner)
-        r_0 = trajectory.value(trajectory.start_time())[:, 0]
+        plan = trajectory or planned(scenario, parts.planner)
+        self.r_0 = start_of(plan)
         builder = DiagramBuilder()
-        planner = builder.AddSystem(PathPlayer() if takes_paths else make_planner(trajectory))
-        reference = planner.get_output_port()
-        if takes_paths:
-            builder.ExportInput(planner.GetInputPort("path"), "path")
+        if isinstance(plan, Trajectory):
+            planner = builder.AddSystem(PathPlayer() if takes_paths else make_planner(plan))
+            reference = planner.get_output_port()
+        else:
+            planner = builder.AddSystem(plan)
+            reference = planner.GetOutputPort("reference")
 
-        xbar_0 = initial_estimate(scenario, r_0)
+        xbar_0 = initial_estimate(scenario, self.r_0)
         estimator = builder.AddSystem(_estimator_of(scenario, xbar_0, detects, parts.estimator))
         servo = builder.AddSystem(_servo_of(scenario, parts.servo, estimator.HasOutputPort("force")))
         self._estimator = estimator
@@ -110,32 +115,15 @@ class Onboard(Diagram):
         _require(estimator, (), ("estimate", "covariance"), "estimator")
         control = servo.GetOutputPort("control")
         estimate, covariance = _whole_estimate(builder, estimator, reference, scenario.h)
-        builder.Connect(estimate, servo.GetInputPort("estimate"))
-        builder.Connect(reference, servo.GetInputPort("reference"))
-        if servo.HasInputPort("force"):
-            if estimator.HasOutputPort("force"):
-                force = estimator.GetOutputPort("force")
-            else:
-                force = builder.AddNamedSystem("no_force", ConstantVectorSource(np.zeros(3))).get_output_port()
-            builder.Connect(force, servo.GetInputPort("force"))
-        for name, port in (("control", control), ("reference", reference)):
-            if estimator.HasInputPort(name):
-                builder.Connect(port, estimator.GetInputPort(name))
-        for system in (estimator, servo):
-            for i in range(system.num_input_ports()):
-                port = system.get_input_port(i)
-                if port.get_name() not in _OWN_INPUTS:
-                    builder.ExportInput(port, port.get_name())
-        builder.ExportOutput(control, "control")
-        builder.ExportOutput(estimate, "estimate")
-        builder.ExportOutput(covariance, "covariance")
+        signals = {"control": control, "estimate": estimate, "covariance": covariance, "reference": reference}
+        parts_flown = {"planner": planner, "estimator": estimator, "servo": servo}
+        wants_force = any(part.HasInputPort("force") for part in parts_flown.values())
+        force = {"force": _output_or_zeros(builder, estimator, "force", 3)} if wants_force else {}
+        _connect(builder, parts_flown, signals | force)
         for name, size in scenario.measurement.sizes.items():
-            if estimator.HasOutputPort(name):
-                port = estimator.GetOutputPort(name)
-            else:
-                port = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size))).get_output_port()
+            signals[name] = _output_or_zeros(builder, estimator, name, size)
+        for name, port in signals.items():
             builder.ExportOutput(port, name)
-        builder.ExportOutput(reference, "reference")
         builder.BuildInto(self)
         self.set_name("onboard")
 
@@ -155,23 +143,6 @@ class Onboard(Diagram):
         return bool(getattr(self._estimator, "has_history", True))
 
 
-def path_of(scenario: Belief, planner: Callable[[Belief], Trajectory] | None = None) -> Trajectory:
-    """Return the path that a scenario's planner plans, or the one given, p_WB(t) (3 rows) [m]."""
-    scenario = scenario.belief
-    found = find_part("planner", scenario.planner.kind) if not _is_built_in(scenario.planner) else None
-    planner = planner or (found.make if found else None)
-    if planner is not None:
-        trajectory = planner(scenario)
-        if not isinstance(trajectory, Trajectory) or (trajectory.rows(), trajectory.cols()) != (3, 1):
-            raise InputError(f"planner: returns {type(trajectory).__name__}: must be a Trajectory of 3 rows")
-        return trajectory
-    return plan(scenario.planner, scenario.load_room(), scenario.vehicle)
-
-
-def _is_built_in(settings: object) -> bool:
-    return type(settings).__module__.startswith("ortilo_drake.scenario.")
-
-
 def _estimator_of(
     scenario: Belief, xbar_0: np.ndarray, detects: bool, make: Callable[[Belief, np.ndarray], System] | None
 ) -> System:
@@ -188,7 +159,7 @@ def _estimator_of(
 def _servo_of(scenario: Belief, make: Callable[[Belief], System] | None, knows_force: bool) -> System:
     """Return the servo that is given, or that the scenario names."""
     if make is None:
-        found = find_part("servo", scenario.servo.kind) if not _is_built_in(scenario.servo) else None
+        found = None if isinstance(scenario.servo, LqServo) else find_part("servo", scenario.servo.kind)
         if found is None:
             return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h, knows_force)
         make = found.make
@@ -205,6 +176,33 @@ def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], 
             raise InputError(
                 f"{role}: {system.get_name()}: has no {kind} '{missing[0]}', only {', '.join(has) or 'none'}"
             )
+
+
+def _output_or_zeros(builder: DiagramBuilder, estimator: System, name: str, size: int) -> OutputPort:
+    """Return an output of an estimator, or zeros where it has none of that name."""
+    if estimator.HasOutputPort(name):
+        return estimator.GetOutputPort(name)
+    return builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size))).get_output_port()
+
+
+def _connect(builder: DiagramBuilder, parts: dict[str, System], signals: dict[str, OutputPort]) -> None:
+    """Connect the inputs of each part to the signals of their names; all others are messages, and come from outside."""
+    exported: dict[str, InputPortIndex] = {}
+    for role, part in parts.items():
+        for i in range(part.num_input_ports()):
+            port = part.get_input_port(i)
+            name = port.get_name()
+            if name in signals:
+                if port.size() != signals[name].size():
+                    raise InputError(
+                        f"{role}: {part.get_name()}: takes '{name}' of {port.size()} numbers, must be "
+                        f"{signals[name].size()}"
+                    )
+                builder.Connect(signals[name], port)
+            elif name in exported:
+                builder.ConnectInput(exported[name], port)
+            else:
+                exported[name] = builder.ExportInput(port, name)
 
 
 def _whole_estimate(

@@ -13,13 +13,13 @@ import xarray as xr
 from matplotlib.figure import Figure
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import System
-from pydrake.trajectories import Trajectory
 
 from ortilo_drake.api.settings import load_scenario
 from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight import flight, metrics, saved_flight
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.interop.log.writer import LogWriter
+from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, InputError, Scenario
 from ortilo_drake.views.figures import draw_flight
 
@@ -137,7 +137,7 @@ def fly(
     progress: Callable[[int], None] | None = None,
     estimator: Callable[[Belief, np.ndarray], System] | Mapping[str, Any] | None = None,
     servo: Callable[[Belief], System] | Mapping[str, Any] | None = None,
-    planner: Callable[[Belief], Trajectory] | Mapping[str, Any] | None = None,
+    planner: Callable[[Belief], Planned] | Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Flight:
     """Fly a scenario once, with parts of one's own where they are given.
@@ -148,7 +148,7 @@ def fly(
         progress: called with the number of ticks flown.
         estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py; or its settings.
         servo: makes the servo; or its settings.
-        planner: makes the path; or its settings.
+        planner: makes the path, or the System that gives the reference; or its settings.
         settings: as load_scenario.
 
     Raises:

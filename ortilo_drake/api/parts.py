@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.systems.framework import System
-from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.parts import Part, register_part
 from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief
 
 
@@ -30,6 +30,10 @@ def register_servo(kind: str, settings: type[Frozen], make: Callable[[Belief], S
     register_part("servo", Part(kind, settings, make))
 
 
-def register_planner(kind: str, settings: type[Frozen], make: Callable[[Belief], Trajectory]) -> None:
-    """Let scenarios name a planner: `planner: {kind: mine, ...}`; it returns a Trajectory p_WB(t) (3 rows) [m]."""
+def register_planner(kind: str, settings: type[Frozen], make: Callable[[Belief], Planned]) -> None:
+    """Let scenarios name a planner: `planner: {kind: mine, ...}`.
+
+    It returns a Trajectory p_WB(t) (3 rows) [m], or a System with an output reference (9), whose settings then have a
+    field `duration` [s].
+    """
     register_part("planner", Part(kind, settings, make))

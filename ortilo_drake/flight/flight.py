@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import xarray as xr
 from pydrake.geometry import Meshcat
+from pydrake.trajectories import Trajectory
 
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import ClosedLoop
-from ortilo_drake.diagrams.onboard import NO_PARTS, Parts, path_of
+from ortilo_drake.diagrams.onboard import NO_PARTS, Parts
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
@@ -21,6 +22,7 @@ from ortilo_drake.model.signals import (
     STATE_NAMES,
     XBAR_NAMES,
 )
+from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.scenario.old_keys import FORMAT, scenario_from_json
 
@@ -46,9 +48,9 @@ class FlightSimulator:
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS):
         self._scenario, self._is_live = scenario, meshcat is not None
-        trajectory = path_of(scenario, parts.planner)
-        self._ticks = check_flyable(scenario, trajectory)
-        self._diagram = ClosedLoop(scenario, trajectory, meshcat, parts)
+        plan = planned(scenario, parts.planner)
+        self._ticks = check_flyable(scenario, plan)
+        self._diagram = ClosedLoop(scenario, plan if isinstance(plan, Trajectory) else None, meshcat, parts)
         # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
         # scene differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)

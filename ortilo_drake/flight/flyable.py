@@ -1,12 +1,10 @@
 """Checks of whether a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
 
-from pydrake.trajectories import Trajectory
-
-from ortilo_drake.diagrams.onboard import path_of
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.planner.planned import Planned, duration_of, planned
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.sensors.described import described
@@ -19,13 +17,13 @@ from ortilo_drake.world.sensors.camera_calibration import load_calibration
 LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
 
 
-def flight_ticks(scenario: Scenario, path: Trajectory | None = None) -> int:
-    """Return how many ticks a flight takes: its path, or the one given, and the time to settle.
+def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
+    """Return how many ticks a flight takes: its plan, or the one given, and the time to settle.
 
     Raises:
         InputError: if there is no path, or the flight is too long to be logged.
     """
-    seconds = (path or path_of(scenario)).end_time() + scenario.settle
+    seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
     ticks = round(seconds * scenario.control_rate)
     size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks
     if size > LARGEST_LOG:
@@ -36,7 +34,7 @@ def flight_ticks(scenario: Scenario, path: Trajectory | None = None) -> int:
     return ticks
 
 
-def check_flyable(scenario: Scenario, path: Trajectory | None = None) -> int:
+def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
     """Return how many ticks a flight takes, once all that it needs has been found to be there.
 
     Raises:
@@ -45,7 +43,7 @@ def check_flyable(scenario: Scenario, path: Trajectory | None = None) -> int:
             rendered here.
     """
     room = scenario.load_room()
-    ticks = flight_ticks(scenario, path)
+    ticks = flight_ticks(scenario, plan)
     if isinstance(scenario.servo, LqServo):
         servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
     for sensor, errors in dict(scenario.truth.sensors).items():

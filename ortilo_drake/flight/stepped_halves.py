@@ -16,13 +16,15 @@ from pydrake.systems.framework import Context, PortDataType
 from pydrake.systems.sensors import ImageRgba8U
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.onboard import Onboard, make_onboard, path_of
+from ortilo_drake.diagrams.onboard import Onboard, make_onboard
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
 from ortilo_drake.onboard.planner.path_player import path_value
+from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.world.vehicle.failsafe import MODES
 
@@ -55,8 +57,7 @@ class WorldHalf:
     def _start(self, scenario: Scenario) -> None:
         self._simulator, self._k = Simulator(self._diagram), 0
         fix_steps(self._simulator, scenario)
-        trajectory = path_of(scenario)
-        r_0 = trajectory.value(trajectory.start_time())[:, 0]
+        r_0 = start_of(planned(scenario))
         self._diagram.SetSeed(self._simulator.get_mutable_context(), scenario.seed)
         self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, scenario.yaw)
         self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
@@ -106,7 +107,8 @@ class OnboardHalf:
 
     def __init__(self, scenario: Belief, trajectory: Trajectory | None = None, detects: bool = True):
         scenario = scenario.belief
-        self._path = trajectory or path_of(scenario)
+        plan = trajectory or planned(scenario)
+        self._path = plan if isinstance(plan, Trajectory) else None
         self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True)
         self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
@@ -119,7 +121,8 @@ class OnboardHalf:
         self._outputs = {name: self._diagram.GetOutputPort(name) for name in output_sizes(scenario.measurement)}
         self._h, self._k, self._yaw = scenario.h, 0, scenario.yaw
         self.take({})
-        self._ports["path"].FixValue(self._simulator.get_mutable_context(), path_value(self._path))
+        if self._path is not None:
+            self.fly_path(self._path)
         if "image" in self._ports:
             self._ports["image"].FixValue(self._simulator.get_mutable_context(), AbstractValue.Make(ImageRgba8U()))
         self._simulator.Initialize()
@@ -135,12 +138,18 @@ class OnboardHalf:
         return self._simulator.get_context()
 
     @property
-    def path(self) -> Trajectory:
-        """The path that it flies, p_WB(t) (3 rows) [m]."""
+    def path(self) -> Trajectory | None:
+        """The path that it flies, p_WB(t) (3 rows) [m]; None where its planner is a System."""
         return self._path
 
     def fly_path(self, path: Trajectory) -> None:
-        """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call it before this tick's take."""
+        """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call it before this tick's take.
+
+        Raises:
+            InputError: if its planner is a System.
+        """
+        if "path" not in self._ports:
+            raise InputError("planner: is a System: it takes no other path in flight")
         self._path = path
         self._ports["path"].FixValue(self._simulator.get_mutable_context(), path_value(path))
 

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 
 import xarray as xr
+from pydrake.trajectories import Trajectory
 
 from ortilo_drake.flight.flight import fly, scenario_of
-from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.scenery.meshcat_draw import draw_plan
 from ortilo_drake.world.scenery.meshcat_replay import html_replay
@@ -15,10 +16,10 @@ from ortilo_drake.world.scenery.meshcat_room import draw_room, make_meshcat
 def flight_page(flight: xr.Dataset) -> str:
     """Return a flight as one self-contained HTML page that plays it."""
     scenario = scenario_of(flight)
-    room = scenario.load_room()
+    room, path = scenario.load_room(), planned(scenario)
     return html_replay(
         room,
-        plan(scenario.planner, room, scenario.vehicle),
+        path if isinstance(path, Trajectory) else None,
         flight["time"].values,
         flight["truth"].values,
         flight["estimate"].values,
@@ -40,6 +41,8 @@ def fly_live(
     room = scenario.load_room()
     meshcat = make_meshcat()
     draw_room(meshcat, room)
-    draw_plan(meshcat, plan(scenario.planner, room, scenario.vehicle))
+    path = planned(scenario)
+    if isinstance(path, Trajectory):
+        draw_plan(meshcat, path)
     say(f"open {meshcat.web_url()}")
     return fly(scenario, progress, meshcat)

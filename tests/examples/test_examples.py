@@ -14,6 +14,7 @@ from scipy.stats import chi2
 import ortilo_drake as od
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.planner.planner import plan
 
 FOLDER = Path(__file__).parents[2] / "examples"
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 3.0}
@@ -30,7 +31,9 @@ def example(name: str) -> ModuleType:
 
 def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
     files = sorted(FOLDER.glob("*.py"))
-    assert {file.stem for file in files} >= {"alpha_beta", "barometer", "five_anchors", "hexarotor", "mpc_servo"}
+    assert {file.stem for file in files} >= {
+        "alpha_beta", "barometer", "five_anchors", "hexarotor", "hurrying_planner", "mpc_servo"
+    }  # fmt: skip
     for file in files:
         lines = file.read_text().splitlines()
         assert len(lines) <= 80, file
@@ -71,6 +74,29 @@ def test_an_own_sensor_has_the_noise_it_says_and_makes_the_height_known() -> Non
     z = [f.error.sel(axis="z").values for f in (flight, plain)]
     assert np.mean(z[0] ** 2) < np.mean(z[1] ** 2)
     assert flight.summary()["floor"]["z"] < plain.summary()["floor"]["z"]
+
+
+def test_an_own_planner_hurries_while_unsure_and_its_rates_are_those_of_its_path() -> None:
+    module = example("hurrying_planner")
+    flight = module.main(seed=1)
+    data, h = flight.data, flight.scenario.h
+    P = data["covariance"].values
+    unsure = np.sqrt(np.trace(P[:, :3, :3], axis1=1, axis2=2)) > module.UNSURE
+    rate = np.ones(len(P))
+    for k in range(len(P) - 1):
+        wanted = module.FASTEST if unsure[k] else 1.0
+        rate[k + 1] = rate[k] + np.clip(wanted - rate[k], -module.CHANGE * h, module.CHANGE * h)
+    s = np.concatenate([[0.0], np.cumsum(h * (rate[1:] + rate[:-1]) / 2.0)])
+    path = plan(flight.scenario.planner, flight.scenario.load_room(), flight.scenario.vehicle)
+    flying = s < path.end_time() - 0.1
+    r, v = data["reference"].values, data["reference_velocity"].values
+    np.testing.assert_allclose(r[flying], path.vector_values(s[flying]).T, atol=1e-9)
+    slope = path.MakeDerivative(1).vector_values(s[flying]).T
+    np.testing.assert_allclose(v[flying], slope * rate[flying, None], atol=1e-9)
+    assert rate.max() == pytest.approx(module.FASTEST)
+    plain = od.fly("imu_uwb", seed=1).data["covariance"].values
+    assert P[:, 0, 0].max() < 0.6 * plain[:, 0, 0].max()
+    assert flight.lost is None
 
 
 def test_mpc_without_limits_in_its_way_is_the_lq_regulator_and_with_them_keeps_within() -> None:

@@ -5,15 +5,27 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import LeafSystem
+import xarray as xr
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 from pydrake.trajectories import PiecewisePolynomial
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.estimator import IntermittentEstimator
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.flight.stepped_halves import OnboardHalf
+from ortilo_drake.hil.goals.goal_planner import goal_settings
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.mcap_records import read_logged
+from ortilo_drake.interop.log.reader import log_file, read_log
+from ortilo_drake.interop.log.replay import replay_log
+from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model import parts
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
-from ortilo_drake.scenario import LqServo
+from ortilo_drake.scenario import GcsPlanner, LqServo
+from ortilo_drake.studies.tube.nominal_flight import nominal_flight, planned_reference
+from ortilo_drake.views.display import flight_page
 
 HOVER = {"planner": {"kind": "hover", "duration": 0.5}, "settle": 0.0}
 
@@ -89,6 +101,107 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
         od.load_scenario("imu_uwb", estimator={"kind": "your"})
 
 
+class Circle(LeafSystem):
+    """A planner: circles at one radian a second about where it started, and drifts to where the vehicle believes it is.
+
+    State (discrete): the centre (2).
+    """
+
+    def __init__(self, scenario: od.Scenario, size: int = 9, takes: int = 15):
+        super().__init__()
+        self.set_name("planner")
+        self._estimate = self.DeclareVectorInputPort("estimate", takes)
+        self._uwb = self.DeclareVectorInputPort("uwb", 2 + 2 * len(scenario.load_room().anchor_positions))
+        self._centre = self.DeclareDiscreteState([-0.2, 0.0])
+        self.DeclareVectorOutputPort("reference", size, self._calc, {self.time_ticket(), self.xd_ticket()})
+        self.DeclarePeriodicDiscreteUpdateEvent(scenario.h, 0.0, self._update)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        e = 0.2 * np.exp(1j * context.get_time())
+        x, y = context.get_discrete_state_vector().value()
+        output.SetFromVector(
+            [x + e.real, y + e.imag, 1.5, -e.imag, e.real, 0.0, -e.real, -e.imag, 0.0][: output.size()]
+        )
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        c, p = context.get_discrete_state_vector().value(), self._estimate.Eval(context)[:2]
+        values.set_value(self._centre, c + 0.01 * (p - c) * self._uwb.Eval(context)[0])
+
+
+class CirclePlanner(od.Frozen):
+    """A planner's settings."""
+
+    kind: Literal["circle"]
+    duration: float = 1.0
+
+
+def test_a_planner_may_be_a_system_that_sees_the_estimate_and_messages() -> None:
+    data = od.fly(od.load_scenario("imu_uwb", **HOVER), planner=Circle, seed=2).data
+    assert data.sizes["tick"] == 16  # as long as the scenario's own path
+    p, t = data["estimate"].values[:, :2], data["time"].values
+    centre = np.zeros((16, 2))
+    centre[0] = -0.2, 0.0
+    for k in range(15):  # of 10 Hz: a message in every third tick
+        centre[k + 1] = centre[k] + 0.01 * (p[k] - centre[k]) * (k % 3 == 0)
+    around = 0.2 * np.column_stack((np.cos(t), np.sin(t)))
+    np.testing.assert_allclose(data["reference"].values[:, :2], centre + around, atol=1e-15)
+    np.testing.assert_array_equal(data["truth"].values[0, :3], [0.0, 0.0, 1.5])
+    np.testing.assert_allclose(data["reference_acceleration"].values[:, :2], -around, atol=1e-15)
+
+
+def test_a_registered_planner_that_is_a_system_flies_in_halves_logs_and_replays(tmp_path: Path) -> None:
+    od.register_planner("circle", CirclePlanner, Circle)
+    scenario = od.load_scenario("imu_uwb", planner={"kind": "circle"}, settle=0.0)
+    alone = fly(scenario)
+    del alone.attrs["real_time_factor"]
+    assert alone.sizes["tick"] == 31
+    assert xr.Dataset.identical(fly_lockstep(scenario, in_this_process(scenario)), alone)
+    fly_logged(scenario, tmp_path / "log")
+    assert xr.Dataset.identical(read_log(tmp_path / "log").drop_attrs(), alone.drop_attrs())
+    assert replay_log(tmp_path / "log").identical
+    assert "<canvas" in flight_page(alone) or "meshcat" in flight_page(alone)
+    with pytest.raises(od.InputError, match="planner: planner: is a System: this needs a path that is planned"):
+        nominal_flight(scenario)
+    with pytest.raises(od.InputError, match="planner: is a System: it takes no other path in flight"):
+        OnboardHalf(scenario).fly_path(PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], np.zeros((3, 2))))
+
+
+def test_a_registered_planner_that_is_a_system_must_say_how_long_it_flies() -> None:
+    class Endless(od.Frozen):
+        """A planner's settings."""
+
+        kind: Literal["endless"]
+
+    od.register_planner("endless", Endless, Circle)
+    with pytest.raises(od.InputError, match=r"its settings need a field 'duration' \[s\], greater than 0"):
+        od.fly("imu_uwb", planner={"kind": "endless"})
+    od.register_planner("circle", CirclePlanner, Circle)
+    with pytest.raises(od.InputError, match=r"its settings need a field 'duration' \[s\], greater than 0"):
+        od.fly("imu_uwb", planner={"kind": "circle", "duration": 0.0})
+
+
+def test_a_registered_path_is_drawn_logged_and_bounded_by_the_tube(tmp_path: Path) -> None:
+    class Line(od.Frozen):
+        """A planner's settings."""
+
+        kind: Literal["line"]
+
+    def line(scenario: od.Scenario) -> PiecewisePolynomial:
+        return PiecewisePolynomial.FirstOrderHold([0.0, 1.0], [[0.0, 0.3], [0.0, 0.1], [1.5, 1.5]])
+
+    od.register_planner("line", Line, line)
+    scenario = od.load_scenario("imu_uwb", planner={"kind": "line"}, settle=0.0)
+    flight = fly_logged(scenario, tmp_path / "log")
+    path = list(read_logged(log_file(tmp_path / "log"), lambda topic: topic == "/reference/path"))
+    assert len(path) == 1
+    poses = from_cdr("nav_msgs/msg/Path", path[0].data).poses
+    end = poses[-1].pose.position
+    np.testing.assert_allclose([end.x, end.y, end.z], [0.3, 0.1, 1.5], atol=1e-12)
+    _, reference = planned_reference(scenario)
+    np.testing.assert_allclose(reference[:, :3], flight["reference"].values, atol=1e-12)
+    assert goal_settings(scenario) == GcsPlanner()
+
+
 def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
     def without(name: str) -> type[LeafSystem]:
         class Part(LeafSystem):
@@ -107,8 +220,15 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
             od.fly("imu_uwb", servo=without(missing), **HOVER)
     with pytest.raises(od.InputError, match=r"estimator: .*: has no output 'estimate', only y0"):
         od.fly("imu_uwb", estimator=lambda scenario, xbar_0: ConstantVectorSource(np.zeros(12)), **HOVER)
-    with pytest.raises(od.InputError, match="planner: returns LinearSystem: must be a Trajectory of 3 rows"):
-        od.fly("imu_uwb", planner=lambda scenario: LinearSystem(np.eye(1), np.eye(1), np.eye(1), np.eye(1)))
+    for planner in (
+        lambda scenario: LinearSystem(np.eye(1), np.eye(1), np.eye(1), np.eye(1)),
+        lambda scenario: PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], np.zeros((2, 2))),
+        lambda scenario: Circle(scenario, size=6),
+    ):
+        with pytest.raises(od.InputError, match=r"planner: returns \w+: must be a Trajectory of 3 rows, or a System"):
+            od.fly("imu_uwb", planner=planner)
+    with pytest.raises(od.InputError, match="planner: planner: takes 'estimate' of 12 numbers, must be 15"):
+        od.fly("imu_uwb", planner=lambda scenario: Circle(scenario, takes=12))
 
     class Wide(LeafSystem):
         def __init__(self, *_: object):
@@ -121,14 +241,16 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
         od.fly("imu_uwb", estimator=Wide, **HOVER)
 
     class Sees(LeafSystem):
-        def __init__(self, *_: object):
+        def __init__(self, message: str, size: int):
             super().__init__()
-            self.DeclareVectorInputPort("lidar", 5)
+            self.DeclareVectorInputPort(message, size)
             self.DeclareVectorOutputPort("estimate", 12, lambda _, out: out.SetZero())
             self.DeclareVectorOutputPort("covariance", 144, lambda _, out: out.SetZero())
 
     with pytest.raises(od.InputError, match="onboard: wants 'lidar', the world sends only state, uwb, imu"):
-        od.fly("imu_uwb", estimator=Sees, **HOVER)
+        od.fly("imu_uwb", estimator=lambda scenario, xbar_0: Sees("lidar", 5), **HOVER)
+    with pytest.raises(od.InputError, match="onboard: takes 'imu' of 11 numbers, the world sends 90"):
+        od.fly("imu_uwb", estimator=lambda scenario, xbar_0: Sees("imu", 11), imu__link__rate=240, **HOVER)
 
 
 def test_a_sensor_is_refused_where_its_name_or_its_settings_do_not_fit() -> None:

@@ -18,6 +18,7 @@ import json
 from functools import cache
 
 import numpy as np
+from pydrake.trajectories import Trajectory
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.signals import Signals
@@ -33,7 +34,7 @@ from ortilo_drake.interop.ros.ros_motion import (
 from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
-from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.old_keys import FORMAT as SCENARIO_FORMAT
 
@@ -104,7 +105,7 @@ def tick_messages(
 
 
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
-    """Return what is sent once, before the first tick: scenario, fixed frames, planned path.
+    """Return what is sent once, before the first tick: scenario, fixed frames, planned path if there is one.
 
     Args:
         scenario: the scenario.
@@ -121,9 +122,6 @@ def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list
         "scenario_format": SCENARIO_FORMAT,
         "messages": messages,
     }
-    trajectory = plan(scenario.planner, room, scenario.vehicle)
-    return [
-        (SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(description)}),
-        fixed_frames_message(room),
-        path_message(trajectory, scenario.yaw),
-    ]
+    sent = [(SCENARIO_TOPIC, STRING_TYPE, {"data": json.dumps(description)}), fixed_frames_message(room)]
+    path = planned(scenario)
+    return [*sent, path_message(path, scenario.yaw)] if isinstance(path, Trajectory) else sent

@@ -57,7 +57,7 @@ def _check_log(times: np.ndarray, **arrays: np.ndarray) -> None:
 
 def html_replay(
     room: Room,
-    trajectory: Trajectory,
+    trajectory: Trajectory | None,
     times: np.ndarray,
     states: np.ndarray,
     estimates: np.ndarray,
@@ -69,7 +69,7 @@ def html_replay(
 
     Args:
         room: where it flew.
-        trajectory: the planned path, p_W its first three values.
+        trajectory: the planned path, p_W its first three values; None draws none.
         times: equally spaced times of the log (n) [s].
         states: x (n, 12).
         estimates: xhat (n, 15).
@@ -83,7 +83,8 @@ def html_replay(
     _check_log(times, states=states, estimates=estimates, covariances=covariances)
     meshcat = make_meshcat() if meshcat is None else meshcat
     draw_room(meshcat, room)
-    draw_plan(meshcat, trajectory)
+    if trajectory is not None:
+        draw_plan(meshcat, trajectory)
     draw_vehicle(meshcat, vehicle)
     h = (times[-1] - times[0]) / (len(times) - 1)
     stride = max(1, round(1.0 / (FRAME_RATE * h)))
