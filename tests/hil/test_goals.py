@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from waiting import HANGS, wait_for
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.goals.goal_planner import GONE, GoalPlanner, Plan, goal_settings, reason_of
-from ortilo_drake.hil.goals.goals import REPLACED, Goals, Step
+from ortilo_drake.hil.goals.goals import NO_PATHS, REPLACED, Goals, Step
 from ortilo_drake.hil.wire.packets import Goal
+from ortilo_drake.model import parts
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.onboard.planner.goal_path import knots
@@ -25,6 +27,20 @@ from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 SCENARIO = load_scenario("imu_uwb")
 PATH = plan(SCENARIO.planner, SCENARIO.load_room(), SCENARIO.vehicle)
 H = SCENARIO.h
+
+
+PLUGIN = """
+from typing import Literal
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+import ortilo_drake as od
+
+class Still(od.Frozen):
+    kind: Literal["still"]
+
+path = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], np.array([[0.0, 0.0], [0.0, 0.0], [1.5, 1.5]]))
+od.register_planner("still", Still, lambda scenario: path)
+"""
 
 
 class Beside(GoalPlanner):
@@ -79,6 +95,16 @@ def test_what_is_plainly_no_goal_is_refused_and_the_flight_goes_on(x: float, y: 
     assert number == 1
     with pytest.raises(InputError, match=reason):
         raise InputError(said)
+    assert not beside.jobs
+
+
+def test_where_the_planner_is_a_system_a_goal_is_refused_and_the_flight_goes_on() -> None:
+    goals = Goals(SCENARIO, beside := Beside(SCENARIO))
+    goals.hear(user(1, 8.0, -1.0))
+    step = goals.step(20.0, None)
+    assert (step.path, step.taken) == (None, None)
+    assert answers(step) == [(1, NO_PATHS)]
+    assert goals.step(20.1, None) == Step(None, None, [])
     assert not beside.jobs
 
 
@@ -197,6 +223,17 @@ def test_the_process_plans_what_the_planner_plans_and_the_newest_goal_counts() -
         for number in (5, 6):
             planner.ask(number, p, np.array([8.0, 1.0]))
             assert planned(planner) == Plan(number, None, GONE)
+
+
+@pytest.mark.processes
+def test_the_process_knows_the_parts_of_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, own in (("_PARTS", dict(parts._PARTS)), ("_FILES", list(parts._FILES))):
+        monkeypatch.setattr(parts, name, own)
+    (tmp_path / "still.py").write_text(PLUGIN)
+    parts.load_plugin(tmp_path / "still.py")
+    with planner_of(load_scenario("imu_uwb", ("planner={kind: still}",))) as planner:
+        planner.ask(1, np.array([2.0, 0.5, 1.5]), np.array([3.0, 0.5]))
+        assert planned(planner).reason == ""
 
 
 @pytest.mark.processes

@@ -7,18 +7,18 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import threading
 from multiprocessing.connection import Connection
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
+from ortilo_drake.model.parts import load_plugin, plugin_files
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.retime import retime
-from ortilo_drake.scenario import GcsPlanner, HoverPlanner, Scenario
+from ortilo_drake.scenario import GcsPlanner, Scenario, WaypointPlanner
 
 NICENESS: Final = 10  # it yields to the flight where both want the same core
 GONE: Final = "the process that plans has ended"
@@ -36,9 +36,9 @@ def goal_settings(scenario: Scenario) -> GcsPlanner:
     """Return how ways to goals are planned: as the scenario's own path, as far as its settings say."""
     if isinstance(scenario.planner, GcsPlanner):
         return scenario.planner
-    if isinstance(scenario.planner, HoverPlanner):
-        return GcsPlanner()
-    return GcsPlanner(speed=scenario.planner.speed, acceleration=scenario.planner.acceleration)
+    if isinstance(scenario.planner, WaypointPlanner):
+        return GcsPlanner(speed=scenario.planner.speed, acceleration=scenario.planner.acceleration)
+    return GcsPlanner()
 
 
 class GoalPlanner:
@@ -49,12 +49,11 @@ class GoalPlanner:
     """
 
     def __init__(self, scenario: Scenario):
-        # A fork has all modules at once, which a new process loads in two seconds; but it loses all threads but one.
-        forks = threading.active_count() == 1
-        context = multiprocessing.get_context("fork") if forks else multiprocessing.get_context("spawn")
+        # Not a fork, though that has all modules at once, which a new process loads in two seconds: once a path has
+        # been planned, the solver waits for threads that a fork has not.
+        context = multiprocessing.get_context("spawn")
         self._pipe, self._child_end = context.Pipe()
-        parent_end = self._pipe if forks else None
-        arguments = scenario.model_dump_json(), self._child_end, parent_end
+        arguments = plugin_files(), scenario.model_dump_json(), self._child_end
         self._process = context.Process(target=_plan, args=arguments, daemon=True)
         self._busy = False
         self._newest: int | None = None
@@ -105,9 +104,9 @@ def reason_of(error: Exception) -> str:
     return text.partition("): ")[2] if text.startswith("goal: (") else text
 
 
-def _plan(scenario_json: str, jobs: Connection, parent_end: Connection | None) -> None:
-    if parent_end:
-        parent_end.close()  # while it is open here, this process cannot notice that the parent has ended
+def _plan(plugins: tuple[str, ...], scenario_json: str, jobs: Connection) -> None:
+    for file in plugins:
+        load_plugin(file)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the flight handles Ctrl-C, and ends this process
     os.nice(NICENESS)
     scenario = Scenario.model_validate_json(scenario_json)

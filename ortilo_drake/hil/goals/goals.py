@@ -23,6 +23,7 @@ from ortilo_drake.onboard.planner.planner import refuse_contact
 from ortilo_drake.scenario import Scenario
 
 REPLACED: Final = "replaced by a newer goal"
+NO_PATHS: Final = "the planner takes no goals: it is a System, and plans no path"
 REMEMBERED: Final = 256  # answers that can be given again
 
 
@@ -69,14 +70,17 @@ class Goals:
                 self._answer(self._heard, REPLACED)
             self._heard = goal
 
-    def step(self, t: float, path: Trajectory) -> Step:
+    def step(self, t: float, path: Trajectory | None) -> Step:
         """Return the changes by goals that were heard or planned since the last call.
 
         Args:
             t: time of the tick that comes [s].
-            path: the path flown, p_WB(t) (3 rows) [m].
+            path: the path flown, p_WB(t) (3 rows) [m]; None where the planner is a System, which takes no goals.
         """
         new = taken = None
+        if self._heard and path is None:
+            self._answer(self._heard, NO_PATHS)
+            self._heard = None
         if self._heard:
             goal, self._heard = self._heard, None
             # A vehicle that brakes already goes on with that: so it comes to rest however often the goal changes.
