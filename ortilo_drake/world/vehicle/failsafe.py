@@ -18,7 +18,8 @@ of the horizontal position. The plant knows no floor: for standing on it the veh
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
 
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
@@ -165,19 +166,23 @@ class Failsafe(LeafSystem):
         self.DeclareDiscreteState(_STATE_SIZE)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         needs = {self._command.ticket(), self._x.ticket(), self.time_ticket(), self.xd_ticket()}
+        producer = ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_state)
+        self._state_now = self.DeclareCacheEntry("the state that follows from the inputs now", producer, needs)
+        needs = {self._state_now.ticket(), self._command.ticket(), self._x.ticket()}
         self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
+        needs = {self._state_now.ticket()}
         self.DeclareVectorOutputPort("mode", 1, self._calc_mode, prerequisites_of_calc=needs)
 
-    def _state_now(self, context: Context) -> np.ndarray:
-        s = context.get_discrete_state().value()
-        return failsafe_state(context.get_time(), s, self._command.Eval(context), self._x.Eval(context), *self._times)
+    def _calc_state(self, context: Context, state: AbstractValue) -> None:
+        t, s = context.get_time(), context.get_discrete_state().value()
+        state.set_value(failsafe_state(t, s, self._command.Eval(context), self._x.Eval(context), *self._times))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        values.set_value(self._state_now(context))
+        values.set_value(self._state_now.Eval(context))
 
     def _calc_mode(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._state_now(context)[_MODE : _MODE + 1])
+        output.set_value(self._state_now.Eval(context)[_MODE : _MODE + 1])
 
     def _calc_control(self, context: Context, output: BasicVector) -> None:
-        s = self._state_now(context)
-        output.SetFromVector(failsafe_control(s, self._command.Eval(context), self._x.Eval(context), *self._settings))
+        s = self._state_now.Eval(context)
+        output.set_value(failsafe_control(s, self._command.Eval(context), self._x.Eval(context), *self._settings))
