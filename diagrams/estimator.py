@@ -10,9 +10,10 @@ from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter, ReplayKalmanFilter
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown
@@ -75,7 +76,7 @@ class IntermittentEstimator(Diagram):
             ticks = history_ticks(settings.horizon, h)
             kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, measures))
         else:
-            kalman = builder.AddSystem(KalmanFilter(*arguments, measures))
+            kalman = builder.AddSystem(KalmanFilter_[float](*arguments, measures))
         self._kalman = kalman
 
         def split(belief: OutputPort) -> dict[str, OutputPort]:

@@ -1,4 +1,4 @@
-"""Plain numbers of what may be Drake's AutoDiffXd: for what has no derivative, such as a tick or the walls between."""
+"""Functions of what may be Drake's AutoDiffXd: its plain numbers, and linear equations with their derivatives."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,6 +17,24 @@ def values_of(v: np.ndarray) -> np.ndarray:
 @overload(values_of, strict=False)  # strict compares annotations, which a lambda has not
 def _compiled_values_of(v: Any) -> Callable[[Any], Any]:
     return lambda v: v
+
+
+def solve(S: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Return S^-1 B (m, n) of S (m, m); also inside compiled functions.
+
+    Of AutoDiffXd it is X_0 + S_0^-1 (B - S X_0), with X_0 and S_0 the values: a step of iterative refinement, which has
+    the derivative of S^-1 B.
+    """
+    S_0 = values_of(S)
+    X_0: np.ndarray = np.linalg.solve(S_0, values_of(B))
+    if S.dtype != object and B.dtype != object:
+        return X_0
+    return np.asarray(X_0 + np.linalg.inv(S_0) @ (B - S @ X_0))
+
+
+@overload(solve, strict=False)
+def _compiled_solve(S: Any, B: Any) -> Callable[[Any, Any], Any]:
+    return lambda S, B: np.linalg.solve(S, B)
 
 
 def time_in(context: Any) -> float:

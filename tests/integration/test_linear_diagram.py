@@ -23,7 +23,7 @@ from ortilo_drake.model.hover import disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
@@ -77,7 +77,7 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
     V: dict[str, np.ndarray | None] = {name: np.diag(variances) for name, variances in VARIANCES}
     handler = builder.AddSystem(MeasurementHandler(MEASUREMENT, {"uwb": 14, "camera": 14, "imu": 11}, V, {}, H))
     model, P_0 = filter_model(FILTER, M100, integrator, H), initial_covariance(FILTER)
-    kalman = builder.AddSystem(KalmanFilter(model, MEASUREMENT, M100.hover_thrust, np.zeros(15), P_0, H))
+    kalman = builder.AddSystem(KalmanFilter_[float](model, MEASUREMENT, M100.hover_thrust, np.zeros(15), P_0, H))
     belief = builder.AddSystem(Demultiplexer([15, 225]))
     builder.Connect(kalman.GetOutputPort("belief"), belief.get_input_port())
     estimate, covariance = belief.get_output_port(0), belief.get_output_port(1)

@@ -18,7 +18,6 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATORS,
     FilterModel,
 )
-from ortilo_drake.onboard.estimator.kalman_filter import ReplayKalmanFilter
 from ortilo_drake.onboard.estimator.late_measurements import (
     empty_history,
     history_ticks,
@@ -27,6 +26,7 @@ from ortilo_drake.onboard.estimator.late_measurements import (
     row_of_past,
     slot_of,
 )
+from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0

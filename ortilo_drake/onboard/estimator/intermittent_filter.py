@@ -13,7 +13,7 @@ slips mended (Phibar and P_k throughout, V12^T Ebar^T in the last factor):
     xhat_{k+1|k} = Phibar xhat_{k|k-1} + Gammabar u_k + Ibar r_k + K_k (y_k - H xhat_{k|k-1})   (prediction)
 
 intermittent_step below is these three lines. filter_loops.py computes the same in half the time, and flies; a test
-holds it to this one.
+holds it to this one. Of AutoDiffXd these lines are run, as plain Python.
 
 Rows that did not arrive are left out, which equals the full-size formula because V2 is block diagonal. The
 integrator is a known quantity: from P_ii = 0 the last three rows of K equal -E_k, and its block of P stays 0.
@@ -31,6 +31,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import thrust_direction
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.model.scalars import solve
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.vehicle import GRAVITY
 
@@ -142,7 +143,7 @@ def intermittent_step(
     m = arrived.size
 
     H = np.zeros((m, n))
-    V2 = np.zeros((m, m))
+    V2 = np.zeros((m, m), V2_blocks.dtype)
     E = np.zeros((3, m))
     a = 0
     for s in range(delta.size):
@@ -159,26 +160,26 @@ def intermittent_step(
     Phibar[N:, :] -= E @ H
     Gammabar = np.zeros((n, 4))
     Gammabar[:N] = Gamma
-    Ebar_V1_EbarT = np.zeros((n, n))
+    Ebar_V1_EbarT = np.zeros((n, n), V2.dtype)
     Ebar_V1_EbarT[:N, :N] = W
     Ebar_V1_EbarT[N:, N:] = E @ V2 @ E.T
-    Ebar_V12 = np.zeros((n, m))
+    Ebar_V12 = np.zeros((n, m), V2.dtype)
     Ebar_V12[N:] = -E @ V2
-    Ibar_r = np.zeros(n)
+    Ibar_r = np.zeros(n, xhat.dtype)
     if integrator == INTEGRATOR_ESTIMATE:
         Ibar_r[N:] = r[:3] - xhat[:3]
     elif integrator == INTEGRATOR_LITERAL or chosen >= 0:
         Ibar_r[N:] = r[:3]
 
-    Gammabar_a = np.zeros(n)
+    Gammabar_a = np.zeros(n, xhat.dtype)
     if len(extra) > 0:
         Gammabar_a[:N] = Gamma_a @ tilted_lift(xhat, u, mass)
 
-    K = np.ascontiguousarray(np.linalg.solve(H @ P @ H.T + V2, (Phibar @ P @ H.T + Ebar_V12).T).T)
+    K = np.ascontiguousarray(solve(H @ P @ H.T + V2, (Phibar @ P @ H.T + Ebar_V12).T).T)
     P_next = Phibar @ P @ Phibar.T + Ebar_V1_EbarT - K @ (H @ P @ Phibar.T + Ebar_V12.T)
     xhat_next = Phibar @ xhat + Gammabar @ u + Gammabar_a + Ibar_r + K @ (y[arrived] - H @ xhat)
 
-    gain = np.zeros((n, y.size))
+    gain = np.zeros((n, y.size), K.dtype)
     for a in range(m):
         gain[:, arrived[a]] = K[:, a]
     return xhat_next, (P_next + P_next.T) / 2.0, gain

@@ -32,7 +32,7 @@ def with_specific_force(
         variance: of v_a per axis [m^2/s^4] (3).
     """
     p, s, q = y.size, delta.size, V2.size
-    y_all, delta_all, V2_all = np.zeros(p + 3), np.zeros(s + 1), np.zeros(q + 9)
+    y_all, delta_all, V2_all = np.zeros(p + 3, y.dtype), np.zeros(s + 1, y.dtype), np.zeros(q + 9, y.dtype)
     y_all[:p], delta_all[:s], V2_all[:q] = y, delta, V2
     if delta[j] != 0.0:
         psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]

@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.closed_forms import agreement
-from ortilo_drake.studies.linearization.flown_tick import difference_closed_loop
+from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop
 from ortilo_drake.studies.linearization.gramians import Gramian, controllability_gramian, observability_gramian
 from ortilo_drake.studies.linearization.linearize import linearize
 from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
@@ -123,7 +123,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
         h=scenario.h,
         sensors=scenario.sensors,
         agreement=agreement(scenario),
-        flown={name: difference_closed_loop(scenario, tick).largest_difference for name, tick in flown.items()},
+        flown={name: differentiate_closed_loop(scenario, tick).largest_difference for name, tick in flown.items()},
         eigenvalues={name: _sorted(np.linalg.eigvals(A)) for name, A in eigenvalues.items()},
         jordan_blocks=[(m.eigenvalue.real, m.blocks) for m in modes(loop.Phi, scale)],
         uncontrollable_modes=_modes(unreached_modes(loop.Phi, loop.Gamma, radius=0.0, scale=scale)),

@@ -25,7 +25,7 @@ def linearization_text(found: LinearizationReport) -> list[str]:
     rows = [[part, *(f"{d[M]:.1e}" for M in "ABCD")] for part, d in found.agreement.items()]
     lines += table(["part", "A", "B", "C", "D"], rows)
     flown = ", ".join(f"{value:.1e} in a tick with {which}" for which, value in found.flown.items())
-    lines += [f"The diagram that flies, differenced over one tick, differs from the closed loop by {flown}.", ""]
+    lines += [f"The diagram that flies, one tick of it by AutoDiffXd, differs from the closed loop by {flown}.", ""]
     radius = {part: max(abs(z) for z in values) for part, values in found.eigenvalues.items()}
     blocks = "; ".join(f"{value:g} in blocks of {', '.join(map(str, sizes))}" for value, sizes in found.jordan_blocks)
     lines += [

@@ -1,0 +1,93 @@
+"""The intermittent Kalman filter with a history for late measurements, as a system."""
+
+from functools import partial
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem
+
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.signals import ARRIVED, STAMP
+from ortilo_drake.onboard.estimator.belief import known_part
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.kalman_filter import Predictor, handed_over
+from ortilo_drake.onboard.estimator.late_measurements import N_BELIEF, empty_history, replay_step, row_of_past, slot_of
+
+
+class ReplayKalmanFilter(LeafSystem, Predictor):
+    """A Kalman filter that puts a late measurement into the tick of its stamp and runs again from there.
+
+    Ports, beside those of KalmanFilter_:
+        stamps (s): when each sensor's measurement was true [s].
+        message_<sensor> (n): the stamped message of each sensor whose fix is made about an estimate.
+        belief_<sensor> (240, output): the belief of the tick of that stamp, by all that has arrived since; the present
+            one where no message arrived or its stamp is of this tick (or of a later one), that of the oldest tick kept
+            where the stamp is older.
+
+    The last N ticks are a discrete state of their own. Equations: late_measurements.py.
+
+    Args:
+        model, measurement, hover_thrust, xbar_0, P_0, h, specific_force: as KalmanFilter_'s.
+        ticks: N.
+        messages: size of the message of each sensor whose fix is made about an estimate.
+    """
+
+    def __init__(
+        self,
+        model: FilterModel,
+        measurement: Measurement,
+        hover_thrust: float,
+        xbar_0: np.ndarray,
+        P_0: np.ndarray,
+        h: float,
+        ticks: int,
+        messages: dict[str, int],
+        specific_force: np.ndarray | None = None,
+    ):
+        super().__init__()
+        self.declare_predictor(float, model, measurement, hover_thrust, xbar_0, P_0, h, specific_force)
+        self._slot = slot_of(measurement, self._n)
+        self._stamps = self.DeclareVectorInputPort("stamps", handed_over(measurement)["delta"])
+        self._history = self.DeclareDiscreteState(empty_history(ticks, self._slot).ravel())
+        for sensor, size in messages.items():
+            message = self.DeclareVectorInputPort(f"message_{sensor}", size)
+            needs = {message.ticket(), self.xd_ticket()}
+            calc = partial(self._calc_past, message)
+            self.DeclareVectorOutputPort(f"belief_{sensor}", N_BELIEF, calc, prerequisites_of_calc=needs)
+
+    def HasHistory(self) -> bool:
+        """Return whether there is more in the state than the belief."""
+        return True
+
+    def _calc_past(self, message: InputPort, context: Context, output: BasicVector) -> None:
+        output.set_value(self._past(context, message.Eval(context)))
+
+    def _past(self, context: Context, message: np.ndarray) -> np.ndarray:
+        if message[ARRIVED]:
+            history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
+            row = row_of_past(history, tick_of(message[STAMP], self._h))
+            if row >= 0:
+                return np.asarray(known_part(history[row, self._slot.belief : self._slot.y], self._n))
+        return np.asarray(context.get_discrete_state(self._known).value())
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        y, delta, V2, u, r = self.inputs_in(context)
+        stamps = self._stamps.Eval(context)
+        if self._specific_force is not None:
+            stamps = np.append(stamps, stamps[self._imu_number])
+        belief = replay_step(
+            values.get_mutable_value(self._history).reshape(-1, self._slot.size),  # a copy of the state's, changed here
+            self._slot,
+            context.get_discrete_state(self._belief).value(),
+            tick_of(context.get_time(), self._h),
+            y,
+            delta,
+            V2,
+            stamps,
+            self._h,
+            u,
+            r,
+            self._model,
+            self._layout,
+        )
+        self.set_belief(values, belief)
