@@ -12,6 +12,7 @@ from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.scenario import scenario_app
+from ortilo_drake.commands.sensitivity import sensitivity
 from ortilo_drake.commands.tables import tables
 from ortilo_drake.commands.tune import tune
 from ortilo_drake.model.input_error import InputError
@@ -37,7 +38,7 @@ def load_plugins(
         load_plugin(file)
 
 
-for command in (fly, tables, diagram, analyze, tune, replay):
+for command in (fly, tables, diagram, analyze, tune, replay, sensitivity):
     app.command()(command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")

@@ -73,14 +73,14 @@ def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
 
 
 @lru_cache(maxsize=1)
-def _simulator(scenario_json: str, folder: str) -> FlightSimulator:
+def simulator_of(scenario_json: str, folder: str) -> FlightSimulator:
     """Return a simulator of a scenario. The last one is kept while the folder is the same: its name has the digest."""
     return FlightSimulator(Scenario.model_validate_json(scenario_json))
 
 
 def fly_and_save(scenario_json: str, seed: int, file: str) -> Summary:
     """Fly one seed, save it and return its summary. Runs in a worker: the arguments are plain data."""
-    flight = _simulator(scenario_json, Path(file).parent.name).fly(seed)
+    flight = simulator_of(scenario_json, Path(file).parent.name).fly(seed)
     found = summary(flight)
     flight.attrs["summary"] = summary_text(found)
     save_flight(flight, Path(file))
@@ -140,7 +140,7 @@ def fly_many(
     try:
         run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
     finally:
-        _simulator.cache_clear()  # the files that a scenario names may have changed by the next call
+        simulator_of.cache_clear()  # the files that a scenario names may have changed by the next call
         if scenario.is_rendered:
             gc.collect()  # frees a renderer in the thread that drew with it; EGL complains in any other
     return [summaries[seed] for seed in seeds]

@@ -1,0 +1,65 @@
+"""The command `ortilo sensitivity`: what must be known, and how well."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    JsonOption,
+    ScenarioArgument,
+    SetOption,
+    WorkersOption,
+    quiet_drake,
+)
+from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.scenario import Scenario, load_scenario
+
+
+def sensitivity(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 20,
+    workers: WorkersOption = None,
+    settings: SetOption = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, report and figure.")] = Path(
+        "out/sensitivity"
+    ),
+    json_file: JsonOption = None,
+) -> None:
+    """Fly a scenario in worlds that differ from what its filter believes, one mismatch at a time and all together.
+
+    It shows errors and losses at given values, and the value at which 5 % of the flights are lost. A camera is
+    projected. Flights already in the folder are kept, so an interrupted run goes on where it stopped.
+    """
+    laid_over = tuple(settings or ())
+    name = load_scenario(scenario, laid_over).name  # refuses wrong settings before anything is flown
+    report, figure = out_folder / f"{name}.md", out_folder / f"{name}.png"
+    check_writable(report, figure, json_file)
+    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.studies.sensitivity.mismatches import Settings
+    from ortilo_drake.studies.sensitivity.sensitivity_flights import sensitivity as study
+    from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
+
+    quiet_drake()
+
+    def vary(under: Settings) -> Scenario:
+        return load_scenario(scenario, (*laid_over, *under))
+
+    count = workers or os.cpu_count() or 1
+    with progress_bar() as progress, kept_workers():
+        task = progress.add_task("flights", total=None)
+
+        def say(part: str) -> None:
+            progress.update(task, description=part)
+            err.print(f"{part} ...", markup=False, highlight=False)
+
+        found = study(vary, range(flights), out_folder / "flights", count, say, lambda n: progress.advance(task, n))
+    text = sensitivity_text(found)
+    write_text(report, text)
+    sensitivity_figure(found, figure)
+    write_json(json_file, found)
+    out.print(text, markup=False, soft_wrap=True)
+    say_written(report, figure, json_file)

@@ -1,0 +1,1 @@
+"""What a team must know of its vehicle, room and sensors, and how well."""

@@ -1,0 +1,76 @@
+"""The report of a sensitivity study: a table, what must be known and how well, and a bar chart."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from ortilo_drake.flight.flight import AXES
+from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, all_together
+from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
+from ortilo_drake.views.figures import STYLE
+from ortilo_drake.views.markdown import table
+from ortilo_drake.views.pictures import save_picture
+
+_CAREFUL = {m.name: m.careful for m in (*MISMATCHES, all_together(MISMATCHES))}
+_BAR, _UNKNOWN = "#0072B2", "#999999"
+
+
+def sensitivity_text(found: Sensitivity) -> str:
+    """Return the report in Markdown."""
+    header = ["what the filter does not know", "value", "lost", *(f"MSE {axis} [m²]" for axis in AXES), "NEES"]
+    lines = [f"# What must you know, how well: {found.scenario}", ""]
+    lines += table(header, [_cells(row) for row in found.rows])
+    lines += [f"{LOST_SHARE:.0%} of the flights are lost where a mismatch alone is", ""]
+    lines += table(
+        ["mismatch", "value", "95 % interval", "a careful team's"],
+        [[limit.mismatch, _value(limit), _interval(limit), f"{_CAREFUL[limit.mismatch]:g}"] for limit in found.limits],
+    )
+    return "\n".join(lines)
+
+
+def _cells(row: Row) -> list[str]:
+    errors = ["-"] * 3 if row.mse is None else [f"{row.mse[axis]:.5f}" for axis in AXES]
+    nees = "-" if row.nees is None else f"{row.nees:.1f}"
+    return [row.mismatch, f"{row.value:g}", f"{row.lost} of {row.flights}", *errors, nees]
+
+
+def _value(limit: Limit) -> str:
+    if limit.value == 0.0:
+        return "0: as many are lost without"
+    return "beyond what was flown" if limit.value is None else f"{limit.value:.3g}"
+
+
+def _interval(limit: Limit) -> str:
+    low, high = ("?" if end is None else f"{end:.3g}" for end in limit.interval)
+    return f"{low} to {high}"
+
+
+def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
+    """Draw the limits as bars, in multiples of what a careful team leaves."""
+    limits = found.limits[::-1]
+    ends = [end / _CAREFUL[x.mismatch] for x in limits for end in (x.value, *x.interval) if end]
+    least, most = min([0.2, *(0.5 * end for end in ends)]), max([5.0, *(2.0 * end for end in ends)])
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 0.45 * len(limits) + 1.3), layout="constrained")
+        axes = figure.add_subplot()
+        for i, limit in enumerate(limits):
+            careful = _CAREFUL[limit.mismatch]
+            low, high = (
+                (end or edge * careful) / careful for end, edge in zip(limit.interval, (least, most), strict=True)
+            )
+            known = limit.value is not None
+            axes.barh(i, limit.value / careful if limit.value is not None else low, color=_BAR if known else _UNKNOWN)
+            axes.plot([low, high], [i, i], color="k", lw=1.2)
+            text = f"{limit.value:.3g}" if limit.value is not None else "beyond"
+            axes.text(1.01, i, f"{text}  ({_interval(limit)})", va="center", transform=axes.get_yaxis_transform())
+        axes.axvline(1.0, color="#D55E00", lw=1.2)
+        axes.text(
+            1.0, 1.0, "a careful team", color="#D55E00", ha="center", va="bottom", transform=axes.get_xaxis_transform()
+        )
+        axes.set_xscale("log")
+        axes.set_xlim(least, most)
+        axes.set_yticks(range(len(limits)), [limit.mismatch for limit in limits])
+        axes.set_xlabel(f"value at which {LOST_SHARE:.0%} of the flights are lost, over a careful team's")
+        figure.suptitle(f"What must you know, how well: {found.scenario}")
+        return save_picture(figure, path)

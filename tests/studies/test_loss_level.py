@@ -1,0 +1,68 @@
+"""The level at which 5 % of the flights are lost: by maximum likelihood, against draws from a known curve."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.special import expit, logit
+
+from ortilo_drake.studies.sensitivity.loss_level import Flown, loss_level
+
+SHARE = 0.05
+NONE_LOST = Flown(0.0, 20, 0)
+LEVELS = (0.5, 1.0, 2.0, 4.0, 8.0)
+
+
+def test_it_is_the_greatest_likelihood_of_the_logistic_curve() -> None:
+    flown = [Flown(v, 400, lost) for v, lost in zip(LEVELS, (1, 8, 60, 240, 380), strict=True)]
+    v, n, lost = (np.array(column, dtype=float) for column in zip(*flown, strict=True))
+
+    def cost(parameters: np.ndarray) -> float:
+        P = expit(logit(SHARE) + np.exp(parameters[1]) * (np.log(v) - parameters[0]))
+        return -float(np.sum(lost * np.log(P) + (n - lost) * np.log1p(-P)))
+
+    best = minimize(cost, [0.0, 0.5], method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
+    found = loss_level(Flown(0.0, 4000, 0), flown)
+    assert found.value == pytest.approx(np.exp(best.x[0]), rel=0.03)
+    low, high = found.interval
+    assert low is not None
+    assert high is not None
+    assert low < found.value < high < 1.5 * low
+
+
+def test_the_interval_holds_the_true_level_as_often_as_it_says() -> None:
+    rng, true, inside = np.random.default_rng(5), 1.7, 0
+    for _ in range(40):
+        P = expit(logit(SHARE) + 3.0 * np.log(np.array(LEVELS) / true))
+        flown = [Flown(v, 40, int(rng.binomial(40, p))) for v, p in zip(LEVELS, P, strict=True)]
+        low, high = loss_level(Flown(0.0, 40, 0), flown).interval
+        inside += (low or 0.0) <= true <= (high or np.inf)
+    assert inside >= 34  # 38 expected; of 40 with a chance of 0.95 fewer than 34 happens once in 300
+
+
+def test_where_none_is_lost_the_level_is_beyond() -> None:
+    found = loss_level(NONE_LOST, [Flown(v, 20, 0) for v in LEVELS])
+    assert found.value is None
+    low, high = found.interval
+    assert low is not None
+    assert low > 1.0
+    assert high is None
+
+
+def test_where_all_are_lost_the_level_is_below() -> None:
+    found = loss_level(NONE_LOST, [Flown(v, 20, 20) for v in LEVELS])
+    assert found.interval[0] == 0.0
+    assert found.interval[1] is not None
+    assert found.interval[1] < LEVELS[0]
+
+
+def test_between_none_and_all_lies_the_level() -> None:
+    low, high = loss_level(NONE_LOST, [Flown(v, 20, 20 * (v > 2.0)) for v in LEVELS]).interval
+    assert low is not None
+    assert high is not None
+    assert 0.5 < low < high < 4.0
+
+
+def test_what_is_lost_without_it_already_leaves_no_level() -> None:
+    found = loss_level(Flown(0.0, 20, 5), [Flown(v, 20, 5) for v in LEVELS])
+    assert found.value == 0.0
+    assert found.interval[0] == 0.0
