@@ -11,12 +11,12 @@ import xarray as xr
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.flight import FlightSimulator, fly
 from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 PROJECTED = "camera.kind=projected"  # as fast as the rest; rendered flights have tests of their own
-SCENARIOS = ["imu_uwb_yolo", "bursty_link", "rotors"]
+SCENARIOS = ["imu_uwb_yolo", "bursty_link", "rotors", "realistic", "realistic_flow"]
 
 
 def digest(flight: xr.Dataset) -> str:
@@ -43,6 +43,13 @@ def test_other_flights_in_between_change_nothing() -> None:
     fly(load_scenario("rotors", (SHORT, PROJECTED), 8))
     np.random.default_rng().normal(size=100)
     assert digest(fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
+
+
+def test_a_seeds_truths_do_not_depend_on_what_the_simulator_flew_before() -> None:
+    scenario = load_scenario("realistic_flow", (SHORT, PROJECTED), 3)
+    simulator = FlightSimulator(scenario)
+    other = digest(simulator.fly(4))
+    assert digest(simulator.fly(3)) == digest(fly(scenario)) != other
 
 
 @pytest.mark.processes

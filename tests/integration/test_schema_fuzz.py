@@ -38,6 +38,7 @@ FLIGHTS = (
     ("bursty_link", "planner={kind: waypoints, points: [[0, 0, 1.5], [0.4, 0.2, 1.5]]}"),
     ("paper_imu_uwb_yolo", "planner={kind: gcs, goal: [0.5, 0.1]}"),
     ("outage", "estimator.delay=replay"),
+    ("realistic_flow", "planner={kind: hover, point: [8, 1, 1.5], duration: 0.5}"),
 )
 
 
