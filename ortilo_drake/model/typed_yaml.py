@@ -204,7 +204,8 @@ def _is_number(text: Any) -> bool:
 def _find_not_plain(data: Any, field: str = "") -> str | None:
     if isinstance(data, float) and not math.isfinite(data):
         return f"{field}: {data}: must be a finite number"
-    largest = LARGEST if isinstance(data, float) else 2**64  # seeds are large, all other integers have their own limits
+    # Seeds alone are larger; an integer may be for a float.
+    largest = 2**64 if isinstance(data, int) and "seed" in field else LARGEST
     if isinstance(data, int | float) and abs(data) > largest:
         return f"{field}: {_shown(data)}: must not exceed {largest:g} in size"
     if isinstance(data, str):

@@ -256,3 +256,9 @@ def test_a_base_that_cannot_be_is_refused_in_one_line(tmp_path: Path, text: str,
     with pytest.raises(InputError, match=named) as error:
         load_scenario(written(tmp_path / "mine.yaml", text))
     assert "\n" not in str(error.value)
+
+
+def test_an_integer_too_large_for_a_quantity_is_refused_before_it_is_a_float() -> None:
+    with pytest.raises(InputError, match=r"servo\.weights\.angle\.0: 9223372036854775807: must not exceed 1e\+12"):
+        load_scenario("outage", ("servo.weights.angle=[9223372036854775807, 1.0, 1.0]",))
+    assert load_scenario("outage", seed=2**63 - 1).belief == load_scenario("outage").belief
