@@ -78,7 +78,7 @@ def camera_times(count: int, width: int) -> dict[str, float]:
     for backend in filter(installed, BACKENDS):
         times[f"detect_{backend}"] = median_ms(load_detector(Detector(backend=backend), room, size), pictures)
     detect = load_detector(Detector(), room, size)
-    fix = LandmarkFix(scenario.landmark_fix, room, width)
+    fix = LandmarkFix(scenario.landmark_fix, room, width, scenario.h)
     fix_context = fix.CreateDefaultContext()
     P = np.diag([0.01] * 3 + [1e-4] * 3 + [0.01] * 6 + [0.0] * 3).ravel()
 

@@ -60,6 +60,7 @@ class IntermittentEstimator(Diagram):
         measurement = scenario.measurement
         sensors = [flown(name, scenario) for name in measurement.sensors if name in scenario.sensors]
         solvers = {s.name: s.make_onboard(scenario, room) for s in sensors if s.make_onboard is not None}
+        self._reacquires = any(solver.num_discrete_state_groups() for solver in solvers.values())
         about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
 
         builder = DiagramBuilder()
@@ -148,4 +149,4 @@ class IntermittentEstimator(Diagram):
     @property
     def has_history(self) -> bool:
         """Whether past ticks decide what it will estimate, beside the present belief."""
-        return isinstance(self._kalman, ReplayKalmanFilter) or self._kalman.HasOutputPort("extra")
+        return isinstance(self._kalman, ReplayKalmanFilter) or self._kalman.HasOutputPort("extra") or self._reacquires

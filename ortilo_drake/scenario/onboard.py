@@ -83,6 +83,12 @@ class LandmarkFix(Frozen):
         gate: an association is refused beyond this probability [1] of the predicted projection's error.
         max_residual: the first three methods drop boxes that disagree with the rest by more than so many standard
             deviations [1].
+        margin: a box is left out where the boxes can be given to the landmarks in another way, with it given to another
+            one, and a sum of squared distances larger by less than this [1]; 0 leaves none out.
+        joint: boxes are left out until the rest agree with the estimate within this probability [1], all together.
+            While that leaves no fix the estimate is believed less and less. null leaves the test out.
+        inside: a landmark is left out whose box, as the estimate predicts it, ends nearer to the image's border than
+            this [px]; null goes by the box that is seen alone.
         prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
             filter's covariance.
         shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
@@ -94,6 +100,9 @@ class LandmarkFix(Frozen):
     center_growth: NonNegativeFloat = 0.0
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
     max_residual: Positive = 4.0
+    margin: NonNegativeFloat = 0.0
+    joint: Gate | None = None
+    inside: NonNegativeFloat | None = None
     prior_sd: tuple[Positive, Positive] | None = None
     shapes: Literal["outlines", "boxes"] = "outlines"
 

@@ -49,7 +49,7 @@ BUILT_IN = {
         make_world=lambda scenario, room: ProjectedCamera(scenario.camera, room, scenario.seed, scenario.h),
         sd=_of_fix,
         make_onboard=lambda scenario, room: LandmarkFix(
-            scenario.landmark_fix, _as_known(scenario, room), scenario.image_width
+            scenario.landmark_fix, _as_known(scenario, room), scenario.image_width, scenario.h
         ),
         V=lambda scenario: _diagonal(scenario.estimator.V.camera),
     ),

@@ -21,7 +21,7 @@ REALISATIONS = 8  # of the projected camera: its errors last for seconds, so one
 
 def fix_errors(scenario, states, messages) -> np.ndarray:
     """The distance of each fix from the truth, NaN where there is none (n) [m]; the prior is the same in every call."""
-    system = LandmarkFix(scenario.landmark_fix, scenario.load_room(), scenario.image_width)
+    system = LandmarkFix(scenario.landmark_fix, scenario.load_room(), scenario.image_width, scenario.h)
     context, rng = system.CreateDefaultContext(), np.random.default_rng(SEED)
     P = np.diag([POSITION_SD**2] * 3 + [ATTITUDE_SD**2] * 3 + [0.0] * 9)
     system.GetInputPort("covariance").FixValue(context, P.ravel())

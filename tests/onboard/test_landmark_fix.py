@@ -204,7 +204,7 @@ def detections(pose, shown, arrived: float = 1.0) -> np.ndarray:
 
 
 def fix(message, xhat, P, chosen: Settings) -> np.ndarray:
-    system = LandmarkFix(chosen, ROOM, 320)
+    system = LandmarkFix(chosen, ROOM, 320, 1.0 / 30.0)
     context = system.CreateDefaultContext()
     system.GetInputPort("detections").FixValue(context, message)
     system.GetInputPort("estimate").FixValue(context, xhat)
@@ -257,7 +257,7 @@ def test_camera_and_fix_together_along_the_first_blackout():
     errors = ParametricErrors(kind="parametric")
     camera = ProjectedCamera(CameraSettings(errors=errors), ROOM, 3, 1.0 / 30.0)
     context = camera.CreateDefaultContext()
-    landmark_fix = LandmarkFix(Settings(center_sd=errors.edge_sd / np.sqrt(2.0)), ROOM, 320)
+    landmark_fix = LandmarkFix(Settings(center_sd=errors.edge_sd / np.sqrt(2.0)), ROOM, 320, 1.0 / 30.0)
     fix_context = landmark_fix.CreateDefaultContext()
     rng = np.random.default_rng(2)
     landmark_fix.GetInputPort("covariance").FixValue(fix_context, covariance())

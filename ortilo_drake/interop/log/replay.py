@@ -107,8 +107,8 @@ def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:
     if onboard.diagram.has_history:
         raise InputError(
             f"{log}: joined its flight at tick {start.k} from a checkpoint, and what a filter with 'delay: replay' or "
-            "a force has in it beside estimate and covariance is in no log; replay the log of a half that flew from "
-            "the start"
+            "a force, or a landmark_fix.joint, has in it beside estimate and covariance is in no log; replay the log "
+            "of a half that flew from the start"
         )
     xbar, P = (start.outputs.get(name, found[name]) for name in ("estimate", "covariance"))
     onboard.set_belief(xbar, P.reshape(N_XBAR, N_XBAR))

@@ -8,6 +8,9 @@ A box of the same class and of about the predicted size may be landmark i if d^2
 within the gate; the boxes are given out so that the sum of d^2 is least, a landmark without a box counting as
 much as the gate (global nearest neighbour: Blackman, "Multiple-Target Tracking with Radar Applications", 1986,
 chapter 4).
+
+The best of all ways may be hardly better than the next. A pairing is ambiguous where the best way with another one in
+its place, of the landmark or of the box, costs less than a margin more; such pairings are left out.
 """
 
 import numpy as np
@@ -106,6 +109,7 @@ def association_costs(
     sd: float,
     gate: float,
     growth: float = 0.0,
+    inside: float = -np.inf,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return candidate landmarks (k), centres of whole boxes (m, 2) and the costs of pairing them (k, m + k).
 
@@ -130,6 +134,9 @@ def association_costs(
         if not box_center(positions[i], outlines[i], p_WB, rpy, R_WB, camera, z, J):
             continue
         extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box)
+        low, high = inside - 0.5, -inside - 0.5
+        if box[0] < low or box[1] < low or box[2] > width + high or box[3] > height + high:
+            continue
         span = box[2] - box[0] + box[3] - box[1]
         own_sd[0], own_sd[1] = center_sd(box[2] - box[0], sd, growth), center_sd(box[3] - box[1], sd, growth)
         S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, own_sd)
@@ -147,6 +154,29 @@ def association_costs(
     return candidates[:k], centers, costs
 
 
+def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float) -> np.ndarray:
+    """Return which landmarks (k) are paired with a box that may as well be another's, or another box theirs.
+
+    Args:
+        costs: of association_costs (k, m + k).
+        column: of the best assignment, for each landmark (k).
+        n_boxes: m.
+        margin: by which the best assignment with another pairing must cost more.
+    """
+    rows = np.arange(len(costs))
+    best, doubtful = costs[rows, column].sum(), np.zeros(len(costs), dtype=bool)
+    for i, j in np.argwhere(costs[:, :n_boxes] < _FORBIDDEN):
+        if column[i] == j:
+            continue
+        concerned = (rows == i) & (column < n_boxes) | (column == j)
+        if not np.any(concerned & ~doubtful):
+            continue
+        rest = np.delete(np.delete(costs, i, axis=0), j, axis=1)
+        if costs[i, j] + rest[scipy.optimize.linear_sum_assignment(rest)].sum() - best < margin:
+            doubtful |= concerned
+    return doubtful
+
+
 def associate(
     detections: np.ndarray,
     xhat: np.ndarray,
@@ -158,6 +188,8 @@ def associate(
     sd: float,
     gate: float,
     growth: float = 0.0,
+    margin: float = 0.0,
+    inside: float = -np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the landmarks found, as indices in rising order (k), and their boxes' centres (k, 2).
 
@@ -174,10 +206,15 @@ def associate(
         sd: error of a small box's centre [px].
         gate: largest admissible d^2.
         growth: of that error with the box's size [1/px], see center_sd.
+        margin: see ambiguous; 0 leaves nothing out.
+        inside: how far from the border a landmark's predicted box must end [px]. A box that the border cuts seems
+            whole where the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
     """
     candidates, centers, costs = association_costs(
-        detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth
+        detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth, inside
     )
     _, column = scipy.optimize.linear_sum_assignment(costs)
     paired = column < len(centers)
+    if margin > 0.0:
+        paired &= ~ambiguous(costs, column, len(centers), margin)
     return candidates[paired], centers[column[paired]]

@@ -67,7 +67,7 @@ def _solvers(scenario: Scenario) -> tuple[System, LandmarkFix]:
     room = scenario.load_room()
     return (
         Multilateration_[float](scenario.multilateration, room.anchor_positions),
-        LandmarkFix(scenario.landmark_fix, room, scenario.image_width),
+        LandmarkFix(scenario.landmark_fix, room, scenario.image_width, scenario.h),
     )
 
 

@@ -1,0 +1,61 @@
+"""Whether the boxes agree, all together, with the estimate that they were associated by.
+
+Each pairing within its gate may be wrong though all of them pass, for the errors of the estimate are common to all
+boxes. With e the stacked differences from the predicted centres and J their Jacobian by the pose, of covariance P,
+
+    d^2 = e^T (J P J^T + R)^-1 e,   R = diag(sd^2),
+
+is chi-square with 2 n degrees of freedom of n right pairings (J. Neira and J. D. Tardos, "Data association in
+stochastic mapping using the joint compatibility test", IEEE Trans. Robotics and Automation 17, 2001). While it is too
+large, the box goes whose absence makes it smallest.
+"""
+
+import numpy as np
+
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import Camera, box_center
+from ortilo_drake.onboard.gate import squared_gate
+
+
+def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
+    """Return d^2 of the differences e (2 n), of Jacobian J (2 n, 6), P (6 x 6) and the boxes' errors sd (2 n)."""
+    return float(e @ np.linalg.solve(J @ P @ J.T + np.diag(sd**2), e))
+
+
+def jointly_compatible(
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    camera: Camera,
+    sd: np.ndarray,
+    probability: float,
+) -> np.ndarray:
+    """Return the boxes that are compatible, as indices in rising order.
+
+    Args:
+        centers: centres of the boxes [px] (n, 2).
+        positions: p_W of the landmarks they are of (n, 3).
+        outlines: the landmarks' outlines, see pinhole.py (n, m, 3).
+        xhat: estimate; position and attitude come first.
+        P: covariance of position and attitude (6 x 6).
+        camera: the camera.
+        sd: error of each box centre [px] (n, 2).
+        probability: with which right pairings are within the limit.
+    """
+    n = len(centers)
+    e, J, z = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty(2)
+    R_WB = rotation_matrix(xhat[3:6])
+    kept = []
+    for i in range(n):
+        if box_center(positions[i], outlines[i], xhat[0:3], xhat[3:6], R_WB, camera, z, J[i]):
+            e[i] = centers[i] - z
+            kept.append(i)
+
+    def distance(of: list[int]) -> float:
+        return joint_distance(e[of].ravel(), J[of].reshape(-1, 6), P, sd[of].ravel())
+
+    while kept and distance(kept) > squared_gate(probability, 2 * len(kept)):
+        kept = min(([k for k in kept if k != i] for i in kept), key=distance)
+    return np.array(kept, dtype=np.int64)
