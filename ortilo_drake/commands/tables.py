@@ -18,6 +18,7 @@ from ortilo_drake.commands.options import (
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, write_json
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 
@@ -35,6 +36,10 @@ def tables(
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
+    beside: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SCENARIO", help="A further scenario for the same tables; may be repeated."),
+    ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
         "out/tables"
     ),
@@ -42,7 +47,8 @@ def tables(
 ) -> None:
     """Fly both of the paper's scenarios many times and print its tables I and II beside ours.
 
-    Flights already in the folder are kept, so an interrupted run goes on where it stopped.
+    Further scenarios, such as altimeter and flow, stand in the same tables by --beside. Flights already in the folder
+    are kept, so an interrupted run goes on where it stopped.
     """
     from ortilo_drake.studies.paper_tables.report import table_text
     from ortilo_drake.studies.paper_tables.tables import SCENARIOS, make_tables
@@ -53,6 +59,13 @@ def tables(
     for name, flown in chosen.items():
         if "camera" in flown.sensors:  # so that the flights without one stay the same
             chosen[name] = load_scenario(prefix + name, laid_over)
+    for further in beside or ():
+        flown = load_scenario(further, tuple(settings or ()))
+        if "camera" in flown.sensors:
+            flown = load_scenario(further, laid_over)
+        if flown.name in chosen:
+            raise InputError(f"--beside {further}: '{flown.name}' is in the tables already")
+        chosen[flown.name] = flown
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.flight.ensemble import flight_file, fly_many

@@ -17,7 +17,8 @@ from ortilo_drake.views.pictures import save_picture
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
 # Okabe and Ito's colours, which colour-blind readers can tell apart.
-COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00"}
+COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00", "flow": "#CC79A7"}
+OTHER = "#009E73"  # the altimeter's, and of scenarios and sensors without a colour of their own
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 STYLE: Any = {
     "font.size": 9,
@@ -68,7 +69,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
                 strong = k == 0
                 axes.plot(
                     *flight["truth"].values[:, :2].T,
-                    color=COLOR.get(name, "#0072B2"),
+                    color=COLOR.get(name, OTHER),
                     lw=1.6 if strong else 0.5,
                     alpha=1.0 if strong else 0.35,
                     label=TITLE.get(name, name) if strong else None,
@@ -119,9 +120,7 @@ def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
         due = flight["due"].sel(sensor=sensor).values
         used = flight["arrival"].sel(sensor=sensor).values
         axes.eventplot(time[due & ~used], lineoffsets=row, linelengths=0.25, colors="0.75", linewidths=0.6)
-        axes.eventplot(
-            time[used], lineoffsets=row, linelengths=0.8, colors=COLOR.get(sensor, "#009E73"), linewidths=0.6
-        )
+        axes.eventplot(time[used], lineoffsets=row, linelengths=0.8, colors=COLOR.get(sensor, OTHER), linewidths=0.6)
     axes.set_yticks(range(len(sensors)), [*own, "camera", "UWB"])
     axes.set_ylim(-0.6, len(sensors) - 0.4)
     axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")

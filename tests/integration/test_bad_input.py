@@ -124,6 +124,7 @@ def test_a_wrong_seed_on_the_command_line(refused: Any) -> None:
 
 def test_a_wrong_setting_stops_the_tables_before_they_fly(refused: Any) -> None:
     assert "'seed'" in refused("tables", "--set", "seed", "--out", "out")
+    assert "--beside imu_uwb: 'imu_uwb' is in the tables already" in refused("tables", "--beside", "imu_uwb")
 
 
 def test_a_group_that_needs_a_kind_says_which_there_are(refused: Any) -> None:

@@ -95,7 +95,7 @@ def test_the_drops_interval_resamples_both_ensembles() -> None:
     without, with_camera = rng.gamma(4.0, 0.02, 20), rng.gamma(4.0, 0.004, 20)
     found = drop_in_x(without.tolist(), with_camera.tolist())
     assert found is not None
-    assert found["median"] == pytest.approx(1.0 - np.median(with_camera) / np.median(without))
+    assert found.median == pytest.approx(1.0 - np.median(with_camera) / np.median(without))
     drawn = [
         1.0 - np.median(with_camera[rng.integers(0, 20, 20)]) / np.median(without[rng.integers(0, 20, 20)])
         for _ in range(4000)
@@ -185,6 +185,23 @@ def test_numbers_say_of_how_many_flights_they_are() -> None:
     text = table_text(make_tables("paper", summaries))
     assert text.count("IMU+UWB: of 13 flights that were not lost; the other 7 are not counted.") == 2  # tables I and II
     assert text.count("IMU+UWB+YOLO: of 20 flights that were not lost; none was lost.") == 2
+
+
+def test_a_scenario_beside_the_papers_has_the_same_rows_and_no_paper_column() -> None:
+    two = {name: random_summaries(seed) for seed, name in enumerate(NAMES)}
+    rows = [replace(row, arrivals={"uwb": 0.7, "altimeter": 0.9}) for row in random_summaries(7)]
+    found = make_tables("tuned", two | {"altimeter": rows})
+    assert found.estimation["altimeter"]["z"]["median"] == pytest.approx(stdlib.median(row.mse["z"] for row in rows))
+    assert found.arrivals["altimeter"] == pytest.approx({"uwb": 0.7, "altimeter": 0.9})
+    text, plain = table_text(found), table_text(make_tables("tuned", two))
+    assert "| altimeter | x | y | z |" in text
+    assert "| altimeter | path |" in text
+    assert "fixes used of due: uwb 70.0%, altimeter 90.0%" in text
+    for heading in ("## Table I:", "## Table II:"):
+        of_altimeter = rows_of(text, heading, "altimeter")
+        columns = {"## Table I:": 3, "## Table II:": 1}[heading]
+        assert all(row.count(" | ") == columns for row in of_altimeter)
+        assert rows_of(text, heading, "IMU+UWB") == rows_of(plain, heading, "IMU+UWB")
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,9 @@ def test_trajectories(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> N
 
 def test_errors(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     summaries = {name: [summary(flight) for flight in rows] for name, rows in flights.items()}
-    read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
+    drawn = read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
+    beside = summaries | {"flow": summaries["imu_uwb"]}  # a scenario that the paper has not
+    assert (read_picture(error_figure(beside, tmp_path / "beside.png"), 1300, 468) != drawn).any()
 
 
 @pytest.mark.parametrize("left", [0, 1])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.studies.paper_tables.tables import PAPER
-from ortilo_drake.views.figures import COLOR, STYLE, TITLE
+from ortilo_drake.views.figures import COLOR, OTHER, STYLE, TITLE
 from ortilo_drake.views.pictures import save_picture
 
 
@@ -25,11 +25,15 @@ def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
                 values = [value for value in found if value is not None]
                 axes.boxplot(values, positions=[i - 0.15], widths=0.22, showfliers=False, medianprops={"color": "k"})
                 spread = np.linspace(-0.06, 0.06, len(values))
-                axes.plot(i - 0.15 + spread, values, ".", color=COLOR[name], ms=4, alpha=0.7)
-                paper = PAPER.path[name] if column == "path" else PAPER.estimation[name][column]
+                axes.plot(i - 0.15 + spread, values, ".", color=COLOR.get(name, OTHER), ms=4, alpha=0.7)
+                paper = PAPER.path.get(name) if column == "path" else PAPER.estimation.get(name, {}).get(column)
+                if paper is None:  # a scenario beside the paper's
+                    continue
                 axes.plot([i + 0.2] * 2, [paper["p25"], paper["p75"]], color="0.5", lw=4, solid_capstyle="butt")
                 axes.plot(i + 0.2, paper["median"], "k_", ms=12, mew=2)
-            axes.set_xticks(range(len(summaries)), [TITLE[name].replace("+", "+\n") for name in summaries], fontsize=7)
+            axes.set_xticks(
+                range(len(summaries)), [TITLE.get(name, name).replace("+", "+\n") for name in summaries], fontsize=7
+            )
             axes.set_yscale("log")
             axes.set_title("path following" if column == "path" else f"estimation, {column}")
         figure.axes[0].set_ylabel("MSE [m²]  (grey: the paper's quartiles, bar: its median)")

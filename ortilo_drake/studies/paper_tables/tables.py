@@ -189,7 +189,7 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
 
     Args:
         preset: 'tuned' or 'paper'.
-        summaries: the flights' summaries by scenario, 'imu_uwb' and 'imu_uwb_yolo'.
+        summaries: the flights' summaries by scenario: 'imu_uwb', 'imu_uwb_yolo' and any others to stand beside them.
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
     x = {name: [s.mse["x"] for s in rows] for name, rows in kept.items()}
@@ -215,7 +215,7 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
         arrivals={
             name: {
                 sensor: statistics([rate for s in rows if (rate := s.arrivals[sensor]) is not None])["mean"]
-                for sensor in ("uwb", "camera")
+                for sensor in (rows[0].arrivals if rows else ())
             }
             for name, rows in kept.items()
         },
