@@ -10,6 +10,7 @@ Its groups of settings are modules of this folder, one a subject; whatever they 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.belief import Belief
+from ortilo_drake.scenario.estimator import Biases, DiagonalW, DisturbanceW, IntermittentFilter, Noise, Walks
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import (
     BernoulliLoss,
@@ -25,17 +26,11 @@ from ortilo_drake.scenario.link import (
 )
 from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed, with_settings
 from ortilo_drake.scenario.onboard import (
-    Biases,
     Detector,
-    DiagonalW,
-    DisturbanceW,
-    IntermittentFilter,
     LandmarkFix,
     LqServo,
     Multilateration,
-    Noise,
     ServoWeights,
-    Walks,
 )
 from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario

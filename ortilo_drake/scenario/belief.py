@@ -18,8 +18,9 @@ from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario.estimator import IntermittentFilter
 from ortilo_drake.scenario.link import LinkRate
-from ortilo_drake.scenario.onboard import Detector, IntermittentFilter, LandmarkFix, LqServo, Multilateration
+from ortilo_drake.scenario.onboard import Detector, LandmarkFix, LqServo, Multilateration
 from ortilo_drake.scenario.own_parts import model_for
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
 from ortilo_drake.scenario.sensors import CameraSetup, SensorSetup

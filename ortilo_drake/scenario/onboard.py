@@ -1,25 +1,14 @@
-"""Settings of the onboard half: detector, fixes, estimator and servo."""
+"""Settings of the onboard half beside its estimator: detector, fixes and servo."""
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer, model_validator
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.measurement import ATTITUDE_CAMERA, CAMERA, Row
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[Positive, Positive, Positive]
-InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
-Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
-
-
-def _as_pairs(gates: dict[str, float]) -> tuple[tuple[str, float], ...]:
-    """Return a mapping as sorted pairs, by which a frozen model has a hash."""
-    return tuple(sorted(gates.items()))
-
-
-# A mapping in a file, kept as pairs (sensor, probability): dict(gates) is the mapping again.
-Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), PlainSerializer(dict, return_type=dict[str, float])]
 
 
 class Multilateration(Frozen):
@@ -111,132 +100,6 @@ class LandmarkFix(Frozen):
         """The rows of y that a fix fills."""
         more = {"known_tilt": ATTITUDE_CAMERA[2:], "pose": ATTITUDE_CAMERA}
         return CAMERA + more.get(self.method, ())
-
-
-class Noise(Frozen):
-    """What the filter believes of the measurements, V.
-
-    A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
-
-    Attributes:
-        uwb: variances of a uwb fix per axis [m^2].
-        camera: variances of a camera fix per axis [m^2].
-        imu: variances of roll, pitch and yaw [rad^2].
-        specific_force: variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'.
-    """
-
-    uwb: PositiveVec3 | None = None
-    camera: PositiveVec3 | None = None
-    imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
-    specific_force: PositiveVec3 = (2.5e-3, 2.5e-3, 2.5e-3)
-
-
-class DisturbanceW(Frozen):
-    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick.
-
-    Attributes:
-        kind: 'disturbance'.
-        force_sd: standard deviation of the force per axis [N].
-        torque_sd: standard deviation of the torque per axis [N m].
-    """
-
-    kind: Literal["disturbance"] = "disturbance"
-    force_sd: Positive = 0.27
-    torque_sd: Positive = 0.005
-
-
-class DiagonalW(Frozen):
-    """W diagonal, a variance a tick for each group of states.
-
-    Attributes:
-        kind: 'diagonal'.
-        position: of x, y, z [m^2].
-        angle: of roll, pitch, yaw [rad^2].
-        velocity: of the velocity [m^2/s^2].
-        rate: of the Euler rates [rad^2/s^2].
-    """
-
-    kind: Literal["diagonal"]
-    position: NonNegativeFloat
-    angle: NonNegativeFloat
-    velocity: NonNegativeFloat
-    rate: NonNegativeFloat
-
-
-class Walks(Frozen):
-    """How the force and the accelerometer's bias vary: random walks that begin about 0, see estimator.force.
-
-    Attributes:
-        force_sd: standard deviation of the disturbance force per axis at first [N].
-        force_rate: of its change, times the square root of the time that it takes [N/s^(1/2)].
-        accelerometer_sd: of the bias of the specific force per axis at first [m/s^2].
-        accelerometer_rate: of its change, likewise [m/s^(5/2)].
-    """
-
-    force_sd: NonNegativeFloat = 1.5
-    force_rate: NonNegativeFloat = 0.011
-    accelerometer_sd: NonNegativeFloat = 0.2
-    accelerometer_rate: NonNegativeFloat = 0.0005
-
-
-class Biases(Frozen):
-    """Errors that last, of which the filter knows how large they are; it estimates those whose sd is not 0.
-
-    Each varies as a first-order Gauss-Markov process, whose sd stays what it is.
-
-    Attributes:
-        uwb_sd: standard deviation of a bias of uwb fixes per axis [m]: survey of the anchors, ranges.
-        camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
-        yaw_sd: of the imu's yaw [rad].
-        time: correlation time of the fixes' biases [s], about as long as the same anchors and landmarks are near.
-        yaw_time: of the yaw's [s].
-    """
-
-    uwb_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
-    camera_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
-    yaw_sd: NonNegativeFloat = 0.0
-    time: Positive = 20.0
-    yaw_time: Positive = 300.0
-
-
-class IntermittentFilter(Frozen):
-    """The paper's estimator: fixes, their gates, and the intermittent Kalman filter.
-
-    Attributes:
-        kind: 'intermittent'.
-        W: process noise covariance.
-        V: measurement noise.
-        initial_sd: what the filter believes of its initial error in position [m], angles [rad], velocity [m/s] and
-            Euler rates [rad/s]; flights start without one, so NEES starts at 0.
-        delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
-            uses none older than one tick, which a detector itself takes, and lets the others enter as current;
-            'replay' puts it into the tick of its stamp and runs the filter again from there.
-        horizon: how far back 'replay' goes [s]; what is older is not used.
-        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
-            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
-            integrates r - xhat, as in the authors' code.
-        force: how the filter learns of the disturbance force, in which a wrong mass and a tilted imu show as well.
-            'none' is the paper: it does not. 'thrust' takes for force what thrust and attitude do not explain of the
-            fixes; 'measured' takes the imu's specific force as well, whose bias it estimates. The servo counters the
-            force.
-        walks: how force and accelerometer's bias vary.
-        biases: errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The
-            gates do not know of them.
-        gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
-            from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
-    """
-
-    kind: Literal["intermittent"] = "intermittent"
-    W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
-    V: Noise = Noise()
-    initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
-    delay: Literal["ignore", "drop", "replay"] = "ignore"
-    horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
-    integrator: Literal["literal", "hold", "estimate"] = "hold"
-    force: Literal["none", "thrust", "measured"] = "none"
-    walks: Walks = Walks()
-    biases: Biases = Biases()
-    gates: Gates = Field(default={}, validate_default=True)
 
 
 class ServoWeights(Frozen):

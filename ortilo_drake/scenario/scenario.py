@@ -113,7 +113,7 @@ class Scenario(Belief):
     @model_validator(mode="after")
     def _biases_with_a_force(self) -> "Scenario":
         if getattr(self.estimator, "force", None) == "none":
-            for name in ("uwb_sd", "camera_sd", "yaw_sd"):
+            for name in ("uwb_sd", "camera_sd", "level_sd", "yaw_sd"):
                 sd = getattr(self.estimator.biases, name)
                 if any(sd) if isinstance(sd, tuple) else sd:
                     raise ValueError(f"estimator.biases.{name}: {sd}: must be 0 with force none, the paper's filter")

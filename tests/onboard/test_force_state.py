@@ -36,7 +36,7 @@ _, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
 FORCES = ("thrust", "measured")
 ALL = (*FORCES, "biases")  # the last is 'measured' with biases of both fixes and the yaw
-BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, yaw_sd=0.03, time=20.0, yaw_time=300.0)
+BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, level_sd=0.01, yaw_sd=0.03, time=20.0, imu_time=300.0)
 V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) * 3, "accelerometer": (0.05,) * 3}
 
 
@@ -63,7 +63,7 @@ def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Phi, Gamma, W over [x; e] and C of all four sensors, written down here once more.
 
     d' = d + w_d; x' = Phi x + Gamma u + Gamma_d (d + w); f' = d + f_T e_z + w; b' = b + w_b; y_a = f / m + b;
-    s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera; beta' = e^(-h/300) beta + w, psi_imu = psi + beta.
+    s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera; beta' = e^(-h/300) beta + w, rpy_imu = rpy + beta.
     """
     o, eye, e_z = np.zeros((3, 3)), np.eye(3), np.eye(3, 4, k=0)[[1, 2, 0]] * [[0.0], [0.0], [1.0]]
     G, Q = GAMMA_D[:, :3], np.diag([0.27**2] * 3 + [0.005**2] * 3)
@@ -81,12 +81,11 @@ def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     W = by_force @ Q @ by_force.T + block_diag(np.zeros((12, 12)), (0.011**2 * H) * eye, o, (0.0005**2 * H) * eye)
     C = np.vstack([np.hstack([C_x, np.zeros((9, 9))]), np.hstack([no, o, eye / M, eye])])
     if force == "biases":
-        keeps = np.exp(-H / np.repeat([20.0, 300.0], [6, 1]))
-        sd = np.array([0.05, 0.05, 0.12, 0.08, 0.08, 0.08, 0.03])
+        keeps = np.exp(-H / np.repeat([20.0, 300.0], [6, 3]))
+        sd = np.array([0.05, 0.05, 0.12, 0.08, 0.08, 0.08, 0.01, 0.01, 0.03])
         Phi, W = block_diag(Phi, np.diag(keeps)), block_diag(W, np.diag(sd**2 * (1.0 - keeps**2)))
-        Gamma = np.vstack([Gamma, np.zeros((7, 4))])
-        sees = np.zeros((12, 7))
-        sees[:6, :6], sees[8, 6] = np.eye(6), 1.0
+        Gamma = np.vstack([Gamma, np.zeros((9, 4))])
+        sees = np.eye(12, 9)
         C = np.hstack([C, sees])
     return Phi, Gamma, W, C
 
@@ -135,7 +134,7 @@ def test_the_force_is_observable_with_fixes_and_not_without(
 @pytest.mark.parametrize("force", ALL)
 def test_with_all_sensors_the_covariance_settles_at_the_solution_of_the_dare(force: str) -> None:
     walks = Walks(force_rate=0.11, accelerometer_rate=0.055)
-    fast = {"biases": BIASES.model_copy(update={"time": 2.0, "yaw_time": 3.0})} if force == "biases" else {}
+    fast = {"biases": BIASES.model_copy(update={"time": 2.0, "imu_time": 3.0})} if force == "biases" else {}
     its, extras, model, measurement = made(force, walks=walks, integrator="estimate", **fast)
     N = len(model.Phi)
     V, layout = all_V(measurement), measurement.layout

@@ -14,7 +14,7 @@ rows of K stay as they are.
     b     'measured' only: bias of the accelerometer [m/s^2]; its rows are f/m + b, see specific_force.py
     s     errors of a fix that last [m], one process for each kind of fix: its rows are p + s. What the filter averages
           as if it were noise otherwise, such as the survey's error, stays in the covariance of p this way
-    beta  bias of the imu's yaw [rad]: psi_imu = psi + beta
+    beta  bias of the imu's roll, pitch or yaw [rad]: psi_imu = psi + beta
 """
 
 from typing import NamedTuple
@@ -30,7 +30,6 @@ from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 ACCELEROMETER = "accelerometer"  # the sensor whose rows the filter makes of the imu's specific force
 D, F, B = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfb")
-BETA = "beta"
 _A = tuple(f"a_{axis}" for axis in "xyz")  # its rows
 
 
@@ -104,13 +103,12 @@ def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
 
 def _biases(biases: Biases, h: float) -> list[Extra]:
     found = []
-    for row, sd in zip((*UWB, *CAMERA), (*biases.uwb_sd, *biases.camera_sd), strict=True):
+    sds = (*biases.uwb_sd, *biases.camera_sd, biases.level_sd, biases.level_sd, biases.yaw_sd)
+    times = [biases.time] * 6 + [biases.imu_time] * 3
+    for row, sd, time in zip((*UWB, *CAMERA, *IMU), sds, times, strict=True):
         if sd > 0.0:
-            own = (f"s_{row.name}",)
-            found.append(_slow(own, gauss_markov(sd, biases.time, h), _each((row.name,), own)))
-    if biases.yaw_sd > 0.0:
-        walk = gauss_markov(biases.yaw_sd, biases.yaw_time, h)
-        found.append(_slow((BETA,), walk, _each((IMU[2].name,), (BETA,))))
+            own = (f"bias_{row.name}",)
+            found.append(_slow(own, gauss_markov(sd, time, h), _each((row.name,), own)))
     return found
 
 
