@@ -5,10 +5,9 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
-from ortilo_drake.scenario.onboard import PositiveVec3
+from ortilo_drake.scenario.onboard import Gate, PositiveVec3
 
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
-Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 def _as_pairs(gates: dict[str, float]) -> tuple[tuple[str, float], ...]:

@@ -134,7 +134,7 @@ class Link(LinkRate):
     """How one sensor's messages reach the vehicle: one packet in each tick that is due, delivered or lost as a whole.
 
     Attributes:
-        rate: see LinkRate.
+        rate: samples a second [Hz], see LinkRate.
         loss: what is lost at random; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].

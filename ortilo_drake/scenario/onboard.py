@@ -9,6 +9,7 @@ from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[Positive, Positive, Positive]
+Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 class Multilateration(Frozen):
