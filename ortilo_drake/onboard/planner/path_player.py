@@ -34,7 +34,7 @@ class PathPlayer(LeafSystem):
     def __init__(self) -> None:
         super().__init__()
         self.set_name("planner")
-        self._path = self.DeclareAbstractInputPort("path", Value[object](None))
+        self._path = self.DeclareAbstractInputPort("path", Value[object]())  # of None, Drake 1.58 makes no Value
         needs = {self._path.ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("y0", REFERENCE_SIZE, self._calc_reference, prerequisites_of_calc=needs)
 

@@ -166,7 +166,7 @@ class Failsafe(LeafSystem):
         self.DeclareDiscreteState(_STATE_SIZE)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         needs = {self._command.ticket(), self._x.ticket(), self.time_ticket(), self.xd_ticket()}
-        producer = ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_state)
+        producer = ValueProducer(allocate=lambda: Value[object](), calc=self._calc_state)
         self._state_now = self.DeclareCacheEntry("the state that follows from the inputs now", producer, needs)
         needs = {self._state_now.ticket(), self._command.ticket(), self._x.ticket()}
         self.DeclareVectorOutputPort("control", N_U, self._calc_control, prerequisites_of_calc=needs)
