@@ -58,9 +58,15 @@ def position_nees(flight: xr.Dataset) -> np.ndarray:
 
 
 def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:
-    """Return the normalised innovations squared of one sensor, where it arrived; chi-square with its m degrees."""
-    there = flight["arrival"].sel(sensor=sensor).values
-    e, S = (part[there] for part in innovations(flight, sensor))
+    """Return the normalised innovations squared of one sensor, where it arrived; chi-square with its m degrees.
+
+    Of a position fix only its position counts, m = 3, whatever else its method gives: so methods compare.
+    """
+    there, measurement = flight["arrival"].sel(sensor=sensor).values, scenario_of(flight).measurement
+    is_position = measurement.layout.is_position[measurement.sensors.index(sensor)]
+    m = 3 if is_position else len(measurement.C_of(sensor))
+    e, S = innovations(flight, sensor)
+    e, S = e[there][:, :m], S[there][:, :m, :m]
     return np.einsum("ki,ki->k", e, np.linalg.solve(S, e[:, :, np.newaxis])[:, :, 0])
 
 

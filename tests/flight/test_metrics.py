@@ -120,6 +120,22 @@ def test_position_nees_and_nis_equal_plain_loops() -> None:
             assert value == pytest.approx(e @ np.linalg.inv(H @ P[k] @ H.T + V[k, s]) @ e, rel=1e-9)
 
 
+def test_nis_of_a_fix_that_gives_more_is_that_of_its_position(flown: Callable[..., xr.Dataset]) -> None:
+    """`pose` fixes have six rows; chi-square with 3 degrees of freedom is what the position's are compared with."""
+    changes = ("camera.kind=projected", "landmark_fix.method=pose", "settle=0", "planner={kind: hover, duration: 1.0}")
+    flight = flown("imu_uwb_yolo", changes)
+    rows = np.flatnonzero(flight["arrival"].sel(sensor="camera").values)
+    P, xhat = flight["covariance"].values[:, :3, :3], flight["estimate"].values[:, :3]
+    V = flight["measurement_covariance"].sel(sensor="camera").values[:, :3, :3]
+    column = [f"{axis}_cam" for axis in "xyz"]
+    y = np.stack([flight["measurement"].sel(output=name).values for name in column], axis=1)
+    found = nis(flight, "camera")
+    assert len(found) == len(rows) > 5
+    for k, value in zip(rows, found, strict=True):
+        e = y[k] - xhat[k]
+        assert value == pytest.approx(e @ np.linalg.inv(P[k] + V[k]) @ e, rel=1e-9)
+
+
 def test_nis_of_sensors_of_fewer_rows_equals_plain_loops(flown: Callable[..., xr.Dataset]) -> None:
     """An altimeter sees z, optical flow the velocities x and y; their covariances stand padded in the flight."""
     flight = flown("flow", ("settle=0", "planner={kind: hover, duration: 1.0}"))

@@ -1,9 +1,14 @@
-"""The projected camera against the rendered one and its detector: along the same path, fixes as good and as many."""
+"""The projected camera against the rendered one and its detector: fixes as good and as many.
+
+First along the same path, by the same prior; then in closed loop, where fixes make the estimates that boxes are
+associated by, and the estimates make the path.
+"""
 
 import numpy as np
 import pytest
 
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.metrics import estimation_mse, nis
 from ortilo_drake.model.signals import FIX_SIZE
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
@@ -82,3 +87,32 @@ def test_fixes_are_there_in_the_same_places(errors):
     assert np.mean((share > 0.5) == there) > 0.85
     assert share[there].mean() > 0.75
     assert share[~there].mean() < 0.5
+
+
+TO = ("planner.goal=[8.0, 0.9]",)  # a third of the way
+FLOWN = range(20, 26)  # seeds of the projected flights; the rendered one, the slow one, is the first
+
+
+def closed_loop(kind: str, seed: int) -> dict[str, float]:
+    """Number of fixes, root mean square of their errors and of the estimate's [m], and mean NIS of a flight."""
+    flight = fly(load_scenario("imu_uwb_yolo", (f"camera.kind={kind}", *TO), seed))
+    there = flight["arrival"].sel(sensor="camera").values
+    fixes = np.stack([flight["measurement"].sel(output=f"{axis}_cam").values[there] for axis in "xyz"], axis=1)
+    errors = np.linalg.norm(fixes - flight["truth"].values[there, :3], axis=1)
+    return {
+        "fixes": float(there.sum()),
+        "error": float(np.sqrt(np.mean(errors**2))),
+        "estimate": float(np.sqrt(sum(estimation_mse(flight).values()))),
+        "nis": float(np.mean(nis(flight, "camera"))),
+        "lost": float(flight.attrs["lost"] != "null"),
+    }
+
+
+def test_closed_loops_agree():
+    """The rendered flight's figures lie among the projected flights', widened by a fifth of their mean."""
+    rendered = closed_loop("rendered", FLOWN[0])
+    projected = [closed_loop("projected", seed) for seed in FLOWN]
+    for name, value in rendered.items():
+        drawn = np.array([figures[name] for figures in projected])
+        slack = 0.2 * drawn.mean()
+        assert drawn.min() - slack <= value <= drawn.max() + slack, (name, value, drawn)
