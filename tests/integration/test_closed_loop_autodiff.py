@@ -85,9 +85,9 @@ def test_the_loop_that_flies_obeys_the_separation_principle() -> None:
     to_error[N_X : 2 * N_X, :N_X], to_error[N_X : 2 * N_X, N_X : 2 * N_X] = np.eye(N_X), -np.eye(N_X)
     A = to_error @ tick.A @ np.linalg.inv(to_error)
     error = slice(N_X, 2 * N_X)
-    np.testing.assert_allclose(A[error, error], loop.Phi - KC, atol=1e-9)
+    np.testing.assert_allclose(A[error, error], loop.Phi - KC, atol=1e-12)
     others = np.delete(np.arange(len(A)), np.arange(N_X, 2 * N_X))
-    np.testing.assert_allclose(A[error][:, others], 0.0, atol=1e-9)
+    np.testing.assert_allclose(A[error][:, others], 0.0, atol=1e-12)
 
 
 def test_a_loop_with_a_camera_says_what_cannot_be_differentiated() -> None:

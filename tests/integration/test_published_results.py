@@ -1,0 +1,42 @@
+"""README's figures are those of flights that anyone can repeat: both scenarios, projected camera, 20 seeds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from ortilo_drake.flight.summaries import fly_summaries
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.paper_tables.tables import bootstrap_interval
+
+README = Path(__file__).parents[2] / "README.md"
+ROWS = {"imu_uwb": "IMU+UWB, preset `tuned`", "imu_uwb_yolo": "IMU+UWB+YOLO, preset `tuned`, projected camera"}
+
+
+def published(title: str) -> dict[str, str]:
+    """Return a row of README's table by column."""
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in README.read_text().splitlines()]
+    head = next(row for row in rows if row[1:4] == ["x", "y", "z"])
+    (found,) = (row for row in rows if row and row[0] == title)
+    return dict(zip(head, found, strict=True))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("scenario", "title"), ROWS.items())
+def test_readme_says_what_flies(scenario: str, title: str, tmp_path: Path) -> None:
+    row = published(title)
+    summaries = fly_summaries(load_scenario(scenario, ("camera.kind=projected",)), range(20), tmp_path)
+    kept = [s for s in summaries if s.lost is None]
+    assert row["lost"] == f"{len(summaries) - len(kept)} of {len(summaries)}"
+    for column in ("x", "y", "z", "path"):
+        values = [float(s.path_mse or np.nan) if column == "path" else s.mse[column] for s in kept]
+        said = float(row[column])
+        interval = bootstrap_interval(values, "median")
+        assert interval is not None
+        assert interval[0] - 5e-5 <= said <= interval[1] + 5e-5, column
+        assert said == pytest.approx(np.median(values), rel=0.02, abs=6e-5), column  # the flights are the same bits
+    nees = [s.nees for s in kept]
+    spread = t.ppf(0.975, len(nees) - 1) * np.std(nees, ddof=1) / np.sqrt(len(nees))
+    assert abs(float(row["NEES"]) - np.mean(nees)) <= spread
+    assert float(row["NEES"]) == pytest.approx(np.mean(nees), abs=0.06)
