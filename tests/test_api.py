@@ -20,6 +20,7 @@ from ortilo_drake.flight.flight import fly as fly_dataset
 from ortilo_drake.flight.metrics import estimation_mse, summary
 from ortilo_drake.flight.workers import start_cluster
 from ortilo_drake.interop.log.reader import read_log
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.scenario import BernoulliLoss, NoLoss, load_scenario
 
@@ -96,7 +97,7 @@ def test_a_flight_is_that_of_the_command_line(flown: od.Flight) -> None:
     assert flown.seed == 3
     assert flown.lost is None
     assert flown.scenario == load_scenario("imu_uwb", WORDS, 3)
-    found, expected = flown.summary(), summary(data)
+    found, expected = flown.summary(), as_data(summary(data))
     assert {**found, "real_time_factor": 0} == {**expected, "real_time_factor": 0}
     for axis, value in estimation_mse(data).items():
         np.testing.assert_allclose((flown.error.sel(axis=axis) ** 2).mean(), value, rtol=1e-12)

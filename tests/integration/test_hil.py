@@ -42,7 +42,7 @@ def test_three_seconds_in_real_time(tmp_path: Path, rate: int, bus: str) -> None
 
 def test_halves_of_two_flights_refuse_each_other(bus: str) -> None:
     here = ("imu_uwb", *HOVER, "--url", bus, *WAIT)
-    world, onboard = run_both(here, (*here, "--seed", "1"))
+    world, onboard = run_both(here, (*here, "--set", "multilateration.method=nearest_three"))
     for (code, _, errors), other in ((world, "onboard half"), (onboard, "world")):
         assert code == 2
         assert errors.count("\n") == 1

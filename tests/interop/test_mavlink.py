@@ -4,6 +4,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import closing
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -281,9 +282,9 @@ def test_vision_is_sent_in_place_of_odometry_with_the_same_resets(receiver: sock
 def bridging(monkeypatch: pytest.MonkeyPatch, *options: str) -> Any:
     """Call the command with one tick in place of a bus; return its result."""
 
-    def runs(url: str, key: bytes, scenario: Any, targets: Any, *_: Any) -> dict[str, Any]:
+    def runs(url: str, key: bytes, scenario: Any, targets: Any, *_: Any) -> Any:
         targets["mavlink"](0.5, {}, {"estimate": estimate(), "covariance": np.eye(15).ravel()})
-        return {}
+        return SimpleNamespace(lines=dict)
 
     monkeypatch.setattr("ortilo_drake.hil.bridge.run_bridge", runs)
     return CliRunner().invoke(hil_app, ["bridge", "imu_uwb", *options])

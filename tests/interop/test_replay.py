@@ -4,6 +4,7 @@ Where a goal came it is with the way that was found in flight; all else must com
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -195,8 +196,8 @@ def test_only_the_log_of_a_world_that_did_not_wait_is_refused(
 ) -> None:
     settings = ("settle=0", "planner={kind: hover, duration: 1}")
 
-    def flies(scenario: Scenario, *_: Any, record: Record, **__: Any) -> tuple[xr.Dataset, dict[str, Any]]:
-        return fly_lockstep(scenario, in_this_process(scenario), record=record), {}
+    def flies(scenario: Scenario, *_: Any, record: Record, **__: Any) -> tuple[xr.Dataset, Any]:
+        return fly_lockstep(scenario, in_this_process(scenario), record=record), SimpleNamespace(lines=dict)
 
     monkeypatch.setattr("ortilo_drake.hil.sessions.run_world", flies)
     options = [text for setting in settings for text in ("--set", setting)]

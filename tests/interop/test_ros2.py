@@ -13,6 +13,7 @@ import types
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -278,7 +279,7 @@ def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
 
 def fly_with_bridge(
     bus: str, options: list[str], report: Path, wait: Callable[[], None] = lambda: None
-) -> tuple[xr.Dataset, dict[str, Any]]:
+) -> tuple[xr.Dataset, SimpleNamespace]:
     """Fly in lockstep at PACE with `ortilo hil bridge` beside; return the flight and the bridge's report.
 
     The flight begins when the bridge listens and wait has returned.
@@ -300,7 +301,7 @@ def fly_with_bridge(
             assert bridge.returncode == 0, "".join(said) + rest
         finally:
             bridge.kill()
-    found = json.loads(report.read_text(encoding="utf-8"))
+    found = SimpleNamespace(**json.loads(report.read_text(encoding="utf-8")))
     assert found.failed == {}
     assert 0 < found.ticks + found.lost <= flight.sizes["tick"]
     return flight, found
