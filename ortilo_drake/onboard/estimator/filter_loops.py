@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.cholesky import solve_in_place
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.onboard.estimator.intermittent_filter import (
@@ -26,31 +27,6 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     integrated_sensor,
     tilted_lift,
 )
-
-
-@register_jitable
-def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
-    """Overwrite X (m, n) by S^-1 X through S's Cholesky factor, which overwrites S's lower half."""
-    m, n = X.shape
-    for i in range(m):
-        for j in range(i):
-            for k in range(j):
-                S[i, j] -= S[i, k] * S[j, k]
-            S[i, j] /= S[j, j]
-            S[i, i] -= S[i, j] ** 2
-        S[i, i] = np.sqrt(S[i, i])
-    for i in range(m):
-        for k in range(i):
-            for c in range(n):
-                X[i, c] -= S[i, k] * X[k, c]
-        for c in range(n):
-            X[i, c] /= S[i, i]
-    for i in range(m - 1, -1, -1):
-        for k in range(i + 1, m):
-            for c in range(n):
-                X[i, c] -= S[k, i] * X[k, c]
-        for c in range(n):
-            X[i, c] /= S[i, i]
 
 
 @register_jitable

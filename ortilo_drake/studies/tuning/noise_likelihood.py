@@ -21,8 +21,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.measurement import Layout
-from ortilo_drake.theory.arrivals.expected_riccati_kernel import forward_in_place
 
 
 class Record(NamedTuple):

@@ -10,24 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-
-@register_jitable
-def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
-    """Overwrite the first `size` rows of Y by L^-1 Y, S = L L^T; L overwrites S's lower half."""
-    n = Y.shape[1]
-    for i in range(size):
-        for j in range(i):
-            s = S[i, j]
-            for k in range(j):
-                s -= S[i, k] * S[j, k]
-            s /= S[j, j]
-            S[i, j] = s
-            S[i, i] -= s * s
-            for c in range(n):
-                Y[i, c] -= s * Y[j, c]
-        S[i, i] = np.sqrt(S[i, i])
-        for c in range(n):
-            Y[i, c] /= S[i, i]
+from ortilo_drake.model.cholesky import forward_in_place
 
 
 @register_jitable
