@@ -126,8 +126,8 @@ def test_figures_are_drawn(tmp_path: Path) -> None:
     chance = ChanceGrid(a, a, np.full((5, 5), 0.001) + 0.01 * (np.add.outer(a, a) < 0.5))
     results = [judge(straying(share)) for share in (0.9, 1.1)]
     for file in (
-        rates_figure(margins, chance, results, tmp_path / "rates.png"),
-        bursts_figure(margins, None, results, tmp_path / "bursts.png"),
+        rates_figure(("uwb", "camera"), margins, chance, results, tmp_path / "rates.png"),
+        bursts_figure(("uwb", "altimeter"), margins, None, results, tmp_path / "bursts.png"),
         plan_figure(scenario, nominal, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.png"),
     ):
         assert file.stat().st_size > 10_000

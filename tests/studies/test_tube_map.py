@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario import NoLoss, Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
@@ -17,21 +17,24 @@ from ortilo_drake.studies.tube.tube_map import (
     bursts,
     chance_map,
     guided_ticks,
+    map_sensors,
     rate_cases,
     tube_map,
     with_losses,
     with_rates,
     without_blackouts,
 )
+from ortilo_drake.studies.tube.tube_report import why_no_tube
 from ortilo_drake.studies.tube.tube_tails import Mixture, chance_outside, mixture, mixture_radius
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import chain_after
 
+PATH = "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}"
+
 
 @lru_cache(maxsize=1)
 def short() -> tuple[Scenario, NominalFlight]:
-    path = "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}"
-    scenario = without_blackouts(load_scenario("imu_uwb_yolo", ("settle=0.5", path)))
+    scenario = without_blackouts(load_scenario("imu_uwb_yolo", ("settle=0.5", PATH)))
     return scenario, nominal_flight(scenario)
 
 
@@ -107,6 +110,27 @@ def test_guided_part_ends_with_the_last_fix() -> None:
     assert guided_ticks(nominal._replace(there=there)) == last + 1
     there[:, 1] = False
     assert guided_ticks(nominal._replace(there=there)) == len(nominal.time)
+
+
+def test_maps_are_over_the_sensors_that_fly() -> None:
+    ready_made = {name: load_scenario(name) for name in ("imu_uwb_yolo", "altimeter", "flow", "imu_uwb")}
+    assert map_sensors(ready_made["imu_uwb_yolo"]) == ("uwb", "camera")
+    assert map_sensors(ready_made["altimeter"]) == ("uwb", "altimeter")
+    assert map_sensors(ready_made["flow"]) == ("uwb", "flow")
+    with pytest.raises(InputError, match="must be two beside the imu"):
+        map_sensors(ready_made["imu_uwb"])
+    assert why_no_tube(ready_made["imu_uwb"]) is not None
+    assert why_no_tube(ready_made["altimeter"]) is None
+
+
+def test_a_sensor_that_never_arrives_is_one_that_does_not_fly() -> None:
+    with_it, without = (without_blackouts(load_scenario(n, ("settle=0.5", PATH))) for n in ("altimeter", "imu_uwb"))
+    never, lost = predict_tube(with_rates(with_it, 1.0, 0.0)), predict_tube(with_losses(with_it, NoLoss(), NoLoss()))
+    plain = predict_tube(without)
+    np.testing.assert_allclose(never.radius, plain.radius, rtol=1e-9)
+    np.testing.assert_allclose(never.height, plain.height, rtol=1e-9)
+    assert np.all(lost.radius <= (1.0 + 1e-9) * plain.radius)  # to what is known anyway a height adds
+    assert lost.height[-1] < 0.9 * plain.height[-1]
 
 
 @pytest.mark.parametrize("rates", [(-0.1, 0.5), (0.5, 1.2), (float("nan"), 0.5)])

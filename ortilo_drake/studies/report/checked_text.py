@@ -36,14 +36,18 @@ def _mean(mean: float | None, interval: tuple[float, float] | None) -> str:
 def tube_text(found: TubeReport) -> list[str]:
     """Return the section on the tube from tube_report."""
     lines = ["## The tube along the path", ""]
-    rates, bursts = found.rates, found.bursts
+    (first, a), (second, b), (_, margin) = found.rates.items()
+    bursts = found.bursts
     enough = [
-        (uwb, next((c for c, m in zip(rates.camera, row, strict=True) if m >= 0.0), None))
-        for uwb, row in zip(rates.uwb, rates.margin, strict=True)
+        (rate, next((c for c, m in zip(b, row, strict=True) if m >= 0.0), None))
+        for rate, row in zip(a, margin, strict=True)
     ]
-    least = next(((uwb, camera) for uwb, camera in enough if camera is not None), None)
+    least = next(((rate, other) for rate, other in enough if other is not None), None)
     if least is not None:
-        lines += [f"The 3-sigma tube stays in the corridor from a UWB rate of {least[0]:.3f} on, with a camera rate of"]
+        name = "UWB" if first == "uwb" else first
+        lines += [
+            f"The 3-sigma tube stays in the corridor from a {name} rate of {least[0]:.3f} on, with a {second} rate of"
+        ]
         lines += [f"{least[1]:.3f} there.", ""]
     longest = [
         (rate, max((b for b, m in zip(bursts.burst_s, row, strict=True) if m >= 0.0), default=None))
@@ -52,7 +56,7 @@ def tube_text(found: TubeReport) -> list[str]:
     rows = [[f"{rate:.2f}", "none" if burst is None else f"{burst:.2f}"] for rate, burst in longest[::2]]
     lines += ["Longest mean burst [s] that keeps it there, by the share of the time that both links are good:", ""]
     lines += table(["rate", "burst"], rows)
-    for kind, columns in (("rates", ["uwb", "camera"]), ("bursts", ["rate", "burst [s]"])):
+    for kind, columns in (("rates", [first, second]), ("bursts", ["rate", "burst [s]"])):
         if not found.flights[kind]:
             continue
         lines += [f"Flown at {kind}: ticks within the predicted radius, and what the linear theory expects of it:", ""]

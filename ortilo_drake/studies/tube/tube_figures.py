@@ -17,12 +17,13 @@ from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_flights import Flown, Point, PointResult
-from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
+from ortilo_drake.studies.tube.tube_map import MarginMap, map_sensors, with_rates
 from ortilo_drake.views.figures import draw_room
 from ortilo_drake.views.pictures import save_picture
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
 _LEVELS = np.array([-2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+_NAME = {"uwb": "UWB"}
 _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
 
@@ -51,10 +52,10 @@ def _draw_margins(axes: Axes, figure: Figure, margins: MarginMap, chance: Chance
         axes.contour(chance.a, chance.b, log, levels=level, colors="#D55E00", linewidths=2.2, linestyles="--")
 
 
-def _boundaries(chance: ChanceGrid | None) -> list[Line2D]:
+def _boundaries(second: str, chance: ChanceGrid | None) -> list[Line2D]:
     lines = [
         Line2D([], [], color="k", lw=2.2, label="3-sigma tube just inside the corridor"),
-        Line2D([], [], color="k", lw=1.4, ls=":", label="the same, up to the last landmark in sight"),
+        Line2D([], [], color="k", lw=1.4, ls=":", label=f"the same, up to the last measurement of {second}"),
     ]
     if chance is not None:
         lines.append(Line2D([], [], color="#D55E00", lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"))
@@ -88,10 +89,18 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
     ]
 
 
-def rates_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path) -> Path:
-    """Draw the margins over the arrival rates of uwb and camera, and the pairs that were flown.
+def _names(sensors: tuple[str, str]) -> tuple[str, str]:
+    first, second = (_NAME.get(sensor, sensor) for sensor in sensors)
+    return first, second
+
+
+def rates_figure(
+    sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path
+) -> Path:
+    """Draw the margins over the arrival rates of two sensors, and the pairs that were flown.
 
     Args:
+        sensors: what tube_map.map_sensors returned.
         margins: what tube_map.tube_map returned.
         chance: the mixture's boundary, if at hand.
         results: the pairs flown; a rate of 0 is drawn at the axis.
@@ -110,19 +119,22 @@ def rates_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequenc
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_ticks(ticks, ["0", "0.01", "0.03", "0.1", "0.3", "1"])
             axis.set_ticks([], minor=True)
-        axes.set_xlabel("share of UWB messages that arrive")
-        axes.set_ylabel("share of camera messages that arrive")
+        first, second = _names(sensors)
+        axes.set_xlabel(f"share of {first} messages that arrive")
+        axes.set_ylabel(f"share of {second} messages that arrive")
         axes.set_title("How few measurements keep the vehicle in the corridor", fontsize=11, pad=16)
-        figure.legend(
-            handles=[*_boundaries(chance), *marks], loc="outside lower center", ncols=2, fontsize=8.5, frameon=False
-        )
+        handles = [*_boundaries(second, chance), *marks]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8.5, frameon=False)
         return save_picture(figure, path)
 
 
-def bursts_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path) -> Path:
-    """Draw the margins over the arrival rate of both position sensors and the mean length of bursts.
+def bursts_figure(
+    sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path
+) -> Path:
+    """Draw the margins over the arrival rate of both sensors and the mean length of bursts.
 
     Args:
+        sensors: what tube_map.map_sensors returned.
         margins: what tube_map.burst_map returned.
         chance: the mixture's boundary, if at hand.
         results: the points flown, if any.
@@ -136,17 +148,18 @@ def bursts_figure(margins: MarginMap, chance: ChanceGrid | None, results: Sequen
         axes.set_yscale("log")
         axes.set_yticks([0.1, 0.3, 1.0, 3.0, 10.0], ["0.1", "0.3", "1", "3", "10"])
         axes.set_yticks([], minor=True)
-        axes.set_xlabel("share of the time in which a link is good (UWB and camera alike, independent)")
+        first, second = _names(sensors)
+        axes.set_xlabel(f"share of the time in which a link is good ({first} and {second} alike, independent)")
         axes.set_ylabel("mean length of a burst of losses [s]")
         axes.set_title("How long bursts may last", fontsize=11)
-        figure.legend(
-            handles=[*_boundaries(chance), *marks], loc="outside lower center", ncols=2, fontsize=8.5, frameon=False
-        )
+        handles = [*_boundaries(second, chance), *marks]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8.5, frameon=False)
         return save_picture(figure, path)
 
 
 def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
     """Draw the room from above with the tube along the path and the flights on it, one plan for each pair of rates."""
+    names = _names(map_sensors(scenario))
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9.5, 3.6 * len(flights)), layout="constrained")
         for row, (pair, flown) in enumerate(flights.items()):
@@ -164,7 +177,6 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
                 if flight.lost is not None:
                     axes.plot(*track[-1], "X", color="#D55E00", mec="k", ms=7, zorder=4)
             lost = sum(flight.lost is not None for flight in flown)
-            axes.set_title(
-                f"UWB {pair[0]:g}, camera {pair[1]:g} of the messages: {len(flown)} flights, {lost} lost", fontsize=10
-            )
+            rates = ", ".join(f"{name} {rate:g}" for name, rate in zip(names, pair, strict=True))
+            axes.set_title(f"{rates} of the messages: {len(flown)} flights, {lost} lost", fontsize=10)
         return save_picture(figure, path)

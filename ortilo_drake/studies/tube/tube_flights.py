@@ -1,8 +1,8 @@
 """Flights of the nonlinear diagram against the predicted tube.
 
-A point of a map is a pair of arrival rates of uwb and camera, or an arrival rate and a mean burst of both links. The
-diagram is flown at each point with the same seeds. Two numbers are compared, over all flights of a point and all their
-ticks up to the end or the loss:
+A point of a map is a pair of arrival rates of two sensors, such as uwb and camera, or an arrival rate and a mean burst
+of both links. The diagram is flown at each point with the same seeds. Two numbers are compared, over all flights of a
+point and all their ticks up to the end or the loss:
 
     contained   the share of ticks whose horizontal deviation from r_k is within the predicted radius R_k;
     lost        the number of lost flights, and whether the tube's margin says that none should be. The ticks after a
@@ -37,7 +37,7 @@ from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture, mixtur
 
 Point = tuple[float, float]
 
-# Shares of uwb's and the camera's messages that arrive: both sides of the predicted boundary, and well inside.
+# Shares of the two sensors' messages that arrive: both sides of the predicted boundary, and well inside.
 PAIRS: tuple[Point, ...] = (
     (1.0, 1.0), (1.0, 0.3), (0.5, 0.5), (0.3, 1.0), (0.3, 0.3), (0.2, 0.2), (0.1, 1.0), (0.1, 0.1),
     (0.1, 0.0), (0.06, 0.3), (0.05, 1.0), (0.05, 0.05), (0.03, 1.0), (0.03, 0.1), (0.03, 0.03),
@@ -70,7 +70,7 @@ class PointResult:
     """A point of a map: what the theory says, and what was flown. Lengths in m.
 
     Attributes:
-        at: the point: arrival rates of uwb and camera, or of both and the mean burst [s].
+        at: the point: arrival rates of the two sensors, or of both and the mean burst [s].
         radius_mean: of the tube over the path.
         radius_max: its greatest.
         margin: least of corridor less tube.
@@ -122,7 +122,7 @@ def flown(flight: xr.Dataset) -> Flown:
 
 
 def at_rates(scenario: Scenario, point: Point) -> Scenario:
-    """Return the scenario with these arrival rates of uwb and camera, losses independent; errors as with_rates."""
+    """Return the scenario with these arrival rates, losses independent; errors as with_rates."""
     return with_rates(scenario, *point)
 
 

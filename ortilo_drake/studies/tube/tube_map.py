@@ -3,6 +3,8 @@
 The level 0 of a map is the lowest arrival rates, or the longest bursts, that keep the 3-sigma tube inside the room's
 corridors.
 
+A map is over two sensors, see map_sensors; all others stay as they are.
+
 Bursts come from a Gilbert-Elliott chain on each of the two links, independent of each other. A chain loses everything
 while it is bad. Its share of good ticks is the arrival rate, and its mean stay in the bad state is the burst. With a
 burst of b ticks bad_to_good = 1 / b and good_to_bad = (1 - rate) / (rate b). A chain can leave the good state once a
@@ -13,7 +15,7 @@ message in a burst that is shorter than the time between two of its messages.
 import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,10 +35,10 @@ class MarginMap(NamedTuple):
     """Margins of the tube over two quantities a and b.
 
     Attributes:
-        a: values along the first axis: rate of uwb, or of both sensors for bursts.
-        b: values along the second axis: rate of the camera, or mean burst [s].
+        a: values along the first axis: rate of the first sensor, or of both for bursts.
+        b: values along the second axis: rate of the second sensor, or mean burst [s].
         whole: least margin over the whole path [m] (len(a), len(b)); NaN where there is no such link.
-        guided: the same over the path up to where the camera sees its last landmarks, see guided_ticks.
+        guided: the same over the path up to the second sensor's last measurement, see guided_ticks.
     """
 
     a: np.ndarray
@@ -45,23 +47,41 @@ class MarginMap(NamedTuple):
     guided: np.ndarray
 
 
-def with_losses(scenario: Scenario, uwb: Loss, camera: Loss) -> Scenario:
-    """Return the scenario with other losses on the links of uwb and camera."""
-    losses = ((scenario.uwb, uwb), (scenario.camera, camera))
-    lossy = [s.model_copy(update={"link": s.link.model_copy(update={"loss": loss})}) for s, loss in losses]
-    return scenario.model_copy(update=dict(zip(("uwb", "camera"), lossy, strict=True)))
+def map_sensors(scenario: Scenario) -> tuple[str, str]:
+    """Return the two sensors that a scenario's maps are over.
+
+    They are the first that flies, the imu aside, and the camera or, where none flies, the last.
+
+    Raises:
+        InputError: if fewer than two fly beside the imu.
+    """
+    flying = [sensor for sensor in scenario.measurement.sensors if sensor in scenario.sensors and sensor != "imu"]
+    if len(flying) < 2:
+        raise InputError(f"sensors: {list(scenario.sensors)}: must be two beside the imu")
+    second = "camera" if "camera" in flying[1:] else flying[-1]
+    return flying[0], second
+
+
+def with_losses(scenario: Scenario, first: Loss, second: Loss) -> Scenario:
+    """Return the scenario with other losses on the links of its two map_sensors."""
+    changes = {}
+    for sensor, loss in zip(map_sensors(scenario), (first, second), strict=True):
+        group = scenario.group_of(sensor)
+        changes[sensor] = group.model_copy(update={"link": group.link.model_copy(update={"loss": loss})})
+    return scenario.model_copy(update=changes)
 
 
 def without_blackouts(scenario: Scenario) -> Scenario:
-    """Return the scenario with a projected camera, and no blackouts on either position sensor's link."""
-    uwb = scenario.uwb.model_copy(update={"link": scenario.uwb.link.model_copy(update={"blackouts": ()})})
-    camera_link = scenario.camera.link.model_copy(update={"blackouts": ()})
-    camera = scenario.camera.model_copy(update={"link": camera_link})
-    return scenario.model_copy(update={"uwb": uwb, "camera": camera}).projected()
+    """Return the scenario with a projected camera, and no blackouts on any sensor's link."""
+    changes: dict[str, Any] = {}
+    for sensor in scenario.sensors:
+        group = scenario.group_of(sensor)
+        changes[sensor] = group.model_copy(update={"link": group.link.model_copy(update={"blackouts": ()})})
+    return scenario.model_copy(update=changes).projected()
 
 
-def with_rates(scenario: Scenario, uwb: float, camera: float) -> Scenario:
-    """Return the scenario with these shares of uwb's and the camera's messages arriving, independently of each other.
+def with_rates(scenario: Scenario, first: float, second: float) -> Scenario:
+    """Return the scenario with these shares of its map_sensors' messages arriving, independently of each other.
 
     Shares of what is sent: with a message on every third tick, a third of them is the rate per tick that
     expected_riccati.py speaks of.
@@ -69,14 +89,14 @@ def with_rates(scenario: Scenario, uwb: float, camera: float) -> Scenario:
     Raises:
         InputError: if a rate is not in [0, 1].
     """
-    for name, rate in (("uwb", uwb), ("camera", camera)):
+    for name, rate in zip(map_sensors(scenario), (first, second), strict=True):
         if not 0.0 <= rate <= 1.0:
             raise InputError(f"rate of {name}: {rate}: must be in [0, 1]")
 
     def bernoulli(rate: float) -> Loss:
         return NoLoss() if rate == 1.0 else BernoulliLoss(kind="bernoulli", probability=1.0 - rate)
 
-    return with_losses(scenario, bernoulli(uwb), bernoulli(camera))
+    return with_losses(scenario, bernoulli(first), bernoulli(second))
 
 
 def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
@@ -95,18 +115,18 @@ def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
         return None
 
 
-def guided_ticks(nominal: NominalFlight) -> int:
-    """Return how many ticks lie before the last landmark fix; all of them if the camera has none."""
-    seen = np.flatnonzero(nominal.there[:, CAMERA])
+def guided_ticks(nominal: NominalFlight, column: int = CAMERA) -> int:
+    """Return how many ticks lie before a sensor's last measurement, the camera's by default; all if it has none."""
+    seen = np.flatnonzero(nominal.there[:, column])
     return int(seen[-1]) + 1 if len(seen) else len(nominal.time)
 
 
 Cases = list[list[Scenario | None]]
 
 
-def rate_cases(scenario: Scenario, rates_uwb: np.ndarray, rates_camera: np.ndarray) -> Cases:
+def rate_cases(scenario: Scenario, first: np.ndarray, second: np.ndarray) -> Cases:
     """Return the scenario at every pair of arrival rates, losses independent; errors as with_rates."""
-    return [[with_rates(scenario, float(a), float(b)) for b in rates_camera] for a in rates_uwb]
+    return [[with_rates(scenario, float(a), float(b)) for b in second] for a in first]
 
 
 def burst_cases(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> Cases:
@@ -115,17 +135,17 @@ def burst_cases(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarr
     return [[None if loss is None else with_losses(scenario, loss, loss) for loss in row] for row in losses]
 
 
-def tube_map(scenario: Scenario, rates_uwb: np.ndarray, rates_camera: np.ndarray) -> MarginMap:
-    """Return the tube's margins over the arrival rates of uwb and camera, losses independent.
+def tube_map(scenario: Scenario, first: np.ndarray, second: np.ndarray) -> MarginMap:
+    """Return the tube's margins over the arrival rates of the map_sensors, losses independent.
 
     Raises:
         InputError: if a rate is not in [0, 1], or as predict_tube.
     """
-    return _margins(scenario, rates_uwb, rates_camera, rate_cases(scenario, rates_uwb, rates_camera))
+    return _margins(scenario, first, second, rate_cases(scenario, first, second))
 
 
 def burst_map(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> MarginMap:
-    """Return the tube's margins over the arrival rate of both position sensors and the mean length of bursts [s].
+    """Return the tube's margins over the arrival rate of both map_sensors and the mean length of bursts [s].
 
     Raises:
         InputError: if a rate is not in (0, 1] or a burst not above 0, or as predict_tube.
@@ -137,7 +157,7 @@ def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> 
     """Return least margins over the whole path and over its guided part; all scenarios have one nominal flight."""
     nominal = nominal_flight(scenario)
     about = corridor(scenario.load_room(), scenario.vehicle, nominal.r)
-    n = guided_ticks(nominal)
+    n = guided_ticks(nominal, scenario.measurement.sensors.index(map_sensors(scenario)[1]))
     there = [(i, j, losses_of(case)) for i, row in enumerate(cases) for j, case in enumerate(row) if case is not None]
     whole, guided = np.full((len(a), len(b)), np.nan), np.full((len(a), len(b)), np.nan)
     mean, covariance, _ = deviations(scenario, nominal, np.array([losses for _, _, losses in there]))

@@ -24,6 +24,7 @@ from ortilo_drake.studies.tube.tube_map import (
     burst_cases,
     burst_map,
     chance_map,
+    map_sensors,
     rate_cases,
     tube_map,
     without_blackouts,
@@ -44,21 +45,12 @@ Step = Callable[[str, int, int], None]
 
 def why_no_tube(scenario: Scenario) -> str | None:
     """Return why a scenario's tube has no maps, None if it has."""
-    if not {"uwb", "camera"} <= set(scenario.sensors):
-        return "its maps are over the arrival rates of uwb and camera, and both must fly"
+    if len(set(scenario.sensors) - {"imu"}) < 2:
+        return "its maps are over the arrival rates of two sensors beside the imu, and both must fly"
     if scenario.servo.velocities == "truth":
         return "the servo is given the true velocities, and the tube is that of a servo fed by the filter"
     links = [scenario.link_of(sensor) for sensor in scenario.sensors]
     return "delays are drawn at random" if any(link.random_delay for link in links) else None
-
-
-@dataclass(frozen=True)
-class RateMargins:
-    """Least margin [m] of the tube over arrival rates (uwb, camera), NaN where there is no such link."""
-
-    uwb: np.ndarray
-    camera: np.ndarray
-    margin: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -72,9 +64,15 @@ class BurstMargins:
 
 @dataclass(frozen=True)
 class TubeReport:
-    """The tube's margins, and the flights that check it by 'rates' and 'bursts'."""
+    """The tube's margins, and the flights that check it.
 
-    rates: RateMargins
+    Attributes:
+        rates: the arrival rates of the two sensors by name, and 'margin': the least [m] over them (first, second).
+        bursts: over the rate of both links and their mean burst.
+        flights: of the points by 'rates' and 'bursts'.
+    """
+
+    rates: dict[str, np.ndarray]
     bursts: BurstMargins
     flights: dict[str, list[PointResult]]
 
@@ -85,14 +83,14 @@ def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step:
     The scenario's own blackouts and losses are left out.
 
     Args:
-        scenario: the scenario, with uwb and camera.
+        scenario: the scenario, with two sensors beside the imu.
         flights: of each point that is flown; 0 flies none.
         out: folder of figures, and of flights in its folder flights.
         workers: processes that fly.
         step: called with what is being done, how far and of how much.
     """
     calm = without_blackouts(scenario)
-    nominal = nominal_flight(calm)
+    nominal, sensors = nominal_flight(calm), map_sensors(calm)
     step("tube over rates", 0, 4)
     rates = tube_map(calm, RATES, RATES)
     step("tube over bursts", 1, 4)
@@ -115,10 +113,13 @@ def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step:
         if kind == "rates" and point in SHOWN:
             shown[point] = flown
     figures = [
-        rates_figure(rates, rates_chance, results["rates"], out / "tube_rates.png"),
-        bursts_figure(bursts, bursts_chance, results["bursts"], out / "tube_bursts.png"),
+        rates_figure(sensors, rates, rates_chance, results["rates"], out / "tube_rates.png"),
+        bursts_figure(sensors, bursts, bursts_chance, results["bursts"], out / "tube_bursts.png"),
     ]
     if shown:
         figures.append(plan_figure(calm, nominal, shown, out / "tube_plan.png"))
-    maps = RateMargins(RATES, RATES, rates.whole), BurstMargins(BURST_RATES, BURST_LENGTHS, bursts.whole)
+    maps = (
+        dict.fromkeys(sensors, RATES) | {"margin": rates.whole},
+        BurstMargins(BURST_RATES, BURST_LENGTHS, bursts.whole),
+    )
     return TubeReport(*maps, results), figures
