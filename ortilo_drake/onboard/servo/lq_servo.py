@@ -14,8 +14,6 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo as ServoSettings
 
-NO_FORCE = np.zeros(3)
-
 
 @register_jitable
 def less_product(u_0: float, row: np.ndarray, x_error: np.ndarray, xbar: np.ndarray) -> float:
@@ -36,7 +34,7 @@ def servo_control(
     mass: float,
     yaw: float,
     error_form: bool,
-    force: np.ndarray = NO_FORCE,
+    force: np.ndarray | None = None,  # an array by default is a new type to numba's cache in every process
 ) -> np.ndarray:
     """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i] (4).
 
@@ -51,10 +49,12 @@ def servo_control(
         mass: m [kg].
         yaw: psi_r [rad].
         error_form: whether to fly the error form.
-        force: d in W [N] (3).
+        force: d in W [N] (3); None for none.
     """
     aim = reference if error_form else np.zeros(9)
-    r, r_dot, a = aim[0:3], aim[3:6], aim[6:9] - force / mass
+    r, r_dot, a = aim[0:3], aim[3:6], aim[6:9]
+    if force is not None:
+        a = a - force / mass
     phi_r = (a[0] * np.sin(yaw) - a[1] * np.cos(yaw)) / GRAVITY
     theta_r = (a[0] * np.cos(yaw) + a[1] * np.sin(yaw)) / GRAVITY
     psi_r = yaw if error_form else 0.0
