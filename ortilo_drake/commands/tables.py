@@ -23,16 +23,19 @@ from ortilo_drake.scenario import load_scenario
 
 
 class Preset(StrEnum):
-    """Which covariances and velocities the tables fly with."""
+    """Which filter the tables fly with, and which velocities the servo gets."""
 
     tuned = "tuned"
     paper = "paper"
+    robust = "robust"
 
 
 def tables(
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights of each scenario, seeds from 0.")] = 20,
     workers: WorkersOption = None,
-    preset: Annotated[Preset, typer.Option(help="Our tuning or the paper's printed covariances.")] = Preset.tuned,
+    preset: Annotated[
+        Preset, typer.Option(help="The paper's filter in our tuning, or as printed; or a filter that knows less.")
+    ] = Preset.tuned,
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
@@ -53,7 +56,7 @@ def tables(
     from ortilo_drake.studies.paper_tables.report import table_text
     from ortilo_drake.studies.paper_tables.tables import SCENARIOS, make_tables
 
-    prefix = "paper_" if preset is Preset.paper else ""
+    prefix = "" if preset is Preset.tuned else f"{preset.value}_"
     chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
     laid_over = with_camera(settings, camera, detector)
     for name, flown in chosen.items():

@@ -95,7 +95,8 @@ class Biases(Frozen):
         camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
         level_sd: of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force.
         yaw_sd: of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'.
-        time: correlation time of the fixes' biases [s], about as long as the same anchors and landmarks are near.
+        uwb_time: correlation time of the uwb fixes' bias [s], about as long as the same anchors are near.
+        camera_time: of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view.
         imu_time: of the imu's biases [s].
     """
 
@@ -103,7 +104,8 @@ class Biases(Frozen):
     camera_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
     level_sd: NonNegativeFloat = 0.0
     yaw_sd: NonNegativeFloat = 0.0
-    time: Positive = 20.0
+    uwb_time: Positive = 20.0
+    camera_time: Positive = 20.0
     imu_time: Positive = 300.0
 
 

@@ -379,7 +379,7 @@ def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
     [
         (["tables", "--flights", "0"], ["--flights", "1"]),
         (["tables", "--workers", "0"], ["--workers", "1"]),
-        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "paper"]),
+        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "paper", "robust"]),
         (["fly", "--seed", "one"], ["--seed", "integer"]),
         (["fly", "imu_uwb", "imu_uwb"], ["imu_uwb"]),
         (["fly", "--fast"], ["--fast"]),

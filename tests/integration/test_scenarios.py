@@ -138,9 +138,10 @@ def test_with_and_without_the_camera_only_the_sensors_differ() -> None:
     assert {name for name in found if not name.startswith("landmark_fix.")} == {"name", "sensors", "camera.kind"}
 
 
+@pytest.mark.parametrize("preset", ["paper", "robust"])
 @pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
-def test_the_presets_fly_in_the_same_world(name: str) -> None:
-    found = differences(load_scenario(name), load_scenario(f"paper_{name}"))
+def test_the_presets_fly_in_the_same_world(name: str, preset: str) -> None:
+    found = differences(load_scenario(name), load_scenario(f"{preset}_{name}"))
     allowed = ("estimator", "servo", "multilateration", "landmark_fix")
     assert {setting for setting in found if setting.split(".")[0] not in allowed} == {"name"}
 

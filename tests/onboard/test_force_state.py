@@ -134,7 +134,8 @@ def test_the_force_is_observable_with_fixes_and_not_without(
 @pytest.mark.parametrize("force", ALL)
 def test_with_all_sensors_the_covariance_settles_at_the_solution_of_the_dare(force: str) -> None:
     walks = Walks(force_rate=0.11, accelerometer_rate=0.055)
-    fast = {"biases": BIASES.model_copy(update={"time": 2.0, "imu_time": 3.0})} if force == "biases" else {}
+    times = {"uwb_time": 2.0, "camera_time": 2.0, "imu_time": 3.0}
+    fast = {"biases": BIASES.model_copy(update=times)} if force == "biases" else {}
     its, extras, model, measurement = made(force, walks=walks, integrator="estimate", **fast)
     N = len(model.Phi)
     V, layout = all_V(measurement), measurement.layout
@@ -350,7 +351,7 @@ def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
 @pytest.mark.parametrize(("sensor", "sd"), [("uwb", 0.05), ("camera", 0.08)])
 def test_no_number_of_fixes_tells_the_position_better_than_their_bias(sensor: str, sd: float) -> None:
     """At rest, one constant bias and white noise: P_n = P_0 - P_0^2 / (P_0 + sd^2 + v^2 / n), all at once."""
-    biases = Biases(**{f"{sensor}_sd": (sd,) * 3}, time=1e9)
+    biases = Biases(**{f"{sensor}_sd": (sd,) * 3}, uwb_time=1e9, camera_time=1e9)
     W = DiagonalW(kind="diagonal", position=0.0, angle=0.0, velocity=0.0, rate=0.0)
     its, extras, model, measurement = made("thrust", biases=biases, W=W, walks=Walks(force_sd=0.0, force_rate=0.0))
     P_0, v, layout = 0.3**2, 0.1, measurement.layout

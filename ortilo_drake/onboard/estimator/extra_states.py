@@ -104,7 +104,7 @@ def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
 def _biases(biases: Biases, h: float) -> list[Extra]:
     found = []
     sds = (*biases.uwb_sd, *biases.camera_sd, biases.level_sd, biases.level_sd, biases.yaw_sd)
-    times = [biases.time] * 6 + [biases.imu_time] * 3
+    times = [biases.uwb_time] * 3 + [biases.camera_time] * 3 + [biases.imu_time] * 3
     for row, sd, time in zip((*UWB, *CAMERA, *IMU), sds, times, strict=True):
         if sd > 0.0:
             own = (f"bias_{row.name}",)
