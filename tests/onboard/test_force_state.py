@@ -36,7 +36,7 @@ _, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
 FORCES = ("thrust", "measured")
 ALL = (*FORCES, "biases")  # the last is 'measured' with biases of both fixes and the yaw
-BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, level_sd=0.01, yaw_sd=0.03, time=20.0, imu_time=300.0)
+BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, level_sd=0.01, yaw_sd=0.03, imu_time=300.0)
 V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) * 3, "accelerometer": (0.05,) * 3}
 
 
