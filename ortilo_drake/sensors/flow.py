@@ -57,9 +57,14 @@ def quality_at(settings: Flow, d: np.ndarray) -> np.ndarray:
     return np.asarray(1.0 / (1.0 + (d / settings.far) ** 2))
 
 
+def times(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return A b, summed in order: BLAS leaves other last bits on another processor."""
+    return np.asarray((A * b).sum(axis=1))
+
+
 def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the flow without noise (2) and the body rates w_x, w_y (2) [rad/s] at state x (12), the floor at d [m]."""
-    v_B = rotation_matrix(x[3:6]).T @ x[6:9]
+    v_B = times(rotation_matrix(x[3:6]).T, x[6:9])
     w = body_rates(x[3:6], x[9:12])
     return np.array([-v_B[0] / d + w[1], -v_B[1] / d - w[0]]), np.array([w[0], w[1]])
 
@@ -92,11 +97,12 @@ def make_onboard(scenario: Scenario, room: Room) -> FixSolver:
             return None
         turning = np.array([payload[0] - payload[3], payload[1] + payload[2]])
         R_WB = rotation_matrix(np.ascontiguousarray(xhat[3:6]))
-        v_B = np.array([*(-d * turning), (R_WB.T @ xhat[6:9])[2]])
+        v_B = np.array([*(-d * turning), times(R_WB.T, xhat[6:9])[2]])
         variance = d**2 * ((settings.flow_sd / max(payload[4], WORST)) ** 2 + settings.gyro_sd**2)
-        V = variance * np.eye(2) + P[2, 2] * np.outer(turning, turning)
-        to_W = R_WB[:2, :2]
-        return (R_WB @ v_B)[:2], to_W @ V @ to_W.T
+        to_W = R_WB[:2, :2]  # of which V_B = variance I + P_zz turning turning^T takes both sides
+        turning_W = times(to_W, turning)
+        own = np.array([times(to_W, row) for row in to_W])
+        return times(R_WB, v_B)[:2], variance * own + P[2, 2] * np.outer(turning_W, turning_W)
 
     return FixSolver("flow", 5, 2, solve)
 

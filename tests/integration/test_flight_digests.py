@@ -13,10 +13,10 @@ KEPT: dict[str, Any] = json.loads(FILE.read_text())
 @pytest.mark.parametrize("seeds", [SEEDS[:1], pytest.param(SEEDS[1:], marks=pytest.mark.long)], ids=["one", "others"])
 @pytest.mark.parametrize(("name", "camera"), PROJECTED)
 def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: range) -> None:
-    digests = KEPT["digests"].get(this_platform())
+    digests = KEPT["digests"].get(this_platform(), {})
     for seed, flight in fly_ready_made(name, camera, seeds):
         key = f"{name} {camera} {seed}"
-        if digests:
+        if key in digests:
             assert digest(flight) == digests[key], key
         np.testing.assert_allclose(track(flight), KEPT["tracks"][key], rtol=0.0, atol=1e-9, err_msg=key)
 

@@ -29,6 +29,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.cholesky import solve_in_place
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.landmarks.landmark_association import innovation_covariance, pose_covariance, squared_distance
@@ -71,13 +72,29 @@ def scaled_inverse(N: np.ndarray) -> tuple[bool, np.ndarray]:
     for i in range(n):
         for j in range(n):
             scaled[i, j] = scale[i] * N[i, j] * scale[j]
-    if not np.linalg.det(scaled) > _REGULAR:
+    L, inverse = scaled.copy(), np.eye(n)
+    solve_in_place(L, inverse)
+    determinant = 1.0
+    for i in range(n):
+        determinant *= L[i, i] ** 2
+    if not determinant > _REGULAR:  # NaN where N is not positive definite
         return False, np.zeros((n, n))
-    inverse = np.linalg.inv(scaled)
     for i in range(n):
         for j in range(n):
             scaled[i, j] = scale[i] * 0.5 * (inverse[i, j] + inverse[j, i]) * scale[j]
     return True, scaled
+
+
+@register_jitable
+def times(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return A b. BLAS sums three terms alike on every processor; more of them it does not, so they are summed here."""
+    if A.shape[1] == 3:
+        return A @ b
+    c = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            c[i] += A[i, j] * b[j]
+    return c
 
 
 @register_jitable
@@ -142,7 +159,7 @@ def _pose_from_boxes(
                 return nothing
             if converged:
                 break
-            step = min(1.0, 2.0 ** (5 - iteration)) * (N_inverse @ b)
+            step = min(1.0, 2.0 ** (5 - iteration)) * times(N_inverse, b)
             length = 0.0
             for j in range(m):
                 pose[order[j]] += step[j]
