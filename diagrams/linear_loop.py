@@ -6,12 +6,13 @@ filter with its gain frozen is an affine system.
 """
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, Multiplexer
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B
-from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, STATE_NAMES, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.onboard.estimator.extra_states import D, F, augmented_rows, extra_states, names_of
+from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
@@ -40,22 +41,29 @@ def make_servo(scenario: Scenario) -> Diagram:
     """Return the servo with its inputs in one vector; memoryless.
 
     Ports:
-        inputs (24 or 30): estimate (15), reference (9) and, where the scenario lends them, the true velocities (6).
+        inputs (24 or more): estimate (15), reference (9), where the filter estimates one the disturbance force (3), and
+            where the scenario lends them the true velocities (6).
         control (4, output): u, f_T absolute.
     """
     builder = DiagramBuilder()
-    servo = builder.AddSystem(make_lq_servo(scenario.servo, scenario.vehicle, scenario.h))
-    lends = servo.HasInputPort("velocity")
-    parts = builder.AddSystem(Demultiplexer([N_XBAR, REFERENCE_SIZE] + [N_V] * lends))
+    servo = builder.AddSystem(_servo_of(scenario))
+    lends, told = servo.HasInputPort("velocity"), servo.HasInputPort("force")
+    parts = builder.AddSystem(Demultiplexer([N_XBAR, REFERENCE_SIZE] + [3] * told + [N_V] * lends))
     builder.Connect(parts.get_output_port(0), servo.GetInputPort("estimate"))
     builder.Connect(parts.get_output_port(1), servo.GetInputPort("reference"))
+    if told:
+        builder.Connect(parts.get_output_port(2), servo.GetInputPort("force"))
     if lends:
         message = builder.AddSystem(MatrixGain(np.eye(VELOCITY_SIZE, N_V, -PAYLOAD)))
-        builder.Connect(parts.get_output_port(2), message.get_input_port())
+        builder.Connect(parts.get_output_port(2 + told), message.get_input_port())
         builder.Connect(message.get_output_port(), servo.GetInputPort("velocity"))
     builder.ExportInput(parts.get_input_port(), "inputs")
     builder.ExportOutput(servo.get_output_port(), "control")
     return _named(builder, "servo")
+
+
+def _servo_of(scenario: Scenario) -> LeafSystem:
+    return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h, scenario.estimator.force != "none")
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:
@@ -64,28 +72,39 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
         xhat_{k+1} = Phi xhat + Gamma (u - u_hover) + K Delta (y - C xhat)
         i_{k+1}    = i + r - E y;  'hold': i where E = 0;  'estimate': i + r - p_hat
 
-    Ports: input [y (p); u (4); reference (9)], output [xhat; i] (15).
+    xhat is [xhat; ehat] (N) where the filter estimates more than the vehicle's states; a lift that tilts is none to
+    first order. Ports: input [y (p); u (4); reference (9)], output [xhat; i] (N + 3).
     """
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    measurement = scenario.measurement
+    vehicle, extras = scenario.vehicle, extra_states(scenario.estimator, scenario.vehicle, scenario.h)
+    model = augmented_model(scenario.estimator, vehicle, scenario.estimator.integrator, scenario.h, extras)
+    measurement = augmented_rows(scenario.measurement.rows, extras)
     Delta, E, p = measurement.arrival_matrix(delta), measurement.selection_matrix(delta), measurement.sizes["y"]
-    integrator = scenario.estimator.integrator
-    F, G = np.eye(N_XBAR), np.zeros((N_XBAR, p + N_U + REFERENCE_SIZE))
-    F[:N_X, :N_X] = Phi - K @ Delta @ measurement.layout.C
-    G[:N_X, :p], G[:N_X, p : p + N_U] = K @ Delta, Gamma
+    integrator, N = scenario.estimator.integrator, len(model.Phi)
+    A, B = np.eye(N + N_I), np.zeros((N + N_I, p + N_U + REFERENCE_SIZE))
+    A[:N, :N] = model.Phi - K @ Delta @ measurement.layout.C
+    B[:N, :p], B[:N, p : p + N_U] = K @ Delta, model.Gamma
     if integrator == "estimate":
-        F[N_X:, :N_I] = -np.eye(N_I)
+        A[N:, :N_I] = -np.eye(N_I)
     else:
-        G[N_X:, :p] = -E
+        B[N:, :p] = -E
     if integrator != "hold" or E.any():
-        G[N_X:, p + N_U :] = np.eye(N_I, REFERENCE_SIZE)
-    f_0 = -G[:, p] * scenario.vehicle.hover_thrust
-    identity, no_feedthrough = np.eye(N_XBAR), np.zeros((N_XBAR, G.shape[1]))
-    return AffineSystem(F, G, f_0, identity, no_feedthrough, np.zeros(N_XBAR), scenario.h)
+        B[N:, p + N_U :] = np.eye(N_I, REFERENCE_SIZE)
+    f_0 = -B[:, p] * vehicle.hover_thrust
+    identity, no_feedthrough = np.eye(N + N_I), np.zeros((N + N_I, B.shape[1]))
+    return AffineSystem(A, B, f_0, identity, no_feedthrough, np.zeros(N + N_I), scenario.h)
+
+
+def make_flown_force(vehicle: Vehicle, h: float) -> AffineSystem:
+    """Return the force of the step just flown less the hover lift, f_{k+1} = (f_T - m g) e_z; u (4) to f (3)."""
+    B, f_0 = np.zeros((3, N_U)), np.array([0.0, 0.0, -vehicle.hover_thrust])
+    B[2, 0] = 1.0
+    return AffineSystem(np.zeros((3, 3)), B, f_0, np.eye(3), np.zeros((3, N_U)), np.zeros(3), h)
 
 
 def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Diagram:
     """Return sampled plant, servo and frozen filter in a loop; discrete state [x; xhat; i] (27), in that order.
+
+    With a filter that estimates more, xhat is longer, and x is [x; f] where it takes the accelerometer.
 
     Ports:
         reference (9): r, r_dot, r_ddot.
@@ -93,23 +112,39 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
 
     Args:
         scenario: the scenario, of which rotors, links and noise are left out.
-        K: predictor gain (12 x p) at full size; columns of sensors that did not arrive are ignored.
+        K: predictor gain (N x p) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals (s).
     """
-    measurement = scenario.measurement
+    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h)
+    measurement, names = augmented_rows(scenario.measurement.rows, extras), (*STATE_NAMES, *names_of(extras))
+    N, rows = len(names), measurement.arrival_matrix(delta) @ measurement.layout.C
     builder = DiagramBuilder()
     plant = builder.AddSystem(QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h))
+    state, control = plant.GetOutputPort("state"), plant.GetInputPort("control")
+    seen, columns = state, list(range(N_X))
+    if set(F) <= set(names):
+        flown = builder.AddNamedSystem("flown_force", make_flown_force(scenario.vehicle, scenario.h))
+        both = builder.AddSystem(Multiplexer([N_X, 3]))
+        builder.Connect(state, both.get_input_port(0))
+        builder.Connect(flown.get_output_port(), both.get_input_port(1))
+        seen = both.get_output_port()
+        columns += [names.index(name) for name in F]
     kalman = builder.AddNamedSystem("kalman_filter", make_frozen_filter(scenario, K, delta))
-    servo = builder.AddSystem(make_lq_servo(scenario.servo, scenario.vehicle, scenario.h))
-    sensors = builder.AddNamedSystem("sensors", MatrixGain(measurement.arrival_matrix(delta) @ measurement.layout.C))
+    servo = builder.AddSystem(_servo_of(scenario))
+    sensors = builder.AddNamedSystem("sensors", MatrixGain(rows[:, columns]))
     inputs = builder.AddSystem(Multiplexer([measurement.sizes["y"], N_U, REFERENCE_SIZE]))
-    state = plant.GetOutputPort("state")
-    builder.Connect(state, sensors.get_input_port())
+    builder.Connect(seen, sensors.get_input_port())
     builder.Connect(sensors.get_output_port(), inputs.get_input_port(0))
     builder.Connect(servo.get_output_port(), inputs.get_input_port(1))
     builder.Connect(inputs.get_output_port(), kalman.get_input_port())
-    builder.Connect(kalman.get_output_port(), servo.GetInputPort("estimate"))
-    builder.Connect(servo.get_output_port(), plant.GetInputPort("control"))
+    picks = {"estimate": [*range(N_X), *range(N, N + N_I)]} | ({"force": [names.index(d) for d in D]} if extras else {})
+    for port, numbers in picks.items():
+        pick = builder.AddSystem(MatrixGain(np.eye(N + N_I)[numbers]))
+        builder.Connect(kalman.get_output_port(), pick.get_input_port())
+        builder.Connect(pick.get_output_port(), servo.GetInputPort(port))
+    builder.Connect(servo.get_output_port(), control)
+    if len(columns) > N_X:
+        builder.Connect(servo.get_output_port(), flown.get_input_port())
     if servo.HasInputPort("velocity"):  # whose flag and stamp it does not read
         message = builder.AddSystem(MatrixGain(np.vstack([np.zeros((PAYLOAD, N_X)), np.eye(N_V, N_X, N_V)])))
         builder.Connect(state, message.get_input_port())

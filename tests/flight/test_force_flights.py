@@ -15,7 +15,7 @@ from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tuning.noise_settings import noise_model
 from ortilo_drake.world.truth import set_vehicle
 
@@ -124,9 +124,9 @@ def test_a_servo_of_one_s_own_is_told_the_force_or_zero(force: str) -> None:
     assert (control[0] == 26.487) == (force == "none")
 
 
-@pytest.mark.parametrize("study", [hover_loop, lambda scenario: noise_model(scenario, scenario)])
-def test_the_linear_studies_refuse_what_they_do_not_know(study: object) -> None:
-    with pytest.raises(InputError, match=r"^estimator.force: thrust: must be none here: .* the paper's filter alone$"):
+@pytest.mark.parametrize("study", [predict_tube, lambda scenario: noise_model(scenario, scenario)])
+def test_tube_and_noise_fit_refuse_what_they_do_not_know(study: object) -> None:
+    with pytest.raises(InputError, match=r"^estimator.force: thrust: must be none"):
         study(hovering("thrust"))  # type: ignore[operator]
 
 

@@ -55,6 +55,16 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
 
 
 @pytest.mark.long
+def test_a_filter_that_reckons_with_what_is_not_there_hovers_as_predicted(tmp_path: Path) -> None:
+    """Force and biases are estimated and are zero: the distance from r is that of the whole loop, not of P."""
+    scenario = load_scenario("robust_imu_uwb")
+    (case,) = command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(4), tmp_path, duration=40.0).cases
+    assert case.lost == 0
+    # 160 s of an error that takes about 4 s to renew itself: some 40 values an axis.
+    assert case.flown_rms == pytest.approx(case.predicted_rms, rel=0.25)
+
+
+@pytest.mark.long
 def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
     scenario = load_scenario("imu_uwb", ("camera.kind=projected",))
     links = command_cases((0.4,), ("hold",), (6,))

@@ -11,8 +11,11 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.hover import disturbance_W
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.arrivals.arrival_map import burst_map, riccati_map
-from ortilo_drake.studies.arrivals.arrival_report import arrival_report
+from ortilo_drake.studies.arrivals.arrival_report import arrival_report, filter_model
+from ortilo_drake.studies.command_link.command_flights import hover_V
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.theory.arrivals.arrivals import pattern_probabilities
 from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, upper_bound, vehicle_model
 
@@ -85,12 +88,39 @@ def test_bursts_that_cannot_be_are_nan_and_without_a_sensor_inf() -> None:
 
 
 def test_the_report_is_plain() -> None:
-    report = arrival_report(SMALL_W, V, H, [0.0, 0.5], [0.0, 0.5])
+    loop = hover_loop(Scenario())._replace(W=SMALL_W)
+    report = arrival_report(loop, V, [0.0, 0.5], [0.0, 0.5])
     json.dumps(as_data(report), allow_nan=False)
     assert report.upper[0][0][0] == np.inf
     assert round(report.upper[1][1][0], 6) == 0.006898
     assert report.critical_rate.rate == 0.0
     assert report.without_position_sensors == ["eigenvalue 1 (6 times) in x, y, z, x_dot, y_dot, z_dot"]
+
+
+@pytest.mark.parametrize("name", ["robust_imu_uwb", "robust_imu_uwb_yolo"])
+def test_a_filter_with_more_states_is_bounded_too(name: str) -> None:
+    """Always everything is SciPy's DARE; at a rate between, the mean of P over random arrivals lies between."""
+    scenario = load_scenario(name, ("camera.kind=projected",))
+    loop, V_all = hover_loop(scenario), filter_V(scenario, hover_V(scenario))
+    rates_camera = [1.0] if "camera" in scenario.sensors else [0.0]
+    report = arrival_report(loop, V_all, [0.3, 1.0], rates_camera)
+    model = filter_model(loop, V_all)
+    rows = model.rows[3 if "camera" in scenario.sensors else 1]
+    P = solve_discrete_are(model.A.T, model.C[rows].T, model.W, model.V[np.ix_(rows, rows)])
+    np.testing.assert_allclose(report.upper[1, 0], np.diag(P)[:12], rtol=1e-6)
+    np.testing.assert_allclose(report.lower[1, 0], np.diag(P)[:12], rtol=1e-6)
+    rng, total, count = np.random.default_rng(1), np.zeros(12), 0
+    for k in range(6000):
+        seen = model.rows[2 * (rates_camera[0] == 1.0) + (rng.random() < 0.3)]
+        H = model.C[seen]
+        K = np.linalg.solve(H @ P @ H.T + model.V[np.ix_(seen, seen)], H @ P @ model.A.T).T
+        P = model.A @ P @ model.A.T + model.W - K @ H @ P @ model.A.T
+        P = (P + P.T) / 2.0
+        if k >= 1000:
+            total, count = total + np.diag(P)[:12], count + 1
+    mean = total / count
+    assert np.all(mean < 1.01 * report.upper[0, 0])
+    assert np.all(mean > 0.99 * report.lower[0, 0])
 
 
 def test_bad_input_is_refused() -> None:

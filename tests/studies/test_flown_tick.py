@@ -22,18 +22,50 @@ from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
         ("estimator.integrator=literal", "servo.form=paper"),
         ("servo.velocities=truth",),
         ("estimator.V.uwb=[0.05, 0.05, 0.05]", "multilateration.method=nearest_three"),
+        ("estimator.force=thrust",),
+        ("estimator.force=measured",),
+        ("estimator.force=measured", "estimator.integrator=estimate", "servo.velocities=truth"),
+        ("estimator.force=thrust", "servo.form=paper"),
     ],
-    ids=["hold", "estimate", "literal", "truth", "constant V"],
+    ids=[
+        "hold",
+        "estimate",
+        "literal",
+        "truth",
+        "constant V",
+        "thrust",
+        "measured",
+        "measured, truth",
+        "thrust, paper",
+    ],
 )
 def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, ...], late: int) -> None:
     # The literal integrator throws the vehicle in the ticks without a fix: a fix far away has another covariance.
     thrown = "estimator.integrator=literal" in settings
     flown_tick = differentiate_closed_loop(load_scenario("imu_uwb", settings), late + (300 if thrown else 900))
-    np.testing.assert_array_equal(flown_tick.delta, [1.0 - late, 0.0, 1.0])
+    np.testing.assert_array_equal(flown_tick.delta[:3], [1.0 - late, 0.0, 1.0])
     assert np.max(np.abs(flown_tick.expected)) > 1.0
     assert np.max(np.abs(flown_tick.K)) > 0.1
-    assert flown_tick.gain_change < (1e-2 if thrown else 1e-10)
+    walks = any("force" in setting for setting in settings)  # whose covariance takes minutes to settle
+    assert flown_tick.gain_change < (1e-2 if thrown or walks else 1e-10)
     assert flown_tick.largest_difference < (1e-9 if thrown else 1e-12)
+
+
+@pytest.mark.parametrize("name", ["robust_imu_uwb", "robust_imu_uwb_yolo", "realistic_flow"])
+def test_so_they_are_with_biases_as_states(name: str) -> None:
+    tick = differentiate_closed_loop(load_scenario(name, ("truth={}",)), 300)
+    loop = hover_loop(load_scenario(name))
+    assert len(tick.A) == len(loop.state_names) == 15 + len(loop.names) + 3
+    assert tick.largest_difference < 1e-12
+
+
+@pytest.mark.parametrize("force", ["thrust", "measured"])
+def test_the_flown_tick_tells_a_wrong_force(force: str) -> None:
+    scenario = load_scenario("imu_uwb", (f"estimator.force={force}",))
+    tick, loop = differentiate_closed_loop(scenario, 300), hover_loop(scenario)
+    without = loop.L.copy()
+    without[:, loop.names.index("d_y")] = 0.0
+    assert np.max(np.abs(closed_loop_matrix(loop._replace(L=without), tick.K, tick.delta) - tick.A)) > 1e-3
 
 
 def test_the_flown_tick_tells_a_wrong_model() -> None:

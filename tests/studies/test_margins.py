@@ -6,11 +6,18 @@ import pytest
 from scipy.optimize import bisect, brentq
 
 from ortilo_drake.model.as_data import as_data
-from ortilo_drake.model.signals import CONTROL_NAMES, STATE_NAMES
+from ortilo_drake.model.signals import CONTROL_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
-from ortilo_drake.scenario import IntermittentFilter, Scenario
-from ortilo_drake.studies.loop.hover_loop import arrivals_of, closed_loop_matrix, hover_loop, steady_predictor
+from ortilo_drake.scenario import IntermittentFilter, Scenario, load_scenario
+from ortilo_drake.studies.command_link.command_flights import hover_V
+from ortilo_drake.studies.loop.hover_loop import (
+    arrivals_of,
+    closed_loop_matrix,
+    filter_V,
+    hover_loop,
+    steady_predictor,
+)
 from ortilo_drake.studies.loop.input_loop import input_loop, steady_gain
 from ortilo_drake.studies.loop.margins import loops_by_case, margins_report
 from ortilo_drake.theory.margins.loop_margins import channel_margins, joint_margins
@@ -190,19 +197,67 @@ def test_integrator_in_closed_form(c):
     assert margins.sensitivity == pytest.approx(2 / (2 - c))
 
 
+def limit_of_the_gain(Phi, C, W, V_s, steps):
+    """Return the gain after so many steps of the recursion, and its covariance."""
+    P = 0.01 * np.eye(len(Phi))
+    for _ in range(steps):
+        F = np.linalg.solve(C @ P @ C.T + V_s, C @ P @ Phi.T)
+        P = Phi @ P @ Phi.T + W - Phi @ P @ C.T @ F
+        P = (P + P.T) / 2
+    return F.T, P
+
+
 @pytest.mark.parametrize(("first", "lost"), [(6, (0, 1, 2, 6, 7, 8)), (0, (5, 11))])
 def test_gain_has_a_limit_where_the_covariance_has_none(first, lost):
     rows = slice(6, 9) if first == 6 else slice(0, 6)
     Phi, C, W, V_s = HOVER.Phi, HOVER.C[rows], HOVER.W, V[rows, rows]
-    K, names = steady_gain(Phi, C, W, V_s)
-    assert names == tuple(STATE_NAMES[k] for k in lost)
-    P = 0.01 * np.eye(12)
-    for _ in range(3000):
-        F = np.linalg.solve(C @ P @ C.T + V_s, C @ P @ Phi.T)
-        P = Phi @ P @ Phi.T + W - Phi @ P @ C.T @ F
-        P = (P + P.T) / 2
+    K, P = limit_of_the_gain(Phi, C, W, V_s, 3000)
     assert P[lost[-1], lost[-1]] > 1e-3  # and growing
-    assert np.allclose(F.T, K, rtol=1e-6, atol=1e-7)
+    assert np.allclose(K, steady_gain(Phi, C, W, V_s, HOVER.units), rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("force", ["thrust", "measured"])
+@pytest.mark.parametrize("sensors", [("uwb", "imu"), ("imu",)])
+def test_a_filter_with_a_force_has_that_limit_too(force, sensors):
+    """Without a fix the accelerometer tells d + m b and not d from b: no whole states are unseen."""
+    scenario = load_scenario("imu_uwb", (f"estimator.force={force}",))
+    loop = hover_loop(scenario)
+    rows = loop.measurement.by_row(arrivals_of(sensors, loop.measurement)) > 0.0
+    V_s = filter_V(scenario, hover_V(scenario))[np.ix_(rows, rows)]
+    Phi, C, W = loop.Phi, loop.C[rows], loop.W
+    K, _ = limit_of_the_gain(Phi, C, W, V_s, 20_000)
+    found = steady_gain(Phi, C, W, V_s, loop.units)
+    assert np.max(np.abs(found - K)) < 2e-4 * np.max(np.abs(K))
+    if sensors == ("uwb", "imu"):
+        np.testing.assert_allclose(found, limit_of_the_gain(Phi, C, W, V_s, 100_000)[0], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("force", ["thrust", "measured"])
+def test_knowing_the_force_costs_margin_and_no_stability(force):
+    scenario = load_scenario("imu_uwb", (f"estimator.force={force}",))
+    found = margins_report(scenario, hover_V(scenario))
+    nominal, full = found["nominal"], found["full state"]
+    assert nominal.spectral_radius < 1
+    assert full.spectral_radius == pytest.approx(margins_report(SCENARIO, V)["full state"].spectral_radius, abs=1e-9)
+    loop = input_loop(hover_loop(scenario), filter_V(scenario, hover_V(scenario)), scenario.sensors).loop
+    for k, channel in enumerate(CONTROL_NAMES):
+        factor = np.ones(4)
+        factor[k] = nominal.channels[channel].gain_up
+        assert spectral_radius(closed(loop, factor)) == pytest.approx(1, abs=1e-7)
+    without = found["without uwb"]
+    if force == "thrust":  # what nothing tells apart from the position stays what it is, and the attitude is held
+        assert without.spectral_radius < 1
+        assert without.channels["f_T"] is None
+    else:  # the accelerometer moves force and bias together, and nothing ever tells them apart
+        assert without.spectral_radius == pytest.approx(1, abs=1e-9)
+        assert "not stable" in without.note
+
+
+def test_where_nothing_holds_the_filter_a_line_says_so():
+    scenario = load_scenario("robust_imu_uwb")
+    without = margins_report(scenario, hover_V(scenario))["without imu"]
+    assert without.spectral_radius is without.channels is without.joint is None
+    assert without.note == "the filter has no steady gain with these sensors"
 
 
 def test_lost_position_leaves_the_attitude_loops(report):

@@ -13,14 +13,13 @@ from ortilo_drake.scenario.link import BernoulliLoss, Link
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.arrivals.link_chain import link_chain
 from ortilo_drake.theory.arrivals.arrivals import Model, check_rate, never_seen, pattern_probabilities
-from ortilo_drake.theory.arrivals.expected_riccati import TRANSLATION, solve_coupled, vehicle_model
+from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, solve_coupled, vehicle_model
 from ortilo_drake.theory.arrivals.markov_riccati import (
     ArrivalChain,
     average_over_modes,
     markov_translation_lower_bound,
 )
-
-_TRANSLATION_STATES = np.isin(np.arange(N_X), TRANSLATION)
+from ortilo_drake.theory.riccati.riccati import solve
 
 
 class ArrivalMap(NamedTuple):
@@ -60,25 +59,33 @@ def diagonals(model: Model, chain: ArrivalChain, start: np.ndarray | None = None
         start: X of a neighbour, if it has as many modes.
     """
     if never_seen(model, chain.probabilities):
-        kept = np.flatnonzero(~_TRANSLATION_STATES)
+        kept = _about_attitude(model)
         A, W, C = model.A[np.ix_(kept, kept)], model.W[np.ix_(kept, kept)], np.ascontiguousarray(model.C[:, kept])
         rest = Model(A, C, W, model.V, model.rows)
-        variances = np.full(N_X, np.inf)
+        variances = np.full(len(model.A), np.inf)
         variances[kept] = np.diag(_always(rest, chain))
-        return _Point(variances, variances.copy(), None)
-    warm = start if start is not None and len(start) == len(chain.T) else None
+        return _Point(variances[:N_X], variances[:N_X].copy(), None)
+    always = _always(model, chain)
+    warm = start if start is not None and len(start) == len(chain.T) else np.repeat(always[None], len(chain.T), axis=0)
     X = solve_coupled(model, chain.probabilities, chain.backward, warm, "expected Riccati equation")
-    lower = np.diag(_always(model, chain)).copy()
+    lower = np.diag(always).copy()
     theory = np.einsum("m,mii->i", chain.stationary, markov_translation_lower_bound(model, chain))
     lower[TRANSLATION] = np.maximum(lower[TRANSLATION], theory)
-    return _Point(np.diag(average_over_modes(chain, X)).copy(), lower, X)
+    return _Point(np.diag(average_over_modes(chain, X))[:N_X].copy(), lower[:N_X], X)
+
+
+def _about_attitude(model: Model) -> np.ndarray:
+    """Return the numbers of attitude, rates and the states beside them that the same rows see: the imu's biases."""
+    about = np.isin(np.arange(len(model.A)), ROTATION)
+    seeing = model.C[:, about].any(axis=1) & ~model.C[:, TRANSLATION].any(axis=1)
+    about |= model.C[seeing].any(axis=0)
+    return np.flatnonzero(about)
 
 
 def _always(model: Model, chain: ArrivalChain) -> np.ndarray:
     """Return the covariance (n, n) if every row that can arrive arrived in every tick."""
     seen = model.rows[chain.probabilities.max(axis=0) > 0.0].any(axis=0)
-    every = model._replace(rows=seen[None])
-    return solve_coupled(every, np.ones((1, 1)), np.ones((1, 1)), None, "Riccati equation")[0]
+    return solve(model.A.T, model.C[seen].T, model.W, model.V[np.ix_(seen, seen)], dual=True)
 
 
 def _grid(
@@ -137,9 +144,14 @@ def riccati_map(
     Raises:
         InputError: if a rate lies outside [0, 1], or W or V is no covariance.
     """
+    return rate_map(vehicle_model(W, V, h, C), rates_uwb, rates_camera)
+
+
+def rate_map(model: Model, rates_uwb: Sequence[float], rates_camera: Sequence[float]) -> ArrivalMap:
+    """Return riccati_map of a filter's model, whose patterns are none, uwb, camera and both with all else."""
     uwb = [check_rate(rate, "arrival rate of uwb") for rate in rates_uwb]
     camera = [check_rate(rate, "arrival rate of camera") for rate in rates_camera]
-    return _grid(uwb, camera, vehicle_model(W, V, h, C), independent_chain)
+    return _grid(uwb, camera, model, independent_chain)
 
 
 def burst_map(

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ortilo_drake.model.signals import STATE_NAMES
-from ortilo_drake.studies.arrivals.arrival_map import riccati_map
-from ortilo_drake.theory.arrivals.arrivals import never_seen, pattern_probabilities
+from ortilo_drake.studies.arrivals.arrival_map import rate_map
+from ortilo_drake.studies.loop.hover_loop import HoverLoop
+from ortilo_drake.theory.arrivals.arrivals import Model, check_model, never_seen, pattern_probabilities
 from ortilo_drake.theory.arrivals.critical_rate import CriticalRate, critical_rate
-from ortilo_drake.theory.arrivals.expected_riccati import vehicle_model
+
+PATTERNS = ((False, False), (True, False), (False, True), (True, True))  # of uwb and camera, as arrivals.PATTERN_ROWS
 
 
 @dataclass(frozen=True)
@@ -35,21 +37,35 @@ class ArrivalReport:
     critical_rate: CriticalRate
 
 
-def arrival_report(
-    W: np.ndarray,
-    V: np.ndarray,
-    h: float,
-    rates_uwb: Sequence[float],
-    rates_camera: Sequence[float],
-    C: np.ndarray | None = None,
-) -> ArrivalReport:
-    """Return riccati_map with the classical critical rate.
+def filter_model(loop: HoverLoop, V: np.ndarray) -> Model:
+    """Return the model of a scenario's filter for the bounds: none, uwb, camera and both arrive, with all else.
 
-    Arguments and errors as riccati_map.
+    Args:
+        loop: of the scenario.
+        V: covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
     """
-    grid = riccati_map(W, V, h, rates_uwb, rates_camera, C)
-    model = vehicle_model(W, V, h, C)
-    unseen = never_seen(model, pattern_probabilities(0.0, 0.0))
+    sensors = loop.measurement.sensors
+    patterns = [[uwb if s == "uwb" else camera if s == "camera" else True for s in sensors] for uwb, camera in PATTERNS]
+    return check_model(Model(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(np.array(patterns))))
+
+
+def arrival_report(
+    loop: HoverLoop, V: np.ndarray, rates_uwb: Sequence[float], rates_camera: Sequence[float]
+) -> ArrivalReport:
+    """Return the bounds over the arrival rates per tick of uwb and camera, with the classical critical rate.
+
+    Args:
+        loop: of the scenario.
+        V: covariance of all measurements that the filter gets (p x p).
+        rates_uwb: in [0, 1] (n).
+        rates_camera: in [0, 1] (m).
+
+    Raises:
+        InputError: if a rate lies outside [0, 1], or V is no covariance.
+    """
+    model = filter_model(loop, V)
+    grid = rate_map(model, rates_uwb, rates_camera)
+    unseen = never_seen(model, pattern_probabilities(0.0, 0.0), loop.names)
     return ArrivalReport(
         states=tuple(STATE_NAMES),
         rates_uwb=grid.rows,

@@ -15,10 +15,18 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_X, STATE_NAMES
+from ortilo_drake.model.signals import N_I, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, hover_loop, open_loop
+from ortilo_drake.studies.loop.hover_loop import (
+    HoverLoop,
+    arrivals_of,
+    filter_measurement,
+    filter_V,
+    hover_loop,
+    message_of,
+    open_loop,
+)
 from ortilo_drake.theory.modes.modes import unseen_modes
 
 SETTLED = 1e-13  # relative change of the periodic covariance at which it counts as steady
@@ -44,9 +52,10 @@ class CommandedLoop(NamedTuple):
 
 def schedule(scenario: Scenario) -> np.ndarray:
     """Return delta of each tick of a period (T, s): what is due by the rates of the sensors that fly, nothing lost."""
-    sensors = scenario.measurement.sensors
+    measurement = filter_measurement(scenario)
+    sensors = [message_of(s) for s in measurement.sensors]
     every = [scenario.every(s) if s in scenario.sensors else 1 for s in sensors]
-    there = arrivals_of(scenario.sensors, scenario.measurement)
+    there = arrivals_of(scenario.sensors, measurement)
     T = math.lcm(*every)
     return np.array([[there[s] * (k % every[s] == 0) for s in range(len(sensors))] for k in range(T)])
 
@@ -98,9 +107,9 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
     Raises:
         InputError: naming the modes of the vehicle that the sensors leave unseen.
     """
-    loop = hover_loop(scenario)
+    loop, V = hover_loop(scenario), filter_V(scenario, V)
     deltas = schedule(scenario) if deltas is None else deltas
-    unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(np.any(deltas, axis=0))], STATE_NAMES)
+    unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(np.any(deltas, axis=0))], loop.names)
     if unseen:
         states = ", ".join(f"eigenvalue {mode.eigenvalue.real:g} of {' '.join(mode.states)}" for mode in unseen)
         raise InputError(f"sensors: {', '.join(scenario.sensors) or 'none'}: leave unseen {states}")
@@ -113,12 +122,13 @@ def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
 
 def _noise(loop: HoverLoop, K: np.ndarray, delta: np.ndarray, V: np.ndarray) -> np.ndarray:
     """Return the covariance (27 x 27) of n = [w; K Delta v; -E v], without the last with the integrator 'estimate'."""
-    from_v = np.zeros((N_LOOP, len(V)))
-    from_v[N_X : 2 * N_X] = K @ loop.measurement.arrival_matrix(delta)
+    world, hats = list(loop.world), loop.hats
+    from_v = np.zeros((hats.stop + N_I, len(V)))
+    from_v[hats] = K @ loop.measurement.arrival_matrix(delta)
     if loop.integrator != "estimate":
-        from_v[2 * N_X :] = -loop.measurement.selection_matrix(delta)
+        from_v[hats.stop :] = -loop.measurement.selection_matrix(delta)
     N = from_v @ V @ from_v.T
-    N[:N_X, :N_X] += loop.W
+    N[: len(world), : len(world)] += loop.W[np.ix_(world, world)]
     return N
 
 

@@ -6,6 +6,7 @@ from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle, mixing_inverse, mixing_matrix
+from ortilo_drake.onboard.estimator.extra_states import D
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.linearize import PARTS, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, heading_ahead, with_one_lag
@@ -33,10 +34,11 @@ def rotors_and_plant_matrices(vehicle: Vehicle, lag: str) -> tuple[np.ndarray, n
 
 
 def servo_matrix(scenario: Scenario) -> np.ndarray:
-    """Return D (4 x 24, or 30 where it is given the true velocities) of the servo at yaw 0 in closed form.
+    """Return D (4 x 24, or more) of the servo at yaw 0 in closed form.
 
     u = -L [xhat - x_ref; i] + u_ff with x_ref = [r, -r_ddot_y / g, r_ddot_x / g, 0, r_dot, 0], u_ff = m r_ddot_z; in
-    the paper's form without x_ref and u_ff.
+    the paper's form without x_ref and u_ff. A force (3) that it is told, and true velocities (6) that it is given, have
+    their columns behind those of estimate and reference.
     """
     loop = hover_loop(scenario)
     by_reference = np.zeros((N_X, REFERENCE_SIZE))
@@ -47,16 +49,19 @@ def servo_matrix(scenario: Scenario) -> np.ndarray:
     if scenario.servo.form == "paper":
         feed[:] = 0.0
     L = loop_gain(loop)
-    return np.hstack([-L[:, N_X:], feed, -L[:, list(loop.true_states)]])
+    by_estimate, integral = L[:, loop.hats], L[:, loop.hats.stop :]
+    told = [loop.names.index(d) for d in D if d in loop.names]
+    true = L[:, list(loop.true_states)]
+    return np.hstack([-by_estimate[:, :N_X], -integral, feed, -by_estimate[:, told], -true])
 
 
 def closed_loop_input(scenario: Scenario, delta: np.ndarray) -> np.ndarray:
     """Return B (27 x 9), from the reference to [x; xhat; i], beside hover_loop.closed_loop_matrix, at yaw 0."""
     loop = hover_loop(scenario)
-    by_control = np.vstack([loop.Gamma, loop.Gamma, np.zeros((N_I, N_U))])
+    by_control = np.vstack([loop.Gamma[list(loop.world)], loop.Gamma, np.zeros((N_I, N_U))])
     B = by_control @ servo_matrix(scenario)[:, N_XBAR : N_XBAR + REFERENCE_SIZE]
-    if loop.integrator != "hold" or delta[:2].any():
-        B[2 * N_X :, :N_I] += np.eye(N_I)
+    if loop.integrator != "hold" or (delta * loop.measurement.layout.is_position).any():
+        B[loop.hats.stop :, :N_I] += np.eye(N_I)
     return B
 
 

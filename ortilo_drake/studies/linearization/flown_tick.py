@@ -7,24 +7,25 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.extra_states import ACCELEROMETER
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import ConstantNoise, Disturbance, HoverPlanner, Imu, Link, Scenario, Uwb, World
 from ortilo_drake.studies.linearization.operating_point import heading_ahead
-from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
+from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_V, hover_loop
 
 
 class FlownTick(NamedTuple):
     """The matrix of one tick of the flying diagram, and the closed form.
 
     Attributes:
-        A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} (27 x 27).
-        expected: closed_loop_matrix with the gain of that tick (27 x 27).
-        K: the filter's gain in that tick (12 x 9).
-        delta: the arrivals in it (3).
+        A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} (27 x 27, or more with a filter that has more states).
+        expected: closed_loop_matrix with the gain of that tick (likewise).
+        K: the filter's gain in that tick (N x p).
+        delta: the arrivals in it (s).
         gain_change: change of P over a period of the sensors, relative to its largest entry.
     """
 
@@ -43,7 +44,8 @@ class FlownTick(NamedTuple):
 def without_noise(scenario: Scenario) -> Scenario:
     """Return the scenario hovering on the linear vehicle with exact uwb and imu, no other sensor, and no loss.
 
-    A faster imu sends one sample a tick here: the mean of a tick's samples follows the closed form to first order only.
+    No message is late, so 'ignore' does what any estimator.delay would. A faster imu sends one sample a tick here: the
+    mean of a tick's samples follows the closed form to first order only.
     """
     imu_rate = None if scenario.samples("imu") > 1 else scenario.imu.link.rate
     start = tuple(start_of(planned(scenario)).tolist())
@@ -54,6 +56,7 @@ def without_noise(scenario: Scenario) -> Scenario:
         "imu": Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0, link=Link(rate=imu_rate)),
         "command_link": type(scenario.command_link)(),
         "planner": HoverPlanner(kind="hover", point=start),
+        "estimator": scenario.estimator.model_copy(update={"delay": "ignore"}),
     }
     return heading_ahead(scenario).model_copy(update=changes)
 
@@ -71,7 +74,7 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
             sensors; the arrivals in it decide which matrix it is.
 
     Raises:
-        InputError: if the tick is too early, or the scenario's filter has states beside [x; i].
+        InputError: if the tick is too early.
     """
     ideal = without_noise(scenario)
     h, period = ideal.h, int(np.lcm(ideal.every("uwb"), ideal.every("imu")))
@@ -81,42 +84,70 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     diagram.SetHovering(context)
-    kalman = _plant_and_filter(diagram)[1]
-    belief = kalman.GetMyContextFromRoot(context).get_discrete_state(0)
+    kalman, loop = _systems(diagram)[1], hover_loop(ideal)
+    n = len(loop.names) + N_I
+
+    def covariance() -> np.ndarray:
+        state = kalman.GetMyContextFromRoot(context).get_discrete_state()
+        return np.array(state.value(state.num_groups() - 1)[n:]).reshape(n, n)
+
     simulator.AdvanceTo(max(tick - period - 0.5, 0.0) * h)
-    P_before = belief.value()[N_XBAR:].copy()
+    P_before = covariance()
     simulator.AdvanceTo((tick - 0.5) * h)
     context.SetTime(tick * h)  # nothing changes between two ticks
-    P = kalman.GetMyContextFromRoot(context).get_discrete_state(0).value()[N_XBAR:].copy()
+    P = covariance()
 
     onboard = diagram.GetSubsystemByName("onboard")
     delta, V2 = (onboard.GetOutputPort(name).Eval(onboard.GetMyContextFromRoot(context)) for name in ("delta", "V2"))
-    loop = hover_loop(ideal)
-    integrator = INTEGRATORS[ideal.estimator.integrator]
-    K = filter_gain(P.reshape(N_XBAR, N_XBAR), delta, V2, loop.Phi, integrator, ideal.measurement.layout)[:N_X]
+    if ACCELEROMETER in loop.measurement.sensors:
+        delta = np.append(delta, delta[loop.measurement.sensors.index("imu")])
+        V2 = np.append(V2, filter_V(ideal, np.zeros((0, 0))))
+    integrator, extra = INTEGRATORS[loop.integrator], tuple(range(N_X, len(loop.names)))
+    K = filter_gain(P, delta, V2, loop.Phi, integrator, loop.measurement.layout, extra)[: len(loop.names)]
     expected = closed_loop_matrix(loop, K, delta)
     gain_change = float(np.max(np.abs(P - P_before)) / np.max(np.abs(P)))
-    return FlownTick(_matrix_of_tick(diagram, context), expected, K, delta, gain_change)
+    return FlownTick(_matrix_of_tick(diagram, context, len(loop.world), n), expected, K, delta, gain_change)
 
 
-def _plant_and_filter(diagram: Any) -> tuple[Any, Any]:
-    """Return the plant and the Kalman filter of a closed loop of any scalar type."""
+def _systems(diagram: Any) -> tuple[Any, Any, Any, Any]:
+    """Return plant, Kalman filter and the holds of control and disturbance of a closed loop of any scalar type."""
     onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
     kalman = onboard.GetSubsystemByName("estimator").GetSubsystemByName("kalman_filter")
-    return world.GetSubsystemByName("quadrotor"), kalman
+    return world.GetSubsystemByName("quadrotor"), kalman, *map(world.GetSubsystemByName, ("hold", "disturbance_hold"))
 
 
-def _matrix_of_tick(diagram: Any, context: Any) -> np.ndarray:
-    """Return [x; xhat; i]_k -> [x; xhat; i]_{k+1} (27 x 27) of a closed loop at the tick of a context."""
+def _matrix_of_tick(diagram: Any, context: Any, world: int, n: int) -> np.ndarray:
+    """Return [x; xhat; i]_k -> [x; xhat; i]_{k+1} of a closed loop at the tick of a context.
+
+    The force f of the step just flown, where x is [x; f], is what the two holds keep: thrust less hover lift, and gust.
+
+    Args:
+        diagram: the closed loop.
+        context: its.
+        world: length of x, 12 or 15.
+        n: length of [xhat; i].
+    """
     diagram_ad = diagram.ToAutoDiffXd()
     context_ad = diagram_ad.CreateDefaultContext()
     context_ad.SetTimeStateAndParametersFrom(context)
-    systems = _plant_and_filter(diagram_ad)
-    contexts = [system.GetMyMutableContextFromRoot(context_ad) for system in systems]
-    states = [ExtractValue(its.get_discrete_state(0).CopyToVector()[:, None])[:, 0] for its in contexts]
-    z: np.ndarray = InitializeAutoDiff(np.concatenate([states[0], states[1][:N_XBAR]])[:, None])[:, 0]
-    contexts[0].SetDiscreteState(z[:N_X])
-    contexts[1].SetDiscreteState(np.concatenate([z[N_X:], states[1][N_XBAR:]]))
-    after = [system.EvalUniquePeriodicDiscreteUpdate(its) for system, its in zip(systems, contexts, strict=True)]
-    rows = np.concatenate([after[0].get_vector(0).CopyToVector(), after[1].get_vector(0).CopyToVector()[:N_XBAR]])
-    return np.asarray(ExtractGradient(rows[:, None]))
+    plant, kalman, *holds = (
+        (system, system.GetMyMutableContextFromRoot(context_ad)) for system in _systems(diagram_ad)
+    )
+    x, belief, control, gust = (
+        ExtractValue(its.get_discrete_state(its.num_discrete_state_groups() - 1).CopyToVector()[:, None])[:, 0]
+        for _, its in (plant, kalman, *holds)
+    )
+    force = gust[:3] + [0.0, 0.0, control[0]]
+    z: np.ndarray = InitializeAutoDiff(np.concatenate([x, force[: world - N_X], belief[:n]])[:, None])[:, 0]
+    plant[1].SetDiscreteState(z[:N_X])
+    kalman[0].set_belief(kalman[1].get_mutable_discrete_state(), np.concatenate([z[world:], belief[n:]]))
+    if world > N_X:
+        holds[0][1].SetDiscreteState(np.concatenate([[z[N_X + 2] - gust[2]], control[1:]]))
+        holds[1][1].SetDiscreteState(np.concatenate([z[N_X : N_X + 2], gust[2:]]))
+    after = [system.EvalUniquePeriodicDiscreteUpdate(its) for system, its in (plant, kalman, *holds)]
+    rows = [after[0].get_vector(0).CopyToVector()]
+    if world > N_X:
+        control, gust = after[2].get_vector(0).CopyToVector(), after[3].get_vector(0).CopyToVector()
+        rows.append(np.concatenate([gust[:2], [control[0] + gust[2]]]))
+    rows.append(after[1].get_vector(after[1].num_groups() - 1).CopyToVector()[:n])
+    return np.asarray(ExtractGradient(np.concatenate(rows)[:, None]))

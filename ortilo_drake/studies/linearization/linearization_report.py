@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ortilo_drake.onboard.servo.lq_gain import augmented_pair
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.closed_forms import agreement
 from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop
@@ -55,8 +56,8 @@ class LinearizationReport:
         sensors: of the scenario.
         agreement: largest differences from the closed forms by part and matrix.
         flown: largest difference of a tick of the flying diagram, by what arrives in it.
-        eigenvalues: the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12) and
-            closed_loop (27), filter and loop with every sensor in every tick.
+        eigenvalues: the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12, or as
+            many as it has states) and closed_loop (27, or more), filter and loop with every sensor in every tick.
         jordan_blocks: eigenvalue and block sizes of the sampled plant.
         uncontrollable_modes: that no control reaches.
         unobservable_states: by subset of the sensors.
@@ -107,6 +108,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     level = heading_ahead(scenario)
     K, delta = frozen_gain(scenario, V)
     Phibar, Gammabar = augmented_pair(scenario.vehicle, scenario.h)
+    Phi, Gamma = loop.Phi[:N_X, :N_X], loop.Gamma[:N_X]  # the vehicle's own
     subsets = sensor_subsets(scenario.sensors)
     uwb, imu = scenario.every("uwb"), scenario.every("imu")
     both = int(np.lcm(uwb, imu)) * 300  # a tick in which both are due; the next of the imu may be without uwb
@@ -114,7 +116,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     eigenvalues = {
         "plant": linearize(level, "plant").A,
         "sampled_plant": linearize(level, "sampled_plant").A,
-        "servo_loop": Phibar - Gammabar @ loop.L,
+        "servo_loop": Phibar - Gammabar @ servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h),
         "filter": loop.Phi - K @ loop.C,
         "closed_loop": linearize(level, "closed_loop", frozen=(K, delta)).A,
     }
@@ -125,12 +127,11 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
         agreement=agreement(scenario),
         flown={name: differentiate_closed_loop(scenario, tick).largest_difference for name, tick in flown.items()},
         eigenvalues={name: _sorted(np.linalg.eigvals(A)) for name, A in eigenvalues.items()},
-        jordan_blocks=[(m.eigenvalue.real, m.blocks) for m in modes(loop.Phi, scale)],
-        uncontrollable_modes=_modes(unreached_modes(loop.Phi, loop.Gamma, radius=0.0, scale=scale)),
+        jordan_blocks=[(m.eigenvalue.real, m.blocks) for m in modes(Phi, scale)],
+        uncontrollable_modes=_modes(unreached_modes(Phi, Gamma, radius=0.0, scale=scale)),
         unobservable_states=unobservable_states(scenario),
         unobservable_modes={
-            name: _modes(unseen_modes(loop.Phi, rows_of(some), radius=0.0, scale=scale))
-            for name, some in subsets.items()
+            name: _modes(unseen_modes(Phi, rows_of(some), radius=0.0, scale=scale)) for name, some in subsets.items()
         },
         gramians=Gramians(
             horizon=horizon,

@@ -13,21 +13,20 @@ from pydrake.systems.framework import Context, Diagram
 from pydrake.systems.primitives import FirstOrderTaylorApproximation, Linearize
 
 from ortilo_drake.diagrams.linear_loop import make_linear_loop, make_rotors_and_plant, make_servo
-from ortilo_drake.model.signals import CONTROL_NAMES, N_I, N_X, REFERENCE_SIZE, STATE_NAMES
+from ortilo_drake.model.signals import CONTROL_NAMES, INTEGRAL_NAMES, N_I, N_X, REFERENCE_SIZE, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import mixing_inverse
+from ortilo_drake.onboard.estimator.extra_states import D
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import resting_integral
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.operating_point import frozen_gain, operating_point, with_one_lag
-from ortilo_drake.studies.loop.hover_loop import N_LOOP
-from ortilo_drake.theory.modes.modes import names_of
+from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import commanded_speeds
 
 PARTS = ("plant", "rotors_and_plant", "sampled_plant", "servo", "closed_loop")
 REFERENCE_NAMES = tuple(f"r_{axis}{dots}" for dots in ("", "_dot", "_ddot") for axis in "xyz")
-LOOP_NAMES = names_of(N_LOOP)
 
 
 class Linearization(NamedTuple):
@@ -91,10 +90,10 @@ def linearize(
     Args:
         scenario: the scenario.
         part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo' or 'closed_loop'. The closed loop is
-            the sampled plant with servo and frozen filter, from the reference to x, state [x; xhat; i].
+            the sampled plant with servo and frozen filter, from the reference to x, state that of hover_loop.
         reference: r, r_dot, r_ddot (9), see reference_at; by default hover at the origin. The heading is the servo's.
         lag: 'up' or 'down': which of the rotors' time constants, see operating_point.py.
-        frozen: K (12 x 9) and delta (3) of the closed loop's filter; by default frozen_gain.
+        frozen: K (N x p) and delta (s) of the closed loop's filter; by default frozen_gain.
 
     Raises:
         InputError: if part or lag is unknown, or if the loop has no gain.
@@ -136,11 +135,12 @@ def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
 
 def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> Linearization:
     diagram = make_servo(scenario)
-    given_truth = scenario.servo.velocities == "truth"
-    names = (*LOOP_NAMES[N_X:], *REFERENCE_NAMES, *STATE_NAMES[6:] * given_truth)
+    given_truth, told_force = scenario.servo.velocities == "truth", scenario.estimator.force != "none"
+    estimate = (*(f"{name}_hat" for name in STATE_NAMES), *INTEGRAL_NAMES)
+    names = (*estimate, *REFERENCE_NAMES, *D * told_force, *STATE_NAMES[6:] * given_truth)
     context = diagram.CreateDefaultContext()
-    velocities = x[6:] if given_truth else x[:0]
-    values = np.concatenate([_resting_estimate(scenario, x), reference, velocities])
+    velocities, force = x[6:] if given_truth else x[:0], np.zeros(3 * told_force)
+    values = np.concatenate([_resting_estimate(scenario, x), reference, force, velocities])
     diagram.get_input_port().FixValue(context, values)
     system = FirstOrderTaylorApproximation(diagram, context)
     return Linearization(system.A(), system.B(), system.C(), system.D(), None, (), names, CONTROL_NAMES)
@@ -149,10 +149,15 @@ def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> L
 def _linear_loop(
     scenario: Scenario, x: np.ndarray, reference: np.ndarray, K: np.ndarray, delta: np.ndarray
 ) -> Linearization:
-    diagram = make_linear_loop(scenario, K, delta)
+    diagram, loop = make_linear_loop(scenario, K, delta), hover_loop(scenario)
     context = diagram.CreateDefaultContext()
-    context.SetDiscreteState(0, x)
-    context.SetDiscreteState(1, _resting_estimate(scenario, x))
+    estimate, extra = _resting_estimate(scenario, x), np.zeros(len(loop.names) - N_X)
+    values = np.concatenate([x, np.zeros(len(loop.world) - N_X), estimate[:N_X], extra, estimate[N_X:]])
+    start, state = 0, context.get_mutable_discrete_state()
+    for k in range(state.num_groups()):
+        end = start + state.value(k).size
+        state.set_value(k, values[start:end])
+        start = end
     diagram.get_input_port().FixValue(context, reference)
     matrices = differentiate_tick(diagram, context)
-    return Linearization(*matrices, scenario.h, LOOP_NAMES, REFERENCE_NAMES, STATE_NAMES)
+    return Linearization(*matrices, scenario.h, loop.state_names, REFERENCE_NAMES, STATE_NAMES)

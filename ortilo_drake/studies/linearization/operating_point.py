@@ -15,7 +15,7 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.studies.linearization.observability import check_sensors
-from ortilo_drake.studies.loop.hover_loop import arrivals_of, hover_loop, steady_predictor
+from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor
 
 LAGS = ("up", "down")
 # Stand-ins for a position sensor whose covariance comes with each fix: the variances printed in the paper [m^2].
@@ -86,7 +86,9 @@ def believed_V(scenario: Scenario) -> np.ndarray:
 
 
 def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (12 x p) of the steady predictor with every sensor of the scenario in every tick, and delta (s).
+    """Return K (N x p) of the steady predictor with every sensor of the scenario in every tick, and delta (s).
+
+    Both are over the rows that the filter gets, see hover_loop.filter_measurement.
 
     Args:
         scenario: the scenario.
@@ -96,10 +98,11 @@ def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.nda
         InputError: naming the modes that the sensors do not see.
     """
     check_sensors(scenario)
-    loop, delta = hover_loop(scenario), arrivals_of(scenario.sensors, scenario.measurement)
-    V = believed_V(scenario) if V is None else V
-    rows = scenario.measurement.by_row(delta) > 0.0
-    K = np.zeros((N_X, len(rows)))
+    loop = hover_loop(scenario)
+    delta = arrivals_of(scenario.sensors, loop.measurement)
+    V = filter_V(scenario, believed_V(scenario) if V is None else V)
+    rows = loop.measurement.by_row(delta) > 0.0
+    K = np.zeros((len(loop.names), len(rows)))
     K[:, rows], _ = steady_predictor(loop.Phi, loop.C[rows], loop.W, V[np.ix_(rows, rows)])
     return K, delta
 

@@ -1,42 +1,47 @@
 """The flying loop at hover as matrices. All linear studies use these.
 
 All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
-the filter's prediction of it, and the integral of the position error.
+the filter's prediction of it, and the integral of the position error. A filter that estimates more, [x; e] (N), makes
+it [x; f; xhat; ehat; i]: of the states e the world has those that control and gusts drive, which is the force f of the
+step just flown. The others, lasting force and biases, are zero in it: the filter reckons with what is not there.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import block_diag, solve_discrete_are
 
-from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.parts import measurement_of
-from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
+from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_U, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.filter_model import process_noise
+from ortilo_drake.model.vehicle import GRAVITY, Vehicle
+from ortilo_drake.onboard.estimator.extra_states import ACCELEROMETER, B, D, F, augmented_rows, extra_states, names_of
+from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
+from ortilo_drake.theory.modes.staircase import tick_scaling
 
-N_LOOP = N_X + N_XBAR
 VELOCITIES = tuple(range(N_X // 2, N_X))  # numbers of the states that are velocities or Euler rates
 
 
 class HoverLoop(NamedTuple):
-    """The matrices of a scenario's vehicle, filter and servo at hover.
+    """The matrices of a scenario's vehicle, filter and servo at hover; N is 12 for the paper's filter.
 
     Attributes:
-        Phi: x_{k+1} = Phi x_k + Gamma u_k + w_k (12 x 12).
-        Gamma: (12 x 4).
-        C: y = C x + v (p x 12).
-        W: covariance of w as the filter believes it (12 x 12), of rank 6 where it follows from the disturbance.
-        L: servo gain, u = -L [xhat; i], or as loop_gain has it (4 x 15).
+        Phi: what the filter believes, [x; e]_{k+1} = Phi [x; e]_k + Gamma u_k + w_k (N x N).
+        Gamma: (N x 4).
+        C: y = C [x; e] + v (p x N).
+        W: covariance of w as the filter believes it (N x N), of rank 6 where it follows from the disturbance.
+        L: servo gain, u = -L [xhat; ehat; i], or as loop_gain has it (4 x N + 3).
         h: tick [s].
         integrator: 'literal', 'hold' or 'estimate'.
         true_states: numbers of the states that the servo gets from the truth in place of the estimate; VELOCITIES in
             the paper's scenarios.
         measurement: the sensors and their rows of C.
+        names: of the filter's states (N).
+        world: numbers of those that the world has (M).
     """
 
     Phi: np.ndarray
@@ -48,27 +53,85 @@ class HoverLoop(NamedTuple):
     integrator: str
     true_states: tuple[int, ...]
     measurement: Measurement
+    names: tuple[str, ...]
+    world: tuple[int, ...]
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the whole loop's states: the world's, the filter's with a hat, the integrals."""
+        return (*(self.names[k] for k in self.world), *(f"{name}_hat" for name in self.names), *INTEGRAL_NAMES)
+
+    @property
+    def units(self) -> np.ndarray:
+        """Units of the filter's states in which Phi's entries are about 1, see tick_scaling (N)."""
+        units = np.concatenate([tick_scaling(self.h), np.ones(len(self.names) - N_X)])
+        for j, name in enumerate(self.names[N_X:], N_X):
+            if name in (*D, *F):
+                units[j] = 1.0 / (self.h * self.Phi[VELOCITIES[0], self.names.index(D[0])])
+            elif name in B:
+                units[j] = 1.0 / self.h**2
+            else:  # a bias is in the unit of what its row measures
+                seen = self.C[np.flatnonzero(self.C[:, j])[0], :N_X]
+                units[j] = units[np.argmax(np.abs(seen))]
+        return units
+
+    @property
+    def hats(self) -> slice:
+        """Where the filter's states stand in the whole loop's."""
+        return slice(len(self.world), len(self.world) + len(self.names))
 
 
-def check_filter(scenario: Scenario) -> None:
-    """Raise an InputError unless the filter's states are the paper's, which is what the linear studies know."""
-    force = getattr(scenario.estimator, "force", "none")
-    if force != "none":
-        raise InputError(
-            f"estimator.force: {force}: must be none here: the linear studies know the paper's filter alone"
-        )
+def filter_measurement(scenario: Scenario) -> Measurement:
+    """Return the rows that the filter of a scenario gets, over its states, with the accelerometer's if it takes them.
+
+    They are over the vehicle's twelve states alone where it has no others.
+    """
+    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h)
+    return augmented_rows(scenario.measurement.rows, extras) if extras else scenario.measurement
+
+
+def filter_V(scenario: Scenario, V: np.ndarray) -> np.ndarray:
+    """Return V of filter_measurement from that of the scenario's own measurement (p x p)."""
+    settings = scenario.estimator
+    if settings.force != "measured":
+        return V
+    return np.asarray(block_diag(V, np.diag(settings.V.specific_force) / scenario.samples("imu")))
+
+
+def force_gain(L: np.ndarray, vehicle: Vehicle) -> np.ndarray:
+    """Return the columns (4 x 3) by which the servo counters a disturbance force, u = -L_d d, at yaw 0.
+
+    The servo aims at the roll d_y / (m g) and the pitch -d_x / (m g), and feeds -d_z forward (lq_servo.py).
+    """
+    L_d, weight = np.zeros((N_U, 3)), vehicle.mass * GRAVITY
+    L_d[:, 0], L_d[:, 1] = L[:, 4] / weight, -L[:, 3] / weight
+    L_d[0, 2] = 1.0
+    return L_d
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:
-    """Return the loop of a scenario; InputError if it has no servo gain, or if its filter estimates a force."""
-    check_filter(scenario)
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
-    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    """Return the loop of a scenario; InputError if it has no servo gain."""
+    settings, vehicle, h = scenario.estimator, scenario.vehicle, scenario.h
+    extras = extra_states(settings, vehicle, h)
+    model = augmented_model(settings, vehicle, settings.integrator, h, extras)
+    measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))
+    L = servo_gain(vehicle, scenario.servo.weights, h)
+    if extras:
+        L_e = np.zeros((N_U, len(names) - N_X))
+        L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle)
+        L = np.hstack([L[:, :N_X], L_e, L[:, N_X:]])
     true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
-    measurement = scenario.measurement
-    integrator = scenario.estimator.integrator
-    return HoverLoop(Phi, Gamma, measurement.layout.C, W, L, scenario.h, integrator, true_states, measurement)
+    driven = names_of(tuple(e for e in extras if e.Gamma.any() or e.Gamma_d.any()))
+    world = tuple(k for k, name in enumerate(names) if k < N_X or name in driven)
+    return HoverLoop(
+        model.Phi, model.Gamma, measurement.layout.C, model.W, L, h, settings.integrator, true_states, measurement,
+        names, world,
+    )  # fmt: skip
+
+
+def message_of(sensor: str) -> str:
+    """Return the sensor whose message brings the rows of a sensor: the imu's brings the accelerometer's."""
+    return "imu" if sensor == ACCELEROMETER else sensor
 
 
 def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None) -> np.ndarray:
@@ -77,7 +140,7 @@ def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None
     unknown = set(sensors) - set(measurement.sensors)
     if unknown:
         raise InputError(f"sensors: {', '.join(sorted(unknown))}: must be among {', '.join(measurement.sensors)}")
-    return np.array([float(s in sensors) for s in measurement.sensors])
+    return np.array([float(message_of(s) in sensors) for s in measurement.sensors])
 
 
 def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,12 +155,13 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
 
 
 def loop_gain(loop: HoverLoop) -> np.ndarray:
-    """Return the servo gain on the whole loop's state, u = -L [x; xhat; i] (4 x 27).
+    """Return the servo gain on the whole loop's state, u = -L [x; xhat; i] (4 x 27, or wider).
 
     The columns of the true states stand at x, all others at xhat.
     """
-    at_xhat, of_integral = loop.L[:, :N_X].copy(), loop.L[:, N_X:]
-    at_x = np.zeros_like(at_xhat)
+    N = len(loop.names)
+    at_xhat, of_integral = loop.L[:, :N].copy(), loop.L[:, N:]
+    at_x = np.zeros((N_U, len(loop.world)))
     true = list(loop.true_states)
     at_x[:, true], at_xhat[:, true] = at_xhat[:, true], 0.0
     return np.hstack([at_x, at_xhat, of_integral])
@@ -113,26 +177,29 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
         xhat_{k+1} = Phi xhat - Gamma v + K Delta C (x - xhat)
         i_{k+1}    = i - E C x, or i - p_hat with the integrator 'estimate'  (paper, equations of servo and filter)
 
-    Where all states are true the integral takes the true position.
+    Where all states are true the integral takes the true position. With a filter that estimates more, x stands for the
+    states that the world has, and their rows and columns of Phi, Gamma and C.
 
     Args:
         loop: the matrices at hover.
-        K: predictor gain (12 x p) at full size; columns of sensors that did not arrive are ignored.
+        K: predictor gain (N x p) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals (s).
     """
-    Phi, Gamma, L = loop.Phi, loop.Gamma, loop_gain(loop)
-    KDC, EC = K @ loop.measurement.arrival_matrix(delta) @ loop.C, loop.measurement.selection_matrix(delta) @ loop.C
-    p, none, eye = np.eye(N_I, N_X), np.zeros((N_I, N_X)), np.eye(N_I)
-    no_x, no_i = np.zeros((N_X, N_X)), np.zeros((N_X, N_I))
+    Phi, Gamma, L, world = loop.Phi, loop.Gamma, loop_gain(loop), list(loop.world)
+    N, M = len(loop.names), len(world)
+    C = loop.C[:, world]
+    KD, EC = K @ loop.measurement.arrival_matrix(delta), loop.measurement.selection_matrix(delta) @ C
+    eye, none = np.eye(N_I), np.zeros((N_I, N))
     if len(loop.true_states) == N_X:
-        i_rows = [-p, none, eye]
+        i_rows = [-np.eye(N_I, M), none, eye]
     elif loop.integrator == "estimate":
-        i_rows = [none, -p, eye]
+        i_rows = [np.zeros((N_I, M)), -np.eye(N_I, N), eye]
     else:
         i_rows = [-EC, none, eye]
-    A = np.block([[Phi, no_x, no_i], [KDC, Phi - KDC, no_i], i_rows])
-    A[N_X : 2 * N_X] -= Gamma @ L
-    B = np.vstack([Gamma, np.zeros((N_XBAR, N_U))])
+    x_rows = [Phi[np.ix_(world, world)], np.zeros((M, N)), np.zeros((M, N_I))]
+    A = np.block([x_rows, [KD @ C, Phi - KD @ loop.C, np.zeros((N, N_I))], i_rows])
+    A[loop.hats] -= Gamma @ L
+    B = np.vstack([Gamma[world], np.zeros((N + N_I, N_U))])
     return OpenLoop(A, B, L)
 
 

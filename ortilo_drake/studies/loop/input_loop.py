@@ -3,14 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_sylvester
 
-from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, STATE_NAMES
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows
-from ortilo_drake.studies.loop.hover_loop import N_LOOP, HoverLoop, arrivals_of, open_loop
+from ortilo_drake.studies.loop.hover_loop import HoverLoop, arrivals_of, open_loop
 from ortilo_drake.theory.margins.loop_response import OpenLoop
-from ortilo_drake.theory.modes.modes import unseen_modes
+from ortilo_drake.theory.modes.modes import STATE_SHARE, unseen_modes
+from ortilo_drake.theory.modes.staircase import rescale, unobservable_subspace
 from ortilo_drake.theory.riccati.riccati import solve
 
 
@@ -28,12 +28,12 @@ class InputLoop(NamedTuple):
     names: tuple[str, ...]
 
 
-def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the steady predictor's gain K (12 x p) of the rows of C, and the names of the states that are not seen.
+def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, units: np.ndarray) -> np.ndarray:
+    """Return the steady predictor's gain K (N x p) of the rows of C.
 
-    The covariance of unseen modes grows without bound, yet the gain has a limit. Split the state as x = [s; l], s seen
-    and l lost, with Phi = [[Phi_s, 0], [Phi_ls, Phi_l]] and C = [C_s, 0]. P_s solves s's own Riccati equation. The
-    covariance between l and s has the limit
+    The covariance of unseen modes may grow without bound, yet the gain has a limit. Let T = [T_s, T_l] be orthogonal,
+    T_l a basis of the unobservable subspace: x = T [s; l], s seen and l lost, T^T Phi T = [[Phi_s, 0], [Phi_ls, Phi_l]]
+    and C T = [C_s, 0]. P_s solves s's own Riccati equation. The covariance between l and s has the limit
 
         P_ls = Phi_l P_ls F^T + Phi_ls P_s F^T + W_ls,   F = Phi_s - K_s C_s,
 
@@ -41,32 +41,35 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) ->
     K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T + V)^-1.
 
     Args:
-        Phi: (12 x 12).
-        C: (p x 12), the rows that arrive.
-        W: (12 x 12).
+        Phi: (N x N).
+        C: (p x N), the rows that arrive.
+        W: (N x N).
         V: (p x p).
+        units: of the states, in which to tell what is seen (N).
 
     Raises:
-        InputError: if the unseen modes are not whole states, or the seen part's equation is ill-posed.
+        InputError: if nothing is seen, or the seen part's equation is ill-posed.
     """
-    lost_names = {name for mode in unseen_modes(Phi, C, STATE_NAMES) for name in mode.states}
-    l = np.array([name in lost_names for name in STATE_NAMES])  # noqa: E741 - the letter of the equations
-    s = ~l
-    if not s.any() or Phi[np.ix_(s, l)].any() or C[:, l].any():
-        raise InputError("margins: the modes that no sensor sees are not apart from the others")
-    names = tuple(np.array(STATE_NAMES)[s])
-    Phi_s, Phi_ls, Phi_l, C_s = Phi[np.ix_(s, s)], Phi[np.ix_(l, s)], Phi[np.ix_(l, l)], C[:, s]
-    P_s = solve(Phi_s.T, C_s.T, W[np.ix_(s, s)], V, names=names, dual=True)
-    S = C_s @ P_s @ C_s.T + V
-    K = np.zeros((N_X, len(C)))
-    K[s] = np.linalg.solve(S, C_s @ P_s @ Phi_s.T).T
-    if l.any():
-        F = Phi_s - K[s] @ C_s
-        # Phi_l P F^T - P = -(Phi_ls P_s F^T + W_ls), a Sylvester equation in Phi_l P - P F^-T after F^-T on the right.
-        F_inverse = np.linalg.inv(F.T)
-        P_ls = solve_sylvester(Phi_l, -F_inverse, -(Phi_ls @ P_s @ F.T + W[np.ix_(l, s)]) @ F_inverse)
-        K[l] = np.linalg.solve(S, C_s @ (Phi_ls @ P_s + Phi_l @ P_ls).T).T
-    return K, tuple(name for name in STATE_NAMES if name in lost_names)
+    Phi, C, W = Phi * units / units[:, None], C * units, W / np.outer(units, units)
+    hidden = unobservable_subspace(*rescale(Phi, C, None))
+    seen, lost = len(Phi) - hidden.shape[1], hidden.shape[1]
+    if not seen:
+        raise InputError("margins: no sensor sees any state")
+    is_hidden = np.linalg.norm(hidden, axis=1) > STATE_SHARE
+    if is_hidden.sum() == lost:  # whole states: then by their order alone, which keeps zeros what they are
+        T = np.eye(len(Phi))[:, np.argsort(is_hidden, kind="stable")]
+    else:
+        T = np.roll(np.linalg.svd(hidden)[0], -lost, axis=1)
+    Phi, C, W = T.T @ Phi @ T, C @ T, T.T @ W @ T
+    s, l = slice(seen), slice(seen, None)  # noqa: E741 - the letter of the equations
+    P_s = solve(Phi[s, s].T, C[:, s].T, W[s, s], V, dual=True)
+    S = C[:, s] @ P_s @ C[:, s].T + V
+    K_s = np.linalg.solve(S, C[:, s] @ P_s @ Phi[s, s].T).T
+    F = Phi[s, s] - K_s @ C[:, s]
+    driven = Phi[l, s] @ P_s @ F.T + W[l, s]
+    P_ls = np.linalg.solve(np.eye(driven.size) - np.kron(Phi[l, l], F), driven.ravel()).reshape(driven.shape)
+    K_l = np.linalg.solve(S, C[:, s] @ (Phi[l, s] @ P_s + Phi[l, l] @ P_ls).T).T
+    return np.asarray(units[:, None] * (T @ np.vstack([K_s, K_l])))
 
 
 def input_loop(
@@ -74,29 +77,40 @@ def input_loop(
 ) -> InputLoop:
     """Return the loop at the plant's input with the steady predictor of those sensors, each in every tick.
 
-    It is hover_loop.open_loop without the states that no sensor sees.
+    It is hover_loop.open_loop without the states that no sensor sees, and without those that nothing drives, such as
+    the integral where there is no fix.
 
     Args:
         hover: the scenario's matrices; its own true_states are not used.
-        V: covariance of all measurements (p x p).
+        V: covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
         sensors: which sensors arrive.
         true_states: numbers of the states that the servo has from the truth; VELOCITIES for the paper's scenarios,
             all twelve for full state feedback, whose integral then follows the true position.
+
+    Raises:
+        InputError: if the unseen modes are not whole states, or the filter's equation is ill-posed.
     """
     hover = hover._replace(true_states=true_states)
     delta = arrivals_of(sensors, hover.measurement)
     rows, V = arrived_rows(sensors, V, hover.measurement)
-    K = np.zeros((N_X, len(hover.C)))
-    K[:, rows], unseen = steady_gain(hover.Phi, hover.C[rows], hover.W, V)
-    lost = tuple(name for name in unseen if STATE_NAMES.index(name) not in true_states)
+    world, names = np.array(hover.world), hover.state_names
+    lost = _lost_states(hover.Phi[np.ix_(world, world)], hover.C[rows][:, world], names[: len(world)])
+    K = np.zeros((len(hover.names), len(hover.C)))
+    K[:, rows] = steady_gain(hover.Phi, hover.C[rows], hover.W, V, hover.units)
+    lost = tuple(name for name in lost if names.index(name) not in true_states)
     whole = open_loop(hover, K, delta)
-    names = (*STATE_NAMES, *(f"{name}^" for name in STATE_NAMES), *INTEGRAL_NAMES)
-    keep = [k for k, name in enumerate(names) if name not in lost]
+    holds_still = (np.eye(len(names)) == whole.A).all(axis=1) & ~whole.B.any(axis=1)  # nothing drives it
+    keep = [k for k, name in enumerate(names) if name not in lost and not holds_still[k]]
     if len(true_states) == N_X:  # the servo then uses nothing of the filter
-        keep = [*range(N_X), *range(2 * N_X, N_LOOP)]
-    elif (
-        hover.integrator != "estimate" and not (delta * hover.measurement.layout.is_position).any()
-    ):  # no fix: the integral holds still
-        keep = [k for k in keep if k < 2 * N_X]
+        keep = [*range(N_X), *range(hover.hats.stop, len(names))]
     kept = OpenLoop(whole.A[np.ix_(keep, keep)], whole.B[keep], whole.C[:, keep])
     return InputLoop(kept, lost, tuple(names[k] for k in keep))
+
+
+def _lost_states(Phi: np.ndarray, C: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the states that no sensor sees, in their order; InputError if they are not whole states."""
+    hidden = {name for mode in unseen_modes(Phi, C, names) for name in mode.states}
+    is_lost = np.array([name in hidden for name in names])
+    if is_lost.all() or Phi[np.ix_(~is_lost, is_lost)].any() or C[:, is_lost].any():
+        raise InputError("margins: the modes that no sensor sees are not apart from the others")
+    return tuple(name for name in names if name in hidden)

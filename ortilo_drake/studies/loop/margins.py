@@ -13,7 +13,7 @@ import numpy as np
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, hover_loop
+from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, filter_V, hover_loop, message_of
 from ortilo_drake.studies.loop.input_loop import InputLoop, input_loop
 from ortilo_drake.theory.margins.loop_margins import (
     SILENT,
@@ -24,20 +24,22 @@ from ortilo_drake.theory.margins.loop_margins import (
 )
 from ortilo_drake.theory.margins.loop_response import LOWEST, closed, one_channel, response, spectral_radius
 
+STILL = 1e-9  # a closed loop's radius this near 1 is 1: what drifts drifts on
+
 
 @dataclass(frozen=True)
 class LoopMargins:
     """One loop's margins.
 
     Attributes:
-        spectral_radius: of the closed loop.
+        spectral_radius: of the closed loop; None where the filter has no steady gain.
         lost: states that no sensor sees.
-        channels: by control, None where nothing is fed back; None for an unstable loop.
-        joint: of all controls at once; None for an unstable loop.
-        note: in words, what is lost or unstable; None if nothing is.
+        channels: by control, None where nothing is fed back; None for a loop that is not stable.
+        joint: of all controls at once; None for a loop that is not stable.
+        note: in words, what is lost or not stable; None if nothing is.
     """
 
-    spectral_radius: float
+    spectral_radius: float | None
     lost: tuple[str, ...]
     channels: dict[str, ChannelMargins | None] | None
     joint: JointMargins | None
@@ -66,7 +68,7 @@ def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> LoopMargins:
     loop = inner.loop
     radius = spectral_radius(closed(loop))
     lost = tuple(inner.lost)
-    if not radius < 1.0:
+    if not radius < 1.0 - STILL:
         note = f"the closed loop is not stable (radius {radius:.6g}): it has no margins"
         return LoopMargins(radius, lost, None, None, note)
     L = response(loop, np.geomspace(LOWEST, math.pi, 40))
@@ -78,17 +80,29 @@ def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> LoopMargins:
     return LoopMargins(radius, lost, channels, joint_margins(loop, h, R), _explain(inner, silent))
 
 
-def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop]:
-    """Return the loops of a scenario: nominal, each sensor lost, all position sensors lost, and with true states."""
-    known = hover.measurement.sensors
+def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop | LoopMargins]:
+    """Return the loops of a scenario: nominal, each sensor lost, all position sensors lost, and with true states.
+
+    A loop with a sensor lost whose filter has no steady gain is LoopMargins that say why.
+    """
+    known = [s for s in hover.measurement.sensors if message_of(s) == s]
     present = tuple(s for s in known if s in sensors)
     if not present:
         raise InputError(f"sensors: none: margins need at least one of {', '.join(known)}")
-    losses = {"nominal": present} | {f"without {lost}": tuple(s for s in present if s != lost) for lost in present}
-    fixes = [s for s, it_is in zip(known, hover.measurement.layout.is_position, strict=True) if it_is and s in present]
+    lost: dict[str, tuple[str, ...]] = {f"without {s}": (s,) for s in present}
+    is_position = dict(zip(hover.measurement.sensors, hover.measurement.layout.is_position, strict=True))
+    fixes = tuple(s for s in present if is_position[s])
     if len(fixes) > 1:
-        losses[f"without {' and '.join(fixes)}"] = tuple(s for s in present if s not in fixes)
-    loops = {name: input_loop(hover, V, left) for name, left in losses.items() if left}
+        lost[f"without {' and '.join(fixes)}"] = fixes
+    loops: dict[str, InputLoop | LoopMargins] = {"nominal": input_loop(hover, V, present)}
+    for name, these in lost.items():
+        left = tuple(s for s in present if s not in these)
+        if not left:
+            continue
+        try:
+            loops[name] = input_loop(hover, V, left)
+        except InputError:
+            loops[name] = LoopMargins(None, (), None, None, "the filter has no steady gain with these sensors")
     loops["true velocities"] = input_loop(hover, V, present, VELOCITIES)
     loops["full state"] = input_loop(hover, V, present, tuple(range(N_X)))
     return loops
@@ -107,4 +121,8 @@ def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, LoopMargins]:
     """
     hover = hover_loop(scenario)
     R = np.array(scenario.servo.weights.control)
-    return {name: loop_margins(inner, hover.h, R) for name, inner in loops_by_case(hover, V, scenario.sensors).items()}
+    loops = loops_by_case(hover, filter_V(scenario, V), scenario.sensors)
+    return {
+        name: inner if isinstance(inner, LoopMargins) else loop_margins(inner, hover.h, R)
+        for name, inner in loops.items()
+    }

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ortilo_drake.model.signals import STATE_NAMES, XBAR_NAMES
+from ortilo_drake.model.signals import XBAR_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
-from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.theory.riccati.riccati import RAW, by_drake, solve
 from ortilo_drake.theory.riccati.riccati_check import RiccatiCheck, assess
 from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, SolverOutcomes, solver_outcomes
@@ -60,7 +60,7 @@ def servo_dare(scenario: Scenario) -> Dare:
 
 
 def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> Dare:
-    """Return Phi^T, C^T, W, V of the filter's equation (12 states) with some of the sensors.
+    """Return Phi^T, C^T, W, V of the filter's equation (12 states, or all that it has) with some of the sensors.
 
     Args:
         scenario: the scenario.
@@ -70,8 +70,8 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
     Raises:
         InputError: as arrived_rows.
     """
-    rows, V = arrived_rows(sensors, V, scenario.measurement)
     loop = hover_loop(scenario)
+    rows, V = arrived_rows(sensors, filter_V(scenario, V), loop.measurement)
     return loop.Phi.T, loop.C[rows].T, loop.W, V
 
 
@@ -112,7 +112,7 @@ def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.n
     """Return four_solutions of the 'servo' and the 'filter'; arguments and errors as filter_dare."""
     return {
         "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
-        "filter": four_solutions(filter_dare(scenario, sensors, V), STATE_NAMES, dual=True),
+        "filter": four_solutions(filter_dare(scenario, sensors, V), hover_loop(scenario).names, dual=True),
     }
 
 
@@ -124,11 +124,12 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> RiccatiReport:
         V: covariance of all measurements (p x p), positive definite.
     """
     filters: dict[str, Solutions | IllPosed] = {}
+    names = hover_loop(scenario).names
     for name, sensors in reversed(sensor_subsets(scenario.sensors).items()):
         if not sensors:
             continue
         try:
-            filters[name] = four_solutions(filter_dare(scenario, sensors, V), STATE_NAMES, dual=True)
+            filters[name] = four_solutions(filter_dare(scenario, sensors, V), names, dual=True)
         except InputError as error:
             if not str(error).startswith("Riccati equation"):
                 raise

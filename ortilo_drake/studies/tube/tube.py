@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.filter_model import initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
@@ -98,6 +99,8 @@ def deviations(
     if scenario.servo.velocities == "truth":
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")
     loop = hover_loop(scenario)
+    if len(loop.names) != N_X:
+        raise InputError(f"estimator.force: {scenario.estimator.force}: must be none: the tube is the paper's filter's")
     x_ref, u_ff = nominal.x_ref, nominal.u_ff
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])

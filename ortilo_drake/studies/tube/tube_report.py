@@ -45,6 +45,8 @@ Step = Callable[[str, int, int], None]
 
 def why_no_tube(scenario: Scenario) -> str | None:
     """Return why a scenario's tube has no maps, None if it has."""
+    if scenario.estimator.force != "none":
+        return "the filter estimates more than the vehicle's states, and the tube is that of the paper's filter"
     if len(set(scenario.sensors) - {"imu"}) < 2:
         return "its maps are over the arrival rates of two sensors beside the imu, and both must fly"
     if scenario.servo.velocities == "truth":

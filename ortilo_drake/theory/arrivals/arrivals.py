@@ -82,16 +82,17 @@ def check_model(model: Model) -> Model:
     return Model(A, C, W, V, rows)
 
 
-def never_seen(model: Model, probabilities: np.ndarray) -> list[Mode]:
+def never_seen(model: Model, probabilities: np.ndarray, names: tuple[str, ...] | None = None) -> list[Mode]:
     """Return the modes of A with |eigenvalue| >= 1 that no pattern of positive probability sees.
 
     Args:
         model: the model.
         probabilities: of the patterns (P), or of the patterns in each mode of a chain (M, P).
+        names: of the states (n).
     """
     possible = np.atleast_2d(probabilities).max(axis=0) > 0.0
     seen = model.rows[possible].any(axis=0)
-    return unseen_modes(model.A, model.C * seen[:, None])
+    return unseen_modes(model.A, model.C * seen[:, None], names)
 
 
 def check_arrivals(model: Model, probabilities: np.ndarray, what: str) -> None:

@@ -24,7 +24,7 @@ TOLERANCE = 1e-9  # relative to the variances, of the fixed point itself and not
 MOST_ITERATIONS = 200_000
 
 TRANSLATION = np.array([0, 1, 2, 6, 7, 8])  # position and velocity among the twelve states
-ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates
+ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates; a filter may estimate more behind the twelve
 
 
 def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None = None) -> Model:
@@ -129,10 +129,11 @@ def coupled_lower_bound(A: np.ndarray, W: np.ndarray, missed: np.ndarray, backwa
 def translation_noise(W: np.ndarray) -> np.ndarray:
     """Return W_t = W_tt - W_tr W_rr^+ W_rt (6 x 6): the noise of position and velocity once that of the rest is known.
 
-    Who knows attitude and rates exactly knows their noise, and by it what of the position's comes with it. Where W has
-    no such cross terms this is W_tt.
+    The rest is attitude, rates and what else a filter estimates. Who knows it exactly knows its noise, and by it what
+    of the position's comes with it. Where W has no such cross terms this is W_tt.
     """
-    W_tr, W_rr = W[np.ix_(TRANSLATION, ROTATION)], W[np.ix_(ROTATION, ROTATION)]
+    rest = np.setdiff1d(np.arange(len(W)), TRANSLATION)
+    W_tr, W_rr = W[np.ix_(TRANSLATION, rest)], W[np.ix_(rest, rest)]
     W_t = W[np.ix_(TRANSLATION, TRANSLATION)] - W_tr @ np.linalg.pinv(W_rr, rcond=1e-12, hermitian=True) @ W_tr.T
     return np.asarray((W_t + W_t.T) / 2.0)
 
