@@ -17,6 +17,8 @@ PYTEST_ARGS ?=
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
 LONG := notebook or training or real_time or processes or video or long
+# Containers often forbid Python to keep its bytecode: then each process compiles 1,600 modules anew, for three seconds.
+unexport PYTHONDONTWRITEBYTECODE
 # What recorded flights the real-data test reads, where they lie beside the checkout.
 ifneq ($(wildcard ../shared/data),)
 export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
