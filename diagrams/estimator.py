@@ -64,7 +64,7 @@ class IntermittentEstimator(Diagram):
         about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
 
         builder = DiagramBuilder()
-        extras = extra_states(settings, scenario.vehicle, h)
+        extras = extra_states(settings, scenario.vehicle, h, scenario.flown_rows)
         model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras)
         P_0, hover_thrust = initial_covariance(settings, extras), scenario.vehicle.hover_thrust
         arguments = model, augmented_rows(measurement.rows, extras), hover_thrust, xbar_0, P_0, h

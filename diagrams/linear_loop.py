@@ -75,7 +75,8 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
     xhat is [xhat; ehat] (N) where the filter estimates more than the vehicle's states; a lift that tilts is none to
     first order. Ports: input [y (p); u (4); reference (9)], output [xhat; i] (N + 3).
     """
-    vehicle, extras = scenario.vehicle, extra_states(scenario.estimator, scenario.vehicle, scenario.h)
+    vehicle = scenario.vehicle
+    extras = extra_states(scenario.estimator, vehicle, scenario.h, scenario.flown_rows)
     model = augmented_model(scenario.estimator, vehicle, scenario.estimator.integrator, scenario.h, extras)
     measurement = augmented_rows(scenario.measurement.rows, extras)
     Delta, E, p = measurement.arrival_matrix(delta), measurement.selection_matrix(delta), measurement.sizes["y"]
@@ -115,7 +116,7 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
         K: predictor gain (N x p) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals (s).
     """
-    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h)
+    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows)
     measurement, names = augmented_rows(scenario.measurement.rows, extras), (*STATE_NAMES, *names_of(extras))
     N, rows = len(names), measurement.arrival_matrix(delta) @ measurement.layout.C
     builder = DiagramBuilder()

@@ -135,6 +135,11 @@ class Belief(Frozen):
         return tuple(sensor for sensor in self.sensors if sensor not in SENSORS)
 
     @property
+    def flown_rows(self) -> tuple[str, ...]:
+        """Names of the rows of y that sensors that fly have."""
+        return tuple(row.name for sensor, rows in self.measurement.rows if sensor in self.sensors for row in rows)
+
+    @property
     def measurement(self) -> Measurement:
         """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly.
 

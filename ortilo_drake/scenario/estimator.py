@@ -10,13 +10,15 @@ from ortilo_drake.scenario.onboard import Gate, PositiveVec3
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
 
 
-def _as_pairs(gates: dict[str, float]) -> tuple[tuple[str, float], ...]:
+def _as_pairs(mapping: dict[str, float]) -> tuple[tuple[str, float], ...]:
     """Return a mapping as sorted pairs, by which a frozen model has a hash."""
-    return tuple(sorted(gates.items()))
+    return tuple(sorted(mapping.items()))
 
 
-# A mapping in a file, kept as pairs (sensor, probability): dict(gates) is the mapping again.
-Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), PlainSerializer(dict, return_type=dict[str, float])]
+# Mappings in a file, kept as pairs such as (sensor, probability): dict(gates) is the mapping again.
+_AsDict = PlainSerializer(dict, return_type=dict[str, float])
+Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), _AsDict]
+RowSds = Annotated[dict[str, Positive], AfterValidator(_as_pairs), _AsDict]
 
 
 class Noise(Frozen):
@@ -70,17 +72,22 @@ class DiagonalW(Frozen):
 
 
 class Walks(Frozen):
-    """How the force and the accelerometer's bias vary: random walks that begin about 0, see estimator.force.
+    """How force, torque and the accelerometer's bias vary: random walks that begin about 0, see estimator.force.
 
     Attributes:
         force_sd: standard deviation of the disturbance force per axis at first [N].
         force_rate: of its change, times the square root of the time that it takes [N/s^(1/2)].
+        torque_sd: of the disturbance torque in B at first [N m], such as of a centre of gravity that is off; 0 has the
+            filter estimate none.
+        torque_rate: of its change, likewise [N m/s^(1/2)].
         accelerometer_sd: of the bias of the specific force per axis at first [m/s^2].
         accelerometer_rate: of its change, likewise [m/s^(5/2)].
     """
 
     force_sd: NonNegativeFloat = 1.5
     force_rate: NonNegativeFloat = 0.011
+    torque_sd: NonNegativeFloat = 0.0
+    torque_rate: NonNegativeFloat = 0.0001
     accelerometer_sd: NonNegativeFloat = 0.2
     accelerometer_rate: NonNegativeFloat = 0.0005
 
@@ -95,18 +102,22 @@ class Biases(Frozen):
         camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
         level_sd: of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force.
         yaw_sd: of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'.
+        row_sd: of any other row of y by its name, such as {z_alt: 0.02} [its unit]: what a sensor of one's own errs by.
         uwb_time: correlation time of the uwb fixes' bias [s], about as long as the same anchors are near.
         camera_time: of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view.
         imu_time: of the imu's biases [s].
+        row_time: of those in row_sd [s].
     """
 
     uwb_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
     camera_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
     level_sd: NonNegativeFloat = 0.0
     yaw_sd: NonNegativeFloat = 0.0
+    row_sd: RowSds = Field(default={}, validate_default=True)
     uwb_time: Positive = 20.0
     camera_time: Positive = 20.0
     imu_time: Positive = 300.0
+    row_time: Positive = 20.0
 
 
 class IntermittentFilter(Frozen):

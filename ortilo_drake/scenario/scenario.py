@@ -16,6 +16,7 @@ from ortilo_drake.scenario.sensors import Camera, Imu, Uwb
 from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.scenario.world import World
 
+BIAS_SDS = ("uwb_sd", "camera_sd", "level_sd", "yaw_sd", "row_sd")
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
@@ -113,10 +114,18 @@ class Scenario(Belief):
     @model_validator(mode="after")
     def _biases_with_a_force(self) -> "Scenario":
         if getattr(self.estimator, "force", None) == "none":
-            for name in ("uwb_sd", "camera_sd", "level_sd", "yaw_sd"):
-                sd = getattr(self.estimator.biases, name)
+            own = {f"biases.{name}": getattr(self.estimator.biases, name) for name in BIAS_SDS}
+            for name, sd in (own | {"walks.torque_sd": self.estimator.walks.torque_sd}).items():
                 if any(sd) if isinstance(sd, tuple) else sd:
-                    raise ValueError(f"estimator.biases.{name}: {sd}: must be 0 with force none, the paper's filter")
+                    raise ValueError(f"estimator.{name}: {sd}: must be 0 with force none, the paper's filter")
+        return self
+
+    @model_validator(mode="after")
+    def _biased_rows_are_known(self) -> "Scenario":
+        known = [r.name for s in known_sensors() if s not in SENSORS and (own := find_sensor(s)) for r in own.rows]
+        for name in dict(getattr(getattr(self.estimator, "biases", None), "row_sd", ())):
+            if name not in known:
+                raise ValueError(f"estimator.biases.row_sd.{name}: must be a row of a sensor beside {SENSORS}: {known}")
         return self
 
     @model_validator(mode="after")

@@ -15,6 +15,7 @@ from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tuning.noise_settings import noise_model
 from ortilo_drake.world.truth import set_vehicle
@@ -111,6 +112,58 @@ class Listening(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         d = self.GetInputPort("force").Eval(context)
         output.SetFromVector([26.487 - d[2], 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("force", ["thrust", "measured"])
+def test_a_centre_of_gravity_that_is_off_is_a_torque_that_the_filter_learns(force: str) -> None:
+    """The lift of a body whose centre of gravity is at r turns it by [-r_y, r_x] f_T, and f_T is m g in hover."""
+    r = np.array([0.01, -0.004])
+    torque = "estimator.walks.torque_sd=0.3"
+    scenario = hovering(force, f"truth.vehicle.center_of_gravity={r.tolist()}", torque)
+    diagram = make_closed_loop(scenario)
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(8.0)
+    context, estimator = simulator.get_context(), diagram.GetSubsystemByName("onboard").GetSubsystemByName("estimator")
+    value, sd = np.split(estimator.GetOutputPort("extra").Eval(estimator.GetMyContextFromRoot(context)), 2)
+    first = 9 if force == "measured" else 3
+    found, expected = value[first : first + 3], scenario.vehicle.hover_thrust * np.array([-r[1], r[0], 0.0])
+    assert np.all(np.abs(found - expected) < 4.0 * sd[first : first + 3])
+    assert np.all(sd[first : first + 3] < 0.01)
+
+
+def test_of_an_unknown_torque_the_attitude_is_wrong_unless_it_is_a_state() -> None:
+    def tilt_error(*settings: str) -> float:
+        flight = fly(hovering("measured", "truth.vehicle.center_of_gravity=[0.002, 0.0]", *settings))
+        error = (flight["estimate"].values[:, :6] - flight["truth"].values[:, :6])[90:, 4]
+        return float(np.sqrt(np.mean(error**2)))
+
+    assert tilt_error() > 0.05  # three degrees, of two millimetres
+    assert tilt_error("estimator.walks.torque_sd=0.3") < 0.005
+
+
+def test_what_a_sensor_of_ones_own_errs_by_is_a_state() -> None:
+    """An altimeter reads 20 cm too high: the fixes by uwb tell, and the height is right."""
+    settings = ("sensors=[uwb, imu, altimeter]", "truth.sensors.altimeter.bias=[0.2]", "planner.duration=30")
+
+    def height_error(*more: str) -> float:
+        flight = fly(hovering("measured", *settings, *more))
+        return float(np.mean(flight["estimate"].values[600:, 2] - flight["truth"].values[600:, 2]))
+
+    assert height_error() > 0.05
+    assert abs(height_error("estimator.biases.row_sd={z_alt: 0.2}")) < 0.02
+
+
+def test_of_a_sensor_that_does_not_fly_there_is_no_bias() -> None:
+    flying, grounded = (hover_loop(load_scenario("realistic_altimeter", s)) for s in ((), ("sensors=[uwb, imu]",)))
+    assert set(flying.names) - set(grounded.names) == {"bias_z_alt"}
+    assert "bias_x_cam" not in flying.names
+
+
+def test_a_bias_of_a_row_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match=r"estimator.biases.row_sd.z_al: must be a row of a sensor beside .*z_alt"):
+        hovering("measured", "estimator.biases.row_sd={z_al: 0.05}")
+    with pytest.raises(InputError, match=r"estimator.walks.torque_sd: 0.1: must be 0 with force none"):
+        hovering("none", "estimator.walks.torque_sd=0.1")
 
 
 @pytest.mark.parametrize("force", ["none", "thrust"])

@@ -10,6 +10,7 @@ from ortilo_drake.studies.paper_tables.tables import PAPER
 
 WRONG = (
     "truth.vehicle.mass_factor=1.1",
+    "truth.vehicle.center_of_gravity=[0.007, -0.007]",  # a centimetre
     "truth.force.mean=[0.0, 0.5, 0.0]",
     "truth.imu.level=[0.0087, 0.0087]",  # half a degree
     "truth.imu.yaw=0.035",  # two degrees

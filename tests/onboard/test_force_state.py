@@ -35,7 +35,7 @@ PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
 _, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
 FORCES = ("thrust", "measured")
-ALL = (*FORCES, "biases")  # the last is 'measured' with biases of both fixes and the yaw
+ALL = (*FORCES, "biases")  # the last is 'measured' with the torque, and biases of both fixes and the yaw
 BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, level_sd=0.01, yaw_sd=0.03, imu_time=300.0)
 V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) * 3, "accelerometer": (0.05,) * 3}
 
@@ -43,7 +43,8 @@ V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) 
 def made(force: str, **settings: object) -> tuple[IntermittentFilter, tuple[Extra, ...], FilterModel, Measurement]:
     """Settings, extra states, model and measurement of a filter."""
     if force == "biases":
-        force, settings = "measured", {"biases": BIASES, **settings}
+        walks = Walks(torque_sd=0.3, torque_rate=0.0007)
+        force, settings = "measured", {"biases": BIASES, "walks": walks, **settings}
     its = IntermittentFilter(force=force, **settings)
     extras = extra_states(its, M100, H)
     return its, extras, augmented_model(its, M100, its.integrator, H, extras), augmented_rows(PAPER, extras)
@@ -63,7 +64,8 @@ def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Phi, Gamma, W over [x; e] and C of all four sensors, written down here once more.
 
     d' = d + w_d; x' = Phi x + Gamma u + Gamma_d (d + w); f' = d + f_T e_z + w; b' = b + w_b; y_a = f / m + b;
-    s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera; beta' = e^(-h/300) beta + w, rpy_imu = rpy + beta.
+    n' = n + w_n, of which x' takes Gamma_n n; s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera;
+    beta' = e^(-h/300) beta + w, rpy_imu = rpy + beta.
     """
     o, eye, e_z = np.zeros((3, 3)), np.eye(3), np.eye(3, 4, k=0)[[1, 2, 0]] * [[0.0], [0.0], [1.0]]
     G, Q = GAMMA_D[:, :3], np.diag([0.27**2] * 3 + [0.005**2] * 3)
@@ -83,10 +85,13 @@ def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     if force == "biases":
         keeps = np.exp(-H / np.repeat([20.0, 300.0], [6, 3]))
         sd = np.array([0.05, 0.05, 0.12, 0.08, 0.08, 0.08, 0.01, 0.01, 0.03])
-        Phi, W = block_diag(Phi, np.diag(keeps)), block_diag(W, np.diag(sd**2 * (1.0 - keeps**2)))
-        Gamma = np.vstack([Gamma, np.zeros((9, 4))])
-        sees = np.eye(12, 9)
-        C = np.hstack([C, sees])
+        Phi, W = (
+            block_diag(Phi, eye, np.diag(keeps)),
+            block_diag(W, (0.0007**2 * H) * eye, np.diag(sd**2 * (1.0 - keeps**2))),
+        )
+        Phi[:12, 21:24] = GAMMA_D[:, 3:]
+        Gamma = np.vstack([Gamma, np.zeros((12, 4))])
+        C = np.hstack([C, np.zeros((12, 3)), np.eye(12, 9)])
     return Phi, Gamma, W, C
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
-from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop
+from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, without_noise
 from ortilo_drake.studies.linearization.linearization_report import linearization_report
 from ortilo_drake.studies.linearization.linearize import PARTS
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
@@ -52,9 +52,10 @@ def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, .
 
 
 @pytest.mark.parametrize("name", ["robust_imu_uwb", "robust_imu_uwb_yolo", "realistic_flow"])
-def test_so_they_are_with_biases_as_states(name: str) -> None:
-    tick = differentiate_closed_loop(load_scenario(name, ("truth={}",)), 300)
-    loop = hover_loop(load_scenario(name))
+def test_so_they_are_with_torque_and_biases_as_states(name: str) -> None:
+    tick = differentiate_closed_loop(load_scenario(name), 300)
+    loop = hover_loop(without_noise(load_scenario(name)))
+    assert set(loop.names) >= {"n_x", "bias_z_uwb"}
     assert len(tick.A) == len(loop.state_names) == 15 + len(loop.names) + 3
     assert tick.largest_difference < 1e-12
 

@@ -10,9 +10,15 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.loop.hover_loop import hover_loop, steady_predictor
-from ortilo_drake.studies.loop.riccati_report import filter_dare, riccati_report, servo_and_filter_dares, servo_dare
+from ortilo_drake.studies.loop.riccati_report import (
+    Unsolved,
+    filter_dare,
+    riccati_report,
+    servo_and_filter_dares,
+    servo_dare,
+)
 from ortilo_drake.theory.modes.modes import unreached_modes, unseen_modes
 from ortilo_drake.theory.riccati.riccati import RAW, SOLVERS, gain, solve
 from ortilo_drake.theory.riccati.riccati_check import assess
@@ -244,6 +250,18 @@ def test_report_is_json_and_names_what_no_sensor_sees():
     assert "psi, psi_dot" in report.filter["uwb+camera"].error
     radii = [report.filter[s]["doubling"].residual for s in ("uwb+camera+imu", "camera+imu", "uwb+imu")]
     assert max(radii) < 1e-12
+
+
+def test_what_drake_refuses_twice_is_a_note_and_ends_nothing():
+    """With errors that last for minutes and one sensor, Drake takes the filter's equation for one without solution."""
+    scenario = load_scenario("robust_imu_uwb_yolo")
+    rows = [len(scenario.measurement.C_of(s)) for s in scenario.measurement.sensors]
+    V = np.diag(np.repeat([1e-3, 1e-3, 1e-4], rows))
+    found = riccati_report(scenario, V).filter
+    assert max(abs(found["uwb+camera+imu"][s].residual) for s in ("scipy", "doubling", "recursion")) < 1e-11
+    unsolved = [f["drake"] for f in found.values() if isinstance(f, dict) and isinstance(f["drake"], Unsolved)]
+    assert unsolved
+    assert all("also with 1e-10 I added" in f.note for f in unsolved)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,12 @@ rows of K stay as they are.
     d     disturbance force in W [N]: x_{k+1} takes Gamma_d d_k, Gamma_d = (h^2/2, h)/m on position and velocity
     f     'measured' only: force of the step just flown less the hover lift, f_{k+1} = d_k + f_T e_z + w [N], w the new
           part of the disturbance force that W holds
+    n     disturbance torque in B [N m], such as a centre of gravity that is off makes: x_{k+1} takes its columns of
+          Gamma_d; only where walks.torque_sd is not 0
     b     'measured' only: bias of the accelerometer [m/s^2]; its rows are f/m + b, see specific_force.py
     s     errors of a fix that last [m], one process for each kind of fix: its rows are p + s. What the filter averages
           as if it were noise otherwise, such as the survey's error, stays in the covariance of p this way
-    beta  bias of the imu's roll, pitch or yaw [rad]: psi_imu = psi + beta
+    beta  bias of the imu's roll, pitch or yaw [rad]: psi_imu = psi + beta; likewise of any row of a sensor of one's own
 """
 
 from typing import NamedTuple
@@ -29,8 +31,9 @@ from ortilo_drake.scenario import Biases, Walks
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 ACCELEROMETER = "accelerometer"  # the sensor whose rows the filter makes of the imu's specific force
-D, F, B = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfb")
+D, F, B, N = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfbn")
 _A = tuple(f"a_{axis}" for axis in "xyz")  # its rows
+PAPERS_ROWS = tuple(row.name for row in (*UWB, *CAMERA, *IMU))
 
 
 Sees = tuple[tuple[str, str, float], ...]  # (row, state, coefficient)
@@ -94,6 +97,13 @@ def _force(walks: Walks, vehicle: Vehicle, h: float) -> Extra:
     return _slow(D, Walk(walks.force_sd, walks.force_rate * np.sqrt(h)), (), Gamma_d[:, :3])
 
 
+def _torque(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
+    if walks.torque_sd == 0.0:
+        return []
+    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+    return [_slow(N, Walk(walks.torque_sd, walks.torque_rate * np.sqrt(h)), (), Gamma_d[:, 3:])]
+
+
 def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
     e_z = np.zeros((3, N_U))
     e_z[2, 0] = 1.0
@@ -101,23 +111,35 @@ def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
     return [f, _slow(B, Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h)), _each(_A, B))]
 
 
-def _biases(biases: Biases, h: float) -> list[Extra]:
-    found = []
+def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
     sds = (*biases.uwb_sd, *biases.camera_sd, biases.level_sd, biases.level_sd, biases.yaw_sd)
     times = [biases.uwb_time] * 3 + [biases.camera_time] * 3 + [biases.imu_time] * 3
-    for row, sd, time in zip((*UWB, *CAMERA, *IMU), sds, times, strict=True):
-        if sd > 0.0:
-            own = (f"bias_{row.name}",)
-            found.append(_slow(own, gauss_markov(sd, time, h), _each((row.name,), own)))
+    rows = [(row.name, sd, time) for row, sd, time in zip((*UWB, *CAMERA, *IMU), sds, times, strict=True)]
+    rows += [(name, sd, biases.row_time) for name, sd in dict(biases.row_sd).items()]
+    found = []
+    for name, sd, time in rows:
+        if sd > 0.0 and name in flown:
+            own = (f"bias_{name}",)
+            found.append(_slow(own, gauss_markov(sd, time, h), _each((name,), own)))
     return found
 
 
-def extra_states(settings: FilterSettings, vehicle: Vehicle, h: float) -> tuple[Extra, ...]:
-    """Return the extra states of a scenario's filter, in their order in xbar: the force comes first."""
+def extra_states(
+    settings: FilterSettings, vehicle: Vehicle, h: float, flown: tuple[str, ...] = PAPERS_ROWS
+) -> tuple[Extra, ...]:
+    """Return the extra states of a scenario's filter, in their order in xbar: the force comes first.
+
+    Args:
+        settings: of the filter.
+        vehicle: as it is believed to be.
+        h: tick [s].
+        flown: names of the rows of y that may come; of others there is no bias.
+    """
     if settings.force == "none":
         return ()
     measured = _accelerometer(settings.walks, vehicle, h) if settings.force == "measured" else []
-    return (_force(settings.walks, vehicle, h), *measured, *_biases(settings.biases, h))
+    torque = _torque(settings.walks, vehicle, h)
+    return (_force(settings.walks, vehicle, h), *measured, *torque, *_biases(settings.biases, h, flown))
 
 
 def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:

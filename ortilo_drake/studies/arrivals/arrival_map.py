@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -51,21 +52,26 @@ def diagonals(model: Model, chain: ArrivalChain, start: np.ndarray | None = None
 
     Upper: the fixed point of the (coupled) expected Riccati equation. Lower: for position and velocity the larger of
     THEORY's bound and that of the rest; for the rest the covariance if whatever can arrive always arrived.
-    Where position is never seen its variances and those of velocity are inf, and attitude stands by itself.
+    Where position is never seen its variances and those of velocity are inf, and attitude stands by itself; inf too
+    where the imu's own biases are states and nothing else sees it.
 
     Args:
         model: from expected_riccati.vehicle_model.
         chain: over arrivals.PATTERN_ROWS.
         start: X of a neighbour, if it has as many modes.
     """
+    everywhere = np.full(N_X, np.inf)
     if never_seen(model, chain.probabilities):
         kept = _about_attitude(model)
         A, W, C = model.A[np.ix_(kept, kept)], model.W[np.ix_(kept, kept)], np.ascontiguousarray(model.C[:, kept])
-        rest = Model(A, C, W, model.V, model.rows)
         variances = np.full(len(model.A), np.inf)
-        variances[kept] = np.diag(_always(rest, chain))
+        with suppress(InputError):  # told from the imu's biases by their slow decay alone: as good as never seen
+            variances[kept] = np.diag(_always(Model(A, C, W, model.V, model.rows), chain))
         return _Point(variances[:N_X], variances[:N_X].copy(), None)
-    always = _always(model, chain)
+    try:
+        always = _always(model, chain)
+    except InputError:  # likewise
+        return _Point(everywhere, everywhere.copy(), None)
     warm = start if start is not None and len(start) == len(chain.T) else np.repeat(always[None], len(chain.T), axis=0)
     X = solve_coupled(model, chain.probabilities, chain.backward, warm, "expected Riccati equation")
     lower = np.diag(always).copy()
@@ -75,11 +81,11 @@ def diagonals(model: Model, chain: ArrivalChain, start: np.ndarray | None = None
 
 
 def _about_attitude(model: Model) -> np.ndarray:
-    """Return the numbers of attitude, rates and the states beside them that the same rows see: the imu's biases."""
+    """Return the numbers of attitude, rates, what drives them and what their rows see: torque and the imu's biases."""
     about = np.isin(np.arange(len(model.A)), ROTATION)
+    about |= model.A[about].any(axis=0)
     seeing = model.C[:, about].any(axis=1) & ~model.C[:, TRANSLATION].any(axis=1)
-    about |= model.C[seeing].any(axis=0)
-    return np.flatnonzero(about)
+    return np.flatnonzero(about | model.C[seeing].any(axis=0))
 
 
 def _always(model: Model, chain: ArrivalChain) -> np.ndarray:

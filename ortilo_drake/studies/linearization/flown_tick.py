@@ -13,7 +13,7 @@ from ortilo_drake.onboard.estimator.extra_states import ACCELEROMETER
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.planner.planned import planned, start_of
-from ortilo_drake.scenario import ConstantNoise, Disturbance, HoverPlanner, Imu, Link, Scenario, Uwb, World
+from ortilo_drake.scenario import ConstantNoise, Disturbance, HoverPlanner, Imu, Link, Scenario, Truth, Uwb, World
 from ortilo_drake.studies.linearization.operating_point import heading_ahead
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_V, hover_loop
 
@@ -42,7 +42,7 @@ class FlownTick(NamedTuple):
 
 
 def without_noise(scenario: Scenario) -> Scenario:
-    """Return the scenario hovering on the linear vehicle with exact uwb and imu, no other sensor, and no loss.
+    """Return the scenario hovering on the linear vehicle as believed, with exact uwb and imu, no other sensor, no loss.
 
     No message is late, so 'ignore' does what any estimator.delay would. A faster imu sends one sample a tick here: the
     mean of a tick's samples follows the closed form to first order only.
@@ -57,6 +57,7 @@ def without_noise(scenario: Scenario) -> Scenario:
         "command_link": type(scenario.command_link)(),
         "planner": HoverPlanner(kind="hover", point=start),
         "estimator": scenario.estimator.model_copy(update={"delay": "ignore"}),
+        "truth": Truth(),
     }
     return heading_ahead(scenario).model_copy(update=changes)
 

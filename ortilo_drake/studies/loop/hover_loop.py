@@ -66,8 +66,11 @@ class HoverLoop(NamedTuple):
         """Units of the filter's states in which Phi's entries are about 1, see tick_scaling (N)."""
         units = np.concatenate([tick_scaling(self.h), np.ones(len(self.names) - N_X)])
         for j, name in enumerate(self.names[N_X:], N_X):
-            if name in (*D, *F):
-                units[j] = 1.0 / (self.h * self.Phi[VELOCITIES[0], self.names.index(D[0])])
+            drives = np.abs(self.Phi[:N_X, j])
+            if drives.any():
+                units[j] = np.min(units[:N_X][drives > 0.0] / drives[drives > 0.0])
+            elif name in F:
+                units[j] = units[self.names.index(D[F.index(name)])]
             elif name in B:
                 units[j] = 1.0 / self.h**2
             else:  # a bias is in the unit of what its row measures
@@ -86,7 +89,7 @@ def filter_measurement(scenario: Scenario) -> Measurement:
 
     They are over the vehicle's twelve states alone where it has no others.
     """
-    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h)
+    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows)
     return augmented_rows(scenario.measurement.rows, extras) if extras else scenario.measurement
 
 
@@ -112,7 +115,7 @@ def force_gain(L: np.ndarray, vehicle: Vehicle) -> np.ndarray:
 def hover_loop(scenario: Scenario) -> HoverLoop:
     """Return the loop of a scenario; InputError if it has no servo gain."""
     settings, vehicle, h = scenario.estimator, scenario.vehicle, scenario.h
-    extras = extra_states(settings, vehicle, h)
+    extras = extra_states(settings, vehicle, h, scenario.flown_rows)
     model = augmented_model(settings, vehicle, settings.integrator, h, extras)
     measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))
     L = servo_gain(vehicle, scenario.servo.weights, h)

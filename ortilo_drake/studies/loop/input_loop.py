@@ -50,8 +50,7 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
     Raises:
         InputError: if nothing is seen, or the seen part's equation is ill-posed.
     """
-    Phi, C, W = Phi * units / units[:, None], C * units, W / np.outer(units, units)
-    hidden = unobservable_subspace(*rescale(Phi, C, None))
+    hidden = np.linalg.qr(units[:, None] * unobservable_subspace(*rescale(Phi, C, units)))[0]
     seen, lost = len(Phi) - hidden.shape[1], hidden.shape[1]
     if not seen:
         raise InputError("margins: no sensor sees any state")
@@ -62,14 +61,15 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
         T = np.roll(np.linalg.svd(hidden)[0], -lost, axis=1)
     Phi, C, W = T.T @ Phi @ T, C @ T, T.T @ W @ T
     s, l = slice(seen), slice(seen, None)  # noqa: E741 - the letter of the equations
-    P_s = solve(Phi[s, s].T, C[:, s].T, W[s, s], V, dual=True)
+    names = tuple(f"combination {k}" for k in range(seen))
+    P_s = solve(Phi[s, s].T, C[:, s].T, W[s, s], V, names=names, dual=True)
     S = C[:, s] @ P_s @ C[:, s].T + V
     K_s = np.linalg.solve(S, C[:, s] @ P_s @ Phi[s, s].T).T
     F = Phi[s, s] - K_s @ C[:, s]
     driven = Phi[l, s] @ P_s @ F.T + W[l, s]
     P_ls = np.linalg.solve(np.eye(driven.size) - np.kron(Phi[l, l], F), driven.ravel()).reshape(driven.shape)
     K_l = np.linalg.solve(S, C[:, s] @ (Phi[l, s] @ P_s + Phi[l, l] @ P_ls).T).T
-    return np.asarray(units[:, None] * (T @ np.vstack([K_s, K_l])))
+    return np.asarray(T @ np.vstack([K_s, K_l]))
 
 
 def input_loop(

@@ -78,7 +78,8 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
 def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
     """Return the quality of each solver's X.
 
-    Drake refuses a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so. Its
+    Drake refuses a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so, or
+    that it refuses that too, as with errors that last for minutes, which it takes for no decay at all. Its
     residual is that of the equation as posed, so the residual shows the effect.
 
     Raises:
@@ -93,8 +94,11 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
         except InputError as error:
             notes[solver] = str(error)
     if "drake" in notes:
-        solutions["drake"] = by_drake(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R)
-        notes["drake"] = f"Drake refuses the semidefinite weight of the states; solved with {DRAKE_LIFT:g} I added"
+        try:
+            solutions["drake"] = by_drake(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R)
+            notes["drake"] = f"Drake refuses the semidefinite weight of the states; solved with {DRAKE_LIFT:g} I added"
+        except (SystemExit, RuntimeError):
+            notes["drake"] = f"Drake refuses the equation also with {DRAKE_LIFT:g} I added to the weight of the states"
     rows: Solutions = {}
     for solver in RAW:
         if solver not in solutions:
