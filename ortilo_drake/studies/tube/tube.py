@@ -109,7 +109,8 @@ def deviations(
     there = np.broadcast_to(nominal.there, (len(losses), *nominal.there.shape)) if there is None else there
 
     def some(cases: slice) -> tuple[np.ndarray, ...]:
-        arrives, loss = (np.ascontiguousarray(np.moveaxis(part[cases], 0, -1)) for part in (there, losses))
+        # Copies, never read-only: numba would compile the recursion once more for arrays that cannot be written.
+        arrives, loss = (np.array(np.moveaxis(part[cases], 0, -1), order="C") for part in (there, losses))
         found = propagate(
             loop.Phi, loop.Gamma, loop.L, loop.W, nominal.V, arrives, loss, X_0, d, nominal.r, r_servo,
             INTEGRATORS[loop.integrator], layout, 3,
