@@ -9,17 +9,24 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 
+import numpy as np
 from command_line import run
 
 from ortilo_drake.hil.real_time.warm_up import warm_up
+from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
+from ortilo_drake.onboard.estimator.filter_model import filter_model
 from ortilo_drake.scenario import load_scenario, scenario_names
 from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.theory.arrivals.arrival_simulation import draw_independent, simulate
+from ortilo_drake.theory.arrivals.arrivals import Model, check_model
 
 PROJECTED = "camera.kind=projected"
 SHORT = ("--set", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}")
 VARIANTS = (
     ("estimator.delay=replay", "uwb.link.delay=2"),
     ("estimator.delay=drop", "uwb.link.delay=2"),
+    ("estimator.force=thrust",),
+    ("estimator.force=measured",),
     ("command_link.loss={kind: bernoulli, probability: 0.5}",),
     ("world.kinematics=rigid_body",),
 )
@@ -36,10 +43,34 @@ def fly_all() -> None:
         assert run("fly", "imu_uwb", *SHORT, "--log", log, "--out", flight) == 0
         assert run("replay", log) == 0
         assert run("tune", flight, "--out", f"{folder}/tuned.yaml") == 0
+        assert run("fly", "imu_uwb_yolo", "--camera", "projected", *SHORT) == 0  # its floor reads the camera
+    warm_up(load_scenario("imu_uwb_yolo", (PROJECTED, "estimator.force=measured", "estimator.delay=replay")))
+
+
+def step_by_name() -> None:
+    """Call the filter as tests and notebooks do: with named tuples, which are types of their own."""
+    scenario = load_scenario("imu_uwb_yolo", (PROJECTED,))
+    model = filter_model(scenario.estimator, scenario.vehicle, scenario.estimator.integrator, scenario.h)
+    layout, sizes = scenario.measurement.layout, scenario.measurement.sizes
+    belief, y, delta, V2 = (np.zeros(size) for size in (15 + 15 * 15, sizes["y"], sizes["delta"], sizes["V2"]))
+    filter_step(belief, y, delta, V2, np.zeros(4), np.zeros(3), model, layout)
+    P = np.zeros((15, 15))
+    filter_gain(P, delta, V2, model.Phi, model.integrator, layout)
+    P.flags.writeable = False  # as in a flight's data
+    filter_gain(P, delta, V2, model.Phi, model.integrator, layout)
+
+
+def simulate_arrivals() -> None:
+    """Draw arrivals for a state of one number."""
+    one = np.ones((1, 1))
+    model = check_model(Model(one, one, one, one, np.array([[False], [True]])))
+    simulate(model, one, draw_independent(np.array([0.5, 0.5]), 2, 2, seed=0))
 
 
 def analyze_all() -> None:
     """Call the analyses."""
+    step_by_name()
+    simulate_arrivals()
     with tempfile.TemporaryDirectory() as folder:
         assert run("analyze", "imu_uwb", "--flights", "0", "--out", folder) == 0
     predict_tube(load_scenario("imu_uwb_yolo", (PROJECTED,)))
