@@ -5,13 +5,15 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import xarray as xr
-from command_line import end, run_apart, start
+from command_line import run
 from halves_in_processes import HOVER, PROJECTED, WAIT, check_in_time, run_both
+from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.saved_flight import load_flight
@@ -30,19 +32,49 @@ def ip(*words: str) -> None:
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
+PROGRAM = """
+import contextlib, io, json, subprocess, sys
+from command_line import run
+before, ended = json.loads(sys.argv[1]), []
+for command, words in before:
+    if command:
+        subprocess.run(command, shell=True, check=True)
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
+        ended.append((run(*words), errors.getvalue()))
+print(json.dumps(ended))
+"""
+
+
+def run_alone(*steps: tuple[str, tuple[str, ...]]) -> list[tuple[int, str]]:
+    """Run `ortilo` time after time in one process in a network of its own; return exit codes and standard errors.
+
+    Each step is a command of the shell that goes before, if any, and the words of `ortilo`.
+    """
+    done = subprocess.run(
+        ["unshare", "-rn", sys.executable, "-c", PROGRAM, json.dumps(steps)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "COLUMNS": "200", "TERM": "dumb"},
+        capture_output=True,
+        text=True,
+        timeout=HANGS,
+    )
+    assert done.returncode == 0, done.stderr
+    return [(code, errors) for code, errors in json.loads(done.stdout.splitlines()[-1])]
+
+
 def test_on_one_machine_no_route_is_needed_and_else_a_line_names_it(bus: str) -> None:
     if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
         pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
-    alone, up = ("unshare", "-rn"), ("unshare", "-rn", "sh", "-c", f'{MEND}; exec "$@"', "sh")
-    for before, words, said in (
-        (alone, ("--url", bus), f"no multicast (no such device); as root: {MEND}\n"),
-        (up, ("--url", bus), "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
-        (up, ("--url", beyond(bus)), "which `ortilo hil key FILE` makes, or --insecure\n"),
-        (up, ("--url", beyond(bus), "--insecure"), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
-    ):
-        code, _, errors = end(start("hil", "world", "imu_uwb", *HOVER, *words, "--wait", "1", before=before))
+    world = ("hil", "world", "imu_uwb", *HOVER, "--wait", "1")
+    cases = (
+        ("", ("--url", bus), f"no multicast (no such device); as root: {MEND}\n"),
+        (MEND, ("--url", bus), "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
+        ("", ("--url", beyond(bus)), "which `ortilo hil key FILE` makes, or --insecure\n"),
+        ("", ("--url", beyond(bus), "--insecure"), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
+    )
+    ended = run_alone(*((command, (*world, *words)) for command, words, _ in cases))
+    for (code, errors), (*_, said) in zip(ended, cases, strict=True):
         assert code == 2
         assert errors.count("\n") == 1
         assert errors.endswith(said), errors
@@ -82,7 +114,7 @@ SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 
 @pytest.mark.real_time
 def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
-    assert run_apart("hil", "key", str(tmp_path / "key")).code == 0
+    assert run("hil", "key", str(tmp_path / "key")) == 0
     here = ("--url", beyond(bus), "--key", str(tmp_path / "key"), *WAIT)
     words = ("imu_uwb_yolo", *PROJECTED, *HOVER, *here)
     report = tmp_path / "world.json"
