@@ -93,17 +93,17 @@ before = None
 
 def note(summary):
     global before
-    if summary.seed == 9:
+    if summary.seed == 4:
         before = resident()
 
-fly_many(load_scenario("imu_uwb_yolo", tuple(sys.argv[2:])), range(40), Path(sys.argv[1]), progress=note)
+fly_many(load_scenario("imu_uwb_yolo", tuple(sys.argv[2:])), range(20), Path(sys.argv[1]), progress=note)
 print(resident() - before)
 """
 
 
 @pytest.mark.processes
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the memory of a process from /proc/self/statm of Linux")
-def test_thirty_flights_more_take_no_more_memory(tmp_path: Path) -> None:
+def test_fifteen_flights_more_take_no_more_memory(tmp_path: Path) -> None:
     words = [sys.executable, "-c", GROWTH, str(tmp_path), *HOVER, "camera.kind=projected"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert float(done.stdout) < 15.0  # a Diagram for each took 4 MiB each

@@ -131,6 +131,9 @@ def test_every_place_of_the_schema_is_spoilt_in_some_case(tmp_path: Path) -> Non
     root = Scenario.model_json_schema()
     there = {place.path[0] for data in flights() for place in places(root, data, root) if place.path}
     assert there - set(known_sensors()) == set(Scenario.model_fields) - set(known_sensors())
-    spoilt = {way[0] for number in range(1000) for way in make_case(number, tmp_path)[2]}
-    assert set(Scenario.model_fields) <= spoilt
-    assert set(Room.model_fields) <= spoilt
+    missing = {*Scenario.model_fields, *Room.model_fields}
+    for number in range(1000):
+        missing -= {way[0] for way in make_case(number, tmp_path)[2]}
+        if not missing:
+            break
+    assert missing == set()
