@@ -2,7 +2,9 @@
 
 import gc
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,6 +18,7 @@ from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
 from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.parts import registered
 from ortilo_drake.model.signals import (
     CONTROL_NAMES,
     N_X,
@@ -235,5 +238,14 @@ def logged_rows(flight: xr.Dataset) -> Iterator[dict[str, np.ndarray]]:
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:
-    """Return the scenario that a flight carries; InputError if it is none."""
-    return scenario_from_json(flight.attrs["scenario"], flight.attrs.get("format", 1), "scenario")
+    """Return the scenario that a flight carries; InputError if it is none.
+
+    The last few are kept, for a summary asks nine times.
+    """
+    return _read_scenario(flight.attrs["scenario"], flight.attrs.get("format", 1), registered())
+
+
+@lru_cache(maxsize=4)
+def _read_scenario(text: str, version: Any, parts: Hashable) -> Scenario:
+    """Return a flight's scenario; parts are those registered, which may say otherwise of the same text."""
+    return scenario_from_json(text, version, "scenario")

@@ -8,7 +8,7 @@ loaded. A scenario file by itself never runs code.
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -88,6 +88,7 @@ _TAKEN: Final = frozenset(
 _SENSORS: dict[str, Sensor] = {}
 _PARTS: dict[tuple[str, str], Part] = {}
 _FILES: list[str] = []  # where parts came from, for worker processes
+_registrations = 0  # so far: what replaces a part may get its id
 
 
 def register_sensor(sensor: Sensor) -> None:
@@ -115,7 +116,9 @@ def register_part(role: str, part: Part) -> None:
 
 
 def _remember_caller() -> None:
-    """Remember the file that registers a part, so that worker processes can load it as well."""
+    """Count what is registered; remember the file that does it, so that worker processes can load it as well."""
+    global _registrations
+    _registrations += 1
     frame = inspect.currentframe()
     while frame is not None and frame.f_globals.get("__name__") in (__name__, "ortilo_drake.api.parts"):
         frame = frame.f_back
@@ -124,6 +127,11 @@ def _remember_caller() -> None:
     file = frame.f_globals.get("__file__")
     if file and str(Path(file).resolve()) not in _FILES:
         _FILES.append(str(Path(file).resolve()))
+
+
+def registered() -> Hashable:
+    """Return what is registered: something that differs once a sensor or a part is added or replaced."""
+    return (_registrations, *map(id, (*_SENSORS.values(), *_PARTS.values())))
 
 
 def plugin_files() -> tuple[str, ...]:

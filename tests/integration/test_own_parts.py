@@ -12,7 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.estimator import IntermittentEstimator
-from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.goals.goal_planner import goal_settings
@@ -24,6 +24,7 @@ from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model import parts
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import GcsPlanner, LqServo
+from ortilo_drake.scenario.old_keys import FORMAT
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight, planned_reference
 from ortilo_drake.views.display import flight_page
 
@@ -200,6 +201,32 @@ def test_a_registered_path_is_drawn_logged_and_bounded_by_the_tube(tmp_path: Pat
     _, reference = planned_reference(scenario)
     np.testing.assert_allclose(reference[:, :3], flight["reference"].values, atol=1e-12)
     assert goal_settings(scenario) == GcsPlanner()
+
+
+def test_a_flights_scenario_is_read_by_the_parts_of_now() -> None:
+    class Line(od.Frozen):
+        """A planner's settings."""
+
+        kind: Literal["line"]
+        speed: float
+
+    class Curve(od.Frozen):
+        """Another's, of the same name."""
+
+        kind: Literal["line"]
+        speed: float
+
+    still = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], np.tile([[0.0], [0.0], [1.5]], 2))
+    od.register_planner("line", Line, lambda scenario: still)
+    text = od.load_scenario("imu_uwb", planner={"kind": "line", "speed": 1.0}).model_dump_json()
+    flight = xr.Dataset(attrs={"scenario": text, "format": FORMAT})
+    assert scenario_of(flight) is scenario_of(flight)  # parsed once
+    assert type(scenario_of(flight).planner) is Line
+    od.register_planner("line", Curve, lambda scenario: still)
+    assert type(scenario_of(flight).planner) is Curve
+    del parts._PARTS["planner", "line"]
+    with pytest.raises(od.InputError, match="line"):
+        scenario_of(flight)
 
 
 def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
