@@ -151,8 +151,7 @@ def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> 
         "        od.load_scenario('imu_uwb', **settings)\n"
         "    except od.InputError as error:\n"
         "        print(error)\n"
-        f"load_plugin({str(plugin)!r})\n"
-        "if __name__ == '__main__':\n"
+        f"    load_plugin({str(plugin)!r})\n"  # a worker is to be told: it reads this file, but not this part
         "    one = od.fly_many('imu_uwb', range(2), **settings)\n"
         "    two = od.fly_many('imu_uwb', range(2), workers=2, **settings)\n"
         "    for a, b in zip(one, two, strict=True):\n"
