@@ -10,6 +10,7 @@ from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
+from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
@@ -68,16 +69,14 @@ class IntermittentEstimator(Diagram):
         model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras)
         P_0, hover_thrust = initial_covariance(settings, extras), scenario.vehicle.hover_thrust
         arguments = model, augmented_rows(measurement.rows, extras), hover_thrust, xbar_0, P_0, h
-        measures = None
-        if settings.force == "measured":
-            measures = np.array(settings.V.specific_force) / scenario.samples("imu")
+        variances = imu_variances(scenario)
         replays = settings.delay == "replay"
         if replays:
             sizes = {name: message_port(solvers[name]).size() for name in about}
             ticks = history_ticks(settings.horizon, h)
-            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, measures))
+            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, variances))
         else:
-            kalman = builder.AddSystem(KalmanFilter_[float](*arguments, measures))
+            kalman = builder.AddSystem(KalmanFilter_[float](*arguments, variances))
         self._kalman = kalman
 
         def split(belief: OutputPort) -> dict[str, OutputPort]:
@@ -121,7 +120,7 @@ class IntermittentEstimator(Diagram):
                 builder.Connect(present[port], handler.GetInputPort(port))
         for port in (*measurement.sizes, *(["stamps"] * replays)):
             builder.Connect(handler.GetOutputPort(port), kalman.GetInputPort(port))
-        if measures is not None:
+        if variances is not None:
             reader, n = kalman.GetInputPort("imu"), scenario.samples("imu")
             if n > 1:
                 mean = builder.AddSystem(SampleMean("imu", IMU_SIZE, n))

@@ -111,6 +111,14 @@ def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
+def euler_rates(rpy: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return rpy_dot = E(rpy)^-1 w, the Euler-angle rates that go with body rates; singular at theta = +-pi/2."""
+    s_phi, c_phi = np.sin(rpy[0]), np.cos(rpy[0])
+    psi_dot = (s_phi * w[1] + c_phi * w[2]) / np.cos(rpy[1])
+    return np.array([w[0] + np.sin(rpy[1]) * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot])
+
+
+@register_jitable
 def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
     """Return E(rpy) of body_rates (3, 3)."""
     E = np.zeros((3, 3))

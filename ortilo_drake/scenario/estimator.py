@@ -31,12 +31,14 @@ class Noise(Frozen):
         camera: variances of a camera fix per axis [m^2].
         imu: variances of roll, pitch and yaw [rad^2].
         specific_force: variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'.
+        rates: variances of the imu's body rates per axis [rad^2/s^2]; read with rates 'measured'.
     """
 
     uwb: PositiveVec3 | None = None
     camera: PositiveVec3 | None = None
     imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
     specific_force: PositiveVec3 = (2.5e-3, 2.5e-3, 2.5e-3)
+    rates: PositiveVec3 = (1.0e-6, 1.0e-6, 1.0e-6)
 
 
 class DisturbanceW(Frozen):
@@ -82,6 +84,9 @@ class Walks(Frozen):
         torque_rate: of its change, likewise [N m/s^(1/2)].
         accelerometer_sd: of the bias of the specific force per axis at first [m/s^2].
         accelerometer_rate: of its change, likewise [m/s^(5/2)].
+        gyroscope_sd: of the bias of the body rates per axis at first [rad/s], such as standing still on the ground
+            leaves; read with rates 'measured'.
+        gyroscope_rate: of its change, likewise [rad/s^(3/2)].
     """
 
     force_sd: NonNegativeFloat = 1.5
@@ -90,6 +95,8 @@ class Walks(Frozen):
     torque_rate: NonNegativeFloat = 0.0001
     accelerometer_sd: NonNegativeFloat = 0.2
     accelerometer_rate: NonNegativeFloat = 0.0005
+    gyroscope_sd: NonNegativeFloat = 0.0003
+    gyroscope_rate: NonNegativeFloat = 1.0e-5
 
 
 class Biases(Frozen):
@@ -140,7 +147,9 @@ class IntermittentFilter(Frozen):
             'none' is the paper: it does not. 'thrust' takes for force what thrust and attitude do not explain of the
             fixes; 'measured' takes the imu's specific force as well, whose bias it estimates. The servo counters the
             force.
-        walks: how force and accelerometer's bias vary.
+        rates: 'measured' takes the imu's body rates as well, whose bias it estimates; only with force 'measured'. 'none'
+            is the paper: the angles alone.
+        walks: how force and the biases of accelerometer and gyroscope vary.
         biases: errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The
             gates do not know of them.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
@@ -155,6 +164,7 @@ class IntermittentFilter(Frozen):
     horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
     integrator: Literal["literal", "hold", "estimate"] = "hold"
     force: Literal["none", "thrust", "measured"] = "none"
+    rates: Literal["none", "measured"] = "none"
     walks: Walks = Walks()
     biases: Biases = Biases()
     gates: Gates = Field(default={}, validate_default=True)

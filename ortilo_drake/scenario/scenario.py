@@ -112,6 +112,12 @@ class Scenario(Belief):
         return self
 
     @model_validator(mode="after")
+    def _rates_with_specific_force(self) -> "Scenario":
+        if getattr(self.estimator, "rates", "none") == "measured" and self.estimator.force != "measured":
+            raise ValueError("estimator.rates: measured: must be none, or force measured as well")
+        return self
+
+    @model_validator(mode="after")
     def _biases_with_a_force(self) -> "Scenario":
         if getattr(self.estimator, "force", None) == "none":
             own = {f"biases.{name}": getattr(self.estimator.biases, name) for name in BIAS_SDS}

@@ -22,7 +22,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     intermittent_step,
     tilted_lift,
 )
-from ortilo_drake.onboard.estimator.specific_force import with_specific_force
+from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Biases, DiagonalW, IntermittentFilter, LqServo, Walks
@@ -340,7 +340,7 @@ def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
         u, bias = np.array([27.5, 0.0, 0.0, 0.0]), np.concatenate([np.zeros(6), b])
         imu = imu_message(x, u, np.concatenate([force, zero]), M, bias, zero, 0, np.uint64(1), 0.5, H)
         y, delta, V2 = np.arange(9.0), np.array([0.0, 0.0, 1.0]), np.arange(27.0)
-        y_all, delta_all, V2_all = with_specific_force(y, delta, V2, imu, 2, np.array([1.0, 2.0, 3.0]))
+        y_all, delta_all, V2_all = with_imu_rows(y, delta, V2, imu, 2, np.array([1.0, 2.0, 3.0]))
         f = force + [0.0, 0.0, u[0] - M * GRAVITY]
         c, s = np.cos(x[5]), np.sin(x[5])
         expected = f / M + [c * b[0] - s * b[1], s * b[0] + c * b[1], b[2]]
@@ -349,7 +349,7 @@ def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
         np.testing.assert_array_equal(y_all[:9], y)
         np.testing.assert_array_equal(V2_all[27:].reshape(3, 3), np.diag([1.0, 2.0, 3.0]))
         assert delta_all.tolist() == [0.0, 0.0, 1.0, 1.0]
-    _, delta_all, _ = with_specific_force(y, np.array([1.0, 1.0, 0.0]), V2, imu, 2, np.ones(3))
+    _, delta_all, _ = with_imu_rows(y, np.array([1.0, 1.0, 0.0]), V2, imu, 2, np.ones(3))
     assert delta_all.tolist() == [1.0, 1.0, 0.0, 0.0]
 
 

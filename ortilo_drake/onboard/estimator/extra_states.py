@@ -13,7 +13,8 @@ rows of K stay as they are.
           part of the disturbance force that W holds
     n     disturbance torque in B [N m], such as a centre of gravity that is off makes: x_{k+1} takes its columns of
           Gamma_d; only where walks.torque_sd is not 0
-    b     'measured' only: bias of the accelerometer [m/s^2]; its rows are f/m + b, see specific_force.py
+    b     'measured' only: bias of the accelerometer [m/s^2]; its rows are f/m + b, see imu_rows.py
+    c     bias of the gyroscope [rad/s], 'rates: measured' only: its rows are the Euler-angle rates + c
     s     errors of a fix that last [m], one process for each kind of fix: its rows are p + s. What the filter averages
           as if it were noise otherwise, such as the survey's error, stays in the covariance of p this way
     beta  bias of the imu's roll, pitch or yaw [rad]: psi_imu = psi + beta; likewise of any row of a sensor of one's own
@@ -30,9 +31,12 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import Biases, Walks
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
-ACCELEROMETER = "accelerometer"  # the sensor whose rows the filter makes of the imu's specific force
-D, F, B, N = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfbn")
-_A = tuple(f"a_{axis}" for axis in "xyz")  # its rows
+D, F, B, N, C = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfbnc")
+# Sensors whose rows the filter makes of the imu's message, the states that come with them, and the rows.
+IMU_ROWS = {
+    "accelerometer": (F, ("a_x", "a_y", "a_z")),
+    "gyroscope": (C, ("phi_dot_imu", "theta_dot_imu", "psi_dot_imu")),
+}
 PAPERS_ROWS = tuple(row.name for row in (*UWB, *CAMERA, *IMU))
 
 
@@ -107,8 +111,14 @@ def _torque(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
 def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
     e_z = np.zeros((3, N_U))
     e_z[2, 0] = 1.0
-    f = Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), _each(_A, F, 1.0 / vehicle.mass))
-    return [f, _slow(B, Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h)), _each(_A, B))]
+    _, rows = IMU_ROWS["accelerometer"]
+    f = Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), _each(rows, F, 1.0 / vehicle.mass))
+    return [f, _slow(B, Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h)), _each(rows, B))]
+
+
+def _gyroscope(walks: Walks, h: float) -> Extra:
+    _, rows = IMU_ROWS["gyroscope"]
+    return _slow(C, Walk(walks.gyroscope_sd, walks.gyroscope_rate * np.sqrt(h)), _each(rows, C))
 
 
 def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
@@ -139,7 +149,8 @@ def extra_states(
         return ()
     measured = _accelerometer(settings.walks, vehicle, h) if settings.force == "measured" else []
     torque = _torque(settings.walks, vehicle, h)
-    return (_force(settings.walks, vehicle, h), *measured, *torque, *_biases(settings.biases, h, flown))
+    gyroscope = [_gyroscope(settings.walks, h)] if settings.rates == "measured" else []
+    return (_force(settings.walks, vehicle, h), *measured, *torque, *gyroscope, *_biases(settings.biases, h, flown))
 
 
 def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:
@@ -148,10 +159,12 @@ def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:
 
 
 def augmented_rows(rows: Rows, extras: tuple[Extra, ...]) -> Measurement:
-    """Return the measurement that the filter gets: rows over [x; e], and the accelerometer's where f is a state."""
+    """Return the measurement that the filter gets: rows over [x; e], and those of IMU_ROWS whose states are there."""
     names = names_of(extras)
-    if set(F) <= set(names):
-        rows = (*rows, (ACCELEROMETER, tuple(Row(name, ()) for name in _A)))
+    for sensor, (states, own) in IMU_ROWS.items():
+        if set(states) <= set(names):
+            rates = zip(own, STATE_NAMES[9:], strict=True) if sensor == "gyroscope" else ((name, None) for name in own)
+            rows = (*rows, (sensor, tuple(Row(name, ((rate, 1.0),) if rate else ()) for name, rate in rates)))
 
     def widened(r: Row) -> Row:
         return Row(r.name, (*r.sees, *((state, c) for e in extras for name, state, c in e.sees if name == r.name)))

@@ -12,18 +12,16 @@ from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.onboard.estimator.belief import extra_part, known_part, with_known_part
-from ortilo_drake.onboard.estimator.extra_states import ACCELEROMETER
+from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel, intermittent_step
-from ortilo_drake.onboard.estimator.specific_force import with_specific_force
 
 
 def handed_over(measurement: Measurement) -> dict[str, int]:
-    """Return sizes of y, delta and V2 as the handler hands them over: without the accelerometer's rows."""
-    sizes = measurement.sizes
-    if ACCELEROMETER not in measurement.sensors:
-        return sizes
-    return {"y": sizes["y"] - 3, "delta": sizes["delta"] - 1, "V2": sizes["V2"] - 9}
+    """Return sizes of y, delta and V2 as the handler hands them over: without the rows of imu_rows.py."""
+    sizes, own = measurement.sizes, sum(sensor in IMU_ROWS for sensor in measurement.sensors)
+    return {"y": sizes["y"] - 3 * own, "delta": sizes["delta"] - own, "V2": sizes["V2"] - 9 * own}
 
 
 def differentiable_step(
@@ -55,19 +53,19 @@ class Predictor:
         xbar_0: np.ndarray,
         P_0: np.ndarray,
         h: float,
-        specific_force: np.ndarray | None = None,
+        imu_variances: np.ndarray | None = None,
     ) -> None:
         """Declare ports and states; arguments as KalmanFilter_'s, T the scalar type."""
         self.set_name("kalman_filter")
-        self._n, self._specific_force = len(P_0), specific_force
+        self._n, self._imu_variances = len(P_0), imu_variances
         self._model, self._layout, self._h = tuple(model), tuple(measurement.layout), h  # plain, see filter_loops.py
-        functions = known_part, extra_part, with_specific_force
-        self._known_part, self._extra_part, self._with_specific_force = (
+        functions = known_part, extra_part, with_imu_rows
+        self._known_part, self._extra_part, self._with_imu_rows = (
             f if T is float else f.py_func for f in functions
         )
         self._hover = np.array([hover_thrust, 0.0, 0.0, 0.0])
         self._measurement = [self.DeclareVectorInputPort(name, size) for name, size in handed_over(measurement).items()]
-        if specific_force is not None:
+        if imu_variances is not None:
             self._imu, self._imu_number = self.DeclareVectorInputPort("imu", IMU_SIZE), measurement.sensors.index("imu")
         self._control = self.DeclareVectorInputPort("control", N_U)
         self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
@@ -95,9 +93,9 @@ class Predictor:
     def inputs_in(self: Any, context: Context) -> list[np.ndarray]:
         """Return y, delta, V2, the control less hover, and the reference."""
         signals = [port.Eval(context) for port in self._measurement]
-        if self._specific_force is not None:
+        if self._imu_variances is not None:
             imu = self._imu.Eval(context)
-            signals = self._with_specific_force(*signals, imu, self._imu_number, self._specific_force)
+            signals = self._with_imu_rows(*signals, imu, self._imu_number, self._imu_variances)
         return [*signals, self._control.Eval(context) - self._hover, self._reference.Eval(context)]
 
 
@@ -111,7 +109,7 @@ def KalmanFilter_(T: type) -> type:
 
         Ports:
             y (p), delta (s), V2 (q): the measurement of this tick, see model/measurement.py.
-            imu (11): the imu message; only where the accelerometer's rows are made of it.
+            imu (11): the imu message; only where rows of y are made of it.
             control (4): u_k, f_T absolute.
             reference (9): r and its derivatives; r drives the integrator.
             belief (240, output): [xhat_{k|k-1}, P_k row by row] of [x; i].
@@ -122,12 +120,12 @@ def KalmanFilter_(T: type) -> type:
 
         Args:
             model: what the filter believes of the vehicle.
-            measurement: the layout of y, delta and V2, over x and e, with the accelerometer's rows if it has any.
+            measurement: the layout of y, delta and V2, over x and e, with the rows of imu_rows.py if it has any.
             hover_thrust: m g [N] of the vehicle as it is believed to be.
             xbar_0: initial estimate of [x; i] (15); that of e is 0.
             P_0: covariance of [x; e; i].
             h: tick [s].
-            specific_force: variances of the accelerometer's rows [m^2/s^4] (3); None where there are none.
+            imu_variances: of the rows of imu_rows.py (3 or 6); None where there are none.
         """
 
         def _construct(self, *arguments: Any, converter: Any = None) -> None:

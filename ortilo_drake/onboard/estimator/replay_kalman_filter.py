@@ -27,7 +27,7 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
     The last N ticks are a discrete state of their own. Equations: late_measurements.py.
 
     Args:
-        model, measurement, hover_thrust, xbar_0, P_0, h, specific_force: as KalmanFilter_'s.
+        model, measurement, hover_thrust, xbar_0, P_0, h, imu_variances: as KalmanFilter_'s.
         ticks: N.
         messages: size of the message of each sensor whose fix is made about an estimate.
     """
@@ -42,10 +42,10 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         h: float,
         ticks: int,
         messages: dict[str, int],
-        specific_force: np.ndarray | None = None,
+        imu_variances: np.ndarray | None = None,
     ):
         super().__init__()
-        self.declare_predictor(float, model, measurement, hover_thrust, xbar_0, P_0, h, specific_force)
+        self.declare_predictor(float, model, measurement, hover_thrust, xbar_0, P_0, h, imu_variances)
         self._slot = slot_of(measurement, self._n)
         self._stamps = self.DeclareVectorInputPort("stamps", handed_over(measurement)["delta"])
         self._history = self.DeclareDiscreteState(empty_history(ticks, self._slot).ravel())
@@ -73,8 +73,8 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         y, delta, V2, u, r = self.inputs_in(context)
         stamps = self._stamps.Eval(context)
-        if self._specific_force is not None:
-            stamps = np.append(stamps, stamps[self._imu_number])
+        if self._imu_variances is not None:
+            stamps = np.append(stamps, np.repeat(stamps[self._imu_number], len(self._imu_variances) // 3))
         belief = replay_step(
             values.get_mutable_value(self._history).reshape(-1, self._slot.size),  # a copy of the state's, changed here
             self._slot,

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.extra_states import ACCELEROMETER
+from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.onboard.planner.planned import planned, start_of
@@ -100,9 +100,10 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
 
     onboard = diagram.GetSubsystemByName("onboard")
     delta, V2 = (onboard.GetOutputPort(name).Eval(onboard.GetMyContextFromRoot(context)) for name in ("delta", "V2"))
-    if ACCELEROMETER in loop.measurement.sensors:
-        delta = np.append(delta, delta[loop.measurement.sensors.index("imu")])
-        V2 = np.append(V2, filter_V(ideal, np.zeros((0, 0))))
+    own = [sensor for sensor in loop.measurement.sensors if sensor in IMU_ROWS]
+    delta = np.append(delta, np.repeat(delta[loop.measurement.sensors.index("imu")], len(own)))
+    V = filter_V(ideal, np.zeros((0, 0)))
+    V2 = np.append(V2, [V[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(own))])
     integrator, extra = INTEGRATORS[loop.integrator], tuple(range(N_X, len(loop.names)))
     K = filter_gain(P, delta, V2, loop.Phi, integrator, loop.measurement.layout, extra)[: len(loop.names)]
     expected = closed_loop_matrix(loop, K, delta)

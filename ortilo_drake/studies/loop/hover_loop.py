@@ -16,8 +16,9 @@ from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_U, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
-from ortilo_drake.onboard.estimator.extra_states import ACCELEROMETER, B, D, F, augmented_rows, extra_states, names_of
+from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
+from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
@@ -85,7 +86,7 @@ class HoverLoop(NamedTuple):
 
 
 def filter_measurement(scenario: Scenario) -> Measurement:
-    """Return the rows that the filter of a scenario gets, over its states, with the accelerometer's if it takes them.
+    """Return the rows that the filter of a scenario gets, over its states, with those of imu_rows.py.
 
     They are over the vehicle's twelve states alone where it has no others.
     """
@@ -95,10 +96,8 @@ def filter_measurement(scenario: Scenario) -> Measurement:
 
 def filter_V(scenario: Scenario, V: np.ndarray) -> np.ndarray:
     """Return V of filter_measurement from that of the scenario's own measurement (p x p)."""
-    settings = scenario.estimator
-    if settings.force != "measured":
-        return V
-    return np.asarray(block_diag(V, np.diag(settings.V.specific_force) / scenario.samples("imu")))
+    variances = imu_variances(scenario)
+    return V if variances is None else np.asarray(block_diag(V, np.diag(variances)))
 
 
 def force_gain(L: np.ndarray, vehicle: Vehicle) -> np.ndarray:
@@ -133,8 +132,8 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
 
 
 def message_of(sensor: str) -> str:
-    """Return the sensor whose message brings the rows of a sensor: the imu's brings the accelerometer's."""
-    return "imu" if sensor == ACCELEROMETER else sensor
+    """Return the sensor whose message brings the rows of a sensor: the imu's brings those of imu_rows.py."""
+    return "imu" if sensor in IMU_ROWS else sensor
 
 
 def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None) -> np.ndarray:

@@ -1,0 +1,71 @@
+"""The accelerometer's and the gyroscope's rows of y, made of the imu's message.
+
+The message of tick k holds f_B: all forces on the body but gravity, over its mass, in the step [t_{k-1}, t_k), seen in
+B as it stands at t_k. Less the hover lift and turned by the yaw it is
+
+    y_a = R_z(psi) (f_B - g e_z) = f / m + b + v_a
+
+with f that step's force less the hover lift, in W to first order in the tilt: lift stands along B's own z axis, so that
+no error of roll and pitch enters. f is a state (extra_states.py), and W correlates it with the velocity that it gave.
+This correction by y_a equals a prediction by measured acceleration, R f_B - g e_z + b, in the filter's order of a tick.
+
+It also holds the body rates w at t_k. As Euler-angle rates, by the roll and pitch of the same message, they are
+
+    y_g = E(rpy)^-1 w = [phi_dot, theta_dot, psi_dot] + c + v_g
+
+with c the gyroscope's bias, to first order in the tilt.
+"""
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.equations import euler_rates
+from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.scenario import Belief
+
+
+def imu_variances(scenario: Belief) -> np.ndarray | None:
+    """Return the variances of v_a [m^2/s^4], and after them those of v_g [rad^2/s^2], that a scenario's filter takes.
+
+    They are 3, or 6 with the gyroscope's; None where the filter takes neither. Of an imu faster than the tick the filter
+    gets the mean of a tick's samples.
+    """
+    settings = scenario.estimator
+    if settings.force != "measured":
+        return None
+    rates = settings.V.rates if settings.rates == "measured" else ()
+    return np.array([*settings.V.specific_force, *rates]) / scenario.samples("imu")
+
+
+@njit(cache=True)
+def with_imu_rows(
+    y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return y, delta and V2 with the accelerometer's rows after them, and the gyroscope's after those.
+
+    They arrive with the imu's angles.
+
+    Args:
+        y: values (p).
+        delta: arrivals (s).
+        V2: covariances, each row by row (q).
+        imu: the imu message.
+        j: number of the imu among the sensors.
+        variance: of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2] if it is taken (3 or 6).
+    """
+    p, s, q, m = y.size, delta.size, V2.size, variance.size // 3
+    y_all, delta_all = np.zeros(p + 3 * m, y.dtype), np.zeros(s + m, y.dtype)
+    V2_all = np.zeros(q + 9 * m, y.dtype)
+    y_all[:p], delta_all[:s], V2_all[:q] = y, delta, V2
+    if delta[j] != 0.0:
+        psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
+        y_all[p] = np.cos(psi) * f[0] - np.sin(psi) * f[1]
+        y_all[p + 1] = np.sin(psi) * f[0] + np.cos(psi) * f[1]
+        y_all[p + 2] = f[2] - GRAVITY
+        if m > 1:
+            y_all[p + 3 :] = euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6])
+        delta_all[s:] = 1.0
+    for i in range(3 * m):
+        V2_all[q + 9 * (i // 3) + 4 * (i % 3)] = variance[i]
+    return y_all, delta_all, V2_all
