@@ -32,7 +32,7 @@ BACKENDS = ("onnxruntime", "opencv", "torch")
 
 def states(count: int) -> np.ndarray:
     """Return states (count, 12) of a vehicle that hovers along the planned path."""
-    scenario = load_scenario("imu_uwb_yolo")
+    scenario = load_scenario("nominal_imu_uwb_yolo")
     trajectory = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
     x = np.zeros((count, N_X))
     for row, t in zip(x, np.linspace(trajectory.start_time(), trajectory.end_time(), count), strict=True):
@@ -58,7 +58,7 @@ def median_ms(call: Callable[[Any], object], arguments: list[Any]) -> float:
 
 def camera_times(count: int, width: int) -> dict[str, float]:
     """Return the times of colour, depth and label pictures, of detection by each backend, and of the fix."""
-    scenario = load_scenario("imu_uwb_yolo", (f"camera.width={width}",))
+    scenario = load_scenario("nominal_imu_uwb_yolo", (f"camera.width={width}",))
     room = scenario.load_room()
     camera = make_rendered_camera(room, width)
     context = Simulator(camera).get_mutable_context()
@@ -100,7 +100,7 @@ def main() -> None:
     parser.add_argument("--smoke", action="store_true", help="few pictures, a short flight")
     smoke = parser.parse_args().smoke
     short = ("planner={kind: hover, point: [3, 1.9, 1.5], duration: 3}",) if smoke else ()
-    flight = fly(load_scenario("imu_uwb_yolo", ("camera.kind=rendered", *short), seed=0))
+    flight = fly(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered", *short), seed=0))
     result = {
         "ms": {
             f"{width}x{width * 3 // 4}": camera_times(5 if smoke else 60, width) for width in (320, 640)[: 2 - smoke]

@@ -101,7 +101,7 @@ def filterpy_step() -> object:
 def log_share(rounds: int) -> float:
     """Return the time that writing all but pictures to a log takes, over the time flown; the least of the rounds."""
     scenario = load_scenario(
-        "imu_uwb_yolo", ("camera.kind=projected", "settle=0", "planner={kind: hover, duration: 3}")
+        "nominal_imu_uwb_yolo", ("camera.kind=projected", "settle=0", "planner={kind: hover, duration: 3}")
     )
     shares = []
     with tempfile.TemporaryDirectory() as folder:
@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("--smoke", action="store_true", help="few flights, few rounds")
     smoke = parser.parse_args().smoke
     flights, rounds, calls = (1, 2, 200) if smoke else (7, 9, 3000)
-    speeds = {name: flight_speeds(name, flights) for name in ("imu_uwb", "imu_uwb_yolo")}
+    speeds = {name: flight_speeds(name, flights) for name in ("nominal_imu_uwb", "nominal_imu_uwb_yolo")}
     step = step_times(rounds, calls)
     print(
         json.dumps(

@@ -41,7 +41,12 @@ from ortilo_drake.studies.late.late_flights import (
 FAULTS = "{loss: 0.2, delay: 0.04, spread: 0.02}"
 PORT = 7680  # first of six UDP ports
 BAD, NONE = Faults(loss=0.2, delay=0.04, spread=0.02), Faults()
-CASES = [("imu_uwb_yolo", 30, BAD), ("imu_uwb_yolo", 30, NONE), ("imu_uwb_yolo", 100, BAD), ("imu_uwb", 30, BAD)]
+CASES = [
+    ("nominal_imu_uwb_yolo", 30, BAD),
+    ("nominal_imu_uwb_yolo", 30, NONE),
+    ("nominal_imu_uwb_yolo", 100, BAD),
+    ("nominal_imu_uwb", 30, BAD),
+]
 
 
 def start(*words: str) -> "subprocess.Popen[str]":
@@ -118,10 +123,10 @@ def in_virtual_time(seeds: int, out: Path) -> Iterator[LateReport]:
 def simulated(seeds: int, out: Path) -> Iterator[LateReport]:
     """Yield the reports of flights behind the scenario's own links."""
     cases = [
-        ("imu_uwb_yolo", 30, BOTH_WAYS_AT_30_HZ),
-        ("imu_uwb_yolo", 100, BOTH_WAYS_AT_100_HZ),
-        ("imu_uwb_yolo", 30, AT_30_HZ),
-        ("imu_uwb", 30, BOTH_WAYS_AT_30_HZ),
+        ("nominal_imu_uwb_yolo", 30, BOTH_WAYS_AT_30_HZ),
+        ("nominal_imu_uwb_yolo", 100, BOTH_WAYS_AT_100_HZ),
+        ("nominal_imu_uwb_yolo", 30, AT_30_HZ),
+        ("nominal_imu_uwb", 30, BOTH_WAYS_AT_30_HZ),
     ]
     for name, rate, links in cases:
         scenario = load_scenario(name, settings_at(rate))
@@ -146,7 +151,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/late"), help="folder, of one kind of flight")
     parser.add_argument("--simulated", action="store_true")
     parser.add_argument("--real-time", action="store_true", help="with the options that follow")
-    parser.add_argument("--scenario", default="imu_uwb_yolo")
+    parser.add_argument("--scenario", default="nominal_imu_uwb_yolo")
     parser.add_argument("--rate", type=float, default=30.0, help="control_rate [Hz]")
     parser.add_argument("--seconds", type=float, help="end each flight after that long [s]")
     parser.add_argument("--one-way", action="store_true", help="faults only on the way to the onboard half")

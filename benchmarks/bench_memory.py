@@ -4,8 +4,8 @@
     python benchmarks/bench_memory.py --flights 50 --camera rendered
     python benchmarks/bench_memory.py --smoke    # a quick look that everything still runs
 
-Flies `imu_uwb_yolo` by fly_many, files included, and prints a line of JSON: the memory after some of the flights, and
-how much more there is after the last than after the tenth. A rendered flight is on a short path.
+Flies `nominal_imu_uwb_yolo` by fly_many, files included, and prints a line of JSON: the memory after some of the
+flights, and how much more there is after the last than after the tenth. A rendered flight is on a short path.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def memory_of_flights(flights: int, camera: str) -> dict[str, Any]:
         ends.append(time.perf_counter())
 
     with tempfile.TemporaryDirectory() as folder:
-        fly_many(load_scenario("imu_uwb_yolo", settings), range(flights), Path(folder), progress=note)
+        fly_many(load_scenario("nominal_imu_uwb_yolo", settings), range(flights), Path(folder), progress=note)
     shown = [n for n in (1, 2, SETTLED, 20, 50, 100, 150, 200, flights) if n <= flights]
     return {
         "drake": version("drake"),

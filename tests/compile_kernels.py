@@ -37,19 +37,19 @@ def fly_all() -> None:
     for name in scenario_names():
         warm_up(load_scenario(name, (PROJECTED,)))
     for changes in VARIANTS:
-        warm_up(load_scenario("imu_uwb", changes))
+        warm_up(load_scenario("nominal_imu_uwb", changes))
     with tempfile.TemporaryDirectory() as folder:
         flight, log = f"{folder}/flight.nc", f"{folder}/log"
-        assert run("fly", "imu_uwb", *SHORT, "--log", log, "--out", flight) == 0
+        assert run("fly", "nominal_imu_uwb", *SHORT, "--log", log, "--out", flight) == 0
         assert run("replay", log) == 0
         assert run("tune", flight, "--out", f"{folder}/tuned.yaml") == 0
-        assert run("fly", "imu_uwb_yolo", "--camera", "projected", *SHORT) == 0  # its floor reads the camera
-    warm_up(load_scenario("imu_uwb_yolo", (PROJECTED, "estimator.force=measured", "estimator.delay=replay")))
+        assert run("fly", "nominal_imu_uwb_yolo", "--camera", "projected", *SHORT) == 0  # its floor reads the camera
+    warm_up(load_scenario("nominal_imu_uwb_yolo", (PROJECTED, "estimator.force=measured", "estimator.delay=replay")))
 
 
 def step_by_name() -> None:
     """Call the filter as tests and notebooks do: with named tuples, which are types of their own."""
-    scenario = load_scenario("imu_uwb_yolo", (PROJECTED,))
+    scenario = load_scenario("nominal_imu_uwb_yolo", (PROJECTED,))
     model = filter_model(scenario.estimator, scenario.vehicle, scenario.estimator.integrator, scenario.h)
     layout, sizes = scenario.measurement.layout, scenario.measurement.sizes
     belief, y, delta, V2 = (np.zeros(size) for size in (15 + 15 * 15, sizes["y"], sizes["delta"], sizes["V2"]))
@@ -72,8 +72,8 @@ def analyze_all() -> None:
     step_by_name()
     simulate_arrivals()
     with tempfile.TemporaryDirectory() as folder:
-        assert run("analyze", "imu_uwb", "--flights", "0", "--out", folder) == 0
-    predict_tube(load_scenario("imu_uwb_yolo", (PROJECTED,)))
+        assert run("analyze", "nominal_imu_uwb", "--flights", "0", "--out", folder) == 0
+    predict_tube(load_scenario("nominal_imu_uwb_yolo", (PROJECTED,)))
 
 
 def _call(function: Callable[[], None]) -> None:

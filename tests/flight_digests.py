@@ -24,7 +24,9 @@ FILE: Final = Path(__file__).parent / "data" / "flight_digests.json"
 SEEDS: Final = range(5)
 SHORT: Final = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 PROJECTED: Final = [(name, "projected") for name in scenario_names()]
-RENDERED: Final = [(name, "rendered") for name in ("imu_uwb_yolo", "paper_imu_uwb_yolo")]  # drawing takes minutes
+RENDERED: Final = [
+    (name, "rendered") for name in ("nominal_imu_uwb_yolo", "paper_imu_uwb_yolo")
+]  # drawing takes minutes
 TRACK_EVERY: Final = 300  # ticks
 
 

@@ -65,8 +65,8 @@ def key_file(folder: Path) -> Path:
 
 
 def flight_for_packets(session: int = 77, shape: tuple[int, int] | None = None) -> Flight:
-    """Return a flight of imu_uwb_yolo, 30 Hz, under FLIGHT_KEY, whose pictures have a shape."""
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
+    """Return a flight of nominal_imu_uwb_yolo, 30 Hz, under FLIGHT_KEY, whose pictures have a shape."""
+    scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",))
     return flight_of(scenario, session, FLIGHT_KEY)._replace(shape=shape)
 
 

@@ -29,7 +29,7 @@ WORDS = ("planner={kind: hover, duration: 1.0}", "settle=0.0", "uwb.link.loss=0.
 
 @pytest.fixture(scope="module")
 def flown() -> od.Flight:
-    return od.fly("imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER)
+    return od.fly("nominal_imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER)
 
 
 def test_importing_loads_neither_drake_nor_numpy_and_dir_shows_what_there_is() -> None:
@@ -46,12 +46,16 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
 
 
 def test_keywords_are_the_settings_of_the_command_line() -> None:
-    assert od.load_scenario("imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario("imu_uwb", WORDS, 3)
-    assert od.load_scenario(load_scenario("imu_uwb"), seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
-        "imu_uwb", WORDS, 3
+    assert od.load_scenario("nominal_imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
+        "nominal_imu_uwb", WORDS, 3
+    )
+    assert od.load_scenario(load_scenario("nominal_imu_uwb"), seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
+        "nominal_imu_uwb", WORDS, 3
     )
     numbers = {"estimator__W__force_sd": np.float64(0.2)}
-    assert od.load_scenario("imu_uwb", **numbers) == load_scenario("imu_uwb", ("estimator.W.force_sd=0.2",))
+    assert od.load_scenario("nominal_imu_uwb", **numbers) == load_scenario(
+        "nominal_imu_uwb", ("estimator.W.force_sd=0.2",)
+    )
 
 
 def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> None:
@@ -59,11 +63,11 @@ def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> N
     room.write_text(ORTILO_ROOM.read_text())
     loss = BernoulliLoss(kind="bernoulli", probability=0.3)
     planner = {"kind": "hover", "point": np.array([8.0, 1.0, 1.5])}
-    found = od.load_scenario("imu_uwb", seed=np.int64(3), room=room, uwb__link__loss=loss, planner=planner)
+    found = od.load_scenario("nominal_imu_uwb", seed=np.int64(3), room=room, uwb__link__loss=loss, planner=planner)
     words = (f"room={room}", "uwb.link.loss=0.3", "planner={kind: hover, point: [8.0, 1.0, 1.5]}")
-    assert found == load_scenario("imu_uwb", words, 3)
-    assert od.load_scenario("imu_uwb", uwb=found.uwb).uwb == found.uwb
-    assert od.load_scenario("imu_uwb", estimator__W__force_sd=1e-7).estimator.W.force_sd == 1e-7
+    assert found == load_scenario("nominal_imu_uwb", words, 3)
+    assert od.load_scenario("nominal_imu_uwb", uwb=found.uwb).uwb == found.uwb
+    assert od.load_scenario("nominal_imu_uwb", estimator__W__force_sd=1e-7).estimator.W.force_sd == 1e-7
 
 
 @pytest.mark.parametrize(
@@ -72,30 +76,30 @@ def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> N
 )
 def test_a_value_of_no_type_that_yaml_has_is_refused_by_field_and_type(value: Any, field: str, kind: str) -> None:
     with pytest.raises(od.InputError, match=rf"^{field}: .*not a {kind}$") as error:
-        od.load_scenario("imu_uwb", uwb__link=value)
+        od.load_scenario("nominal_imu_uwb", uwb__link=value)
     assert "\n" not in str(error.value)
 
 
 def test_a_number_is_independent_loss_and_nought_none() -> None:
-    assert od.load_scenario("imu_uwb", uwb__link__loss=0.3).uwb.link.loss == BernoulliLoss(
+    assert od.load_scenario("nominal_imu_uwb", uwb__link__loss=0.3).uwb.link.loss == BernoulliLoss(
         kind="bernoulli", probability=0.3
     )
-    assert od.load_scenario("imu_uwb", uwb__link__loss=0).uwb.link.loss == NoLoss()
+    assert od.load_scenario("nominal_imu_uwb", uwb__link__loss=0).uwb.link.loss == NoLoss()
 
 
 @pytest.mark.parametrize(("settings", "named"), [({"uwb__link__los": 0.3}, "loss"), ({"uwb__link__loss": 1.3}, "1.3")])
 def test_what_is_wrong_is_said_in_one_line(settings: dict[str, float], named: str) -> None:
     with pytest.raises(od.InputError, match=named) as error:
-        od.fly("imu_uwb", **settings)
+        od.fly("nominal_imu_uwb", **settings)
     assert "\n" not in str(error.value)
 
 
 def test_a_flight_is_that_of_the_command_line(flown: od.Flight) -> None:
-    data = fly_dataset(load_scenario("imu_uwb", WORDS, 3))
+    data = fly_dataset(load_scenario("nominal_imu_uwb", WORDS, 3))
     xr.testing.assert_equal(flown.data, data)
     assert flown.seed == 3
     assert flown.lost is None
-    assert flown.scenario == load_scenario("imu_uwb", WORDS, 3)
+    assert flown.scenario == load_scenario("nominal_imu_uwb", WORDS, 3)
     found, expected = flown.summary(), as_data(summary(data))
     assert {**found, "real_time_factor": 0} == {**expected, "real_time_factor": 0}
     for axis, value in estimation_mse(data).items():
@@ -104,12 +108,12 @@ def test_a_flight_is_that_of_the_command_line(flown: od.Flight) -> None:
 
 def test_a_flight_says_what_it_is_in_one_line(flown: od.Flight) -> None:
     rms = np.sqrt(sum(flown.summary()["mse"].values()))
-    assert repr(flown) == f"<Flight imu_uwb, seed 3: 1.0 s, reached its end, RMS error {rms:.3f} m>"
+    assert repr(flown) == f"<Flight nominal_imu_uwb, seed 3: 1.0 s, reached its end, RMS error {rms:.3f} m>"
 
 
 def test_a_lost_flight_says_when_and_why() -> None:
     low = {"kind": "hover", "point": [8.0, 1.0, 0.02], "duration": 5.0}
-    lost = od.fly("imu_uwb", planner=low)
+    lost = od.fly("nominal_imu_uwb", planner=low)
     assert lost.lost is not None
     assert f"lost at {lost.lost['time']:.1f} s: left the room" in repr(lost)
 
@@ -154,19 +158,19 @@ def test_a_log_gives_the_flight_back(flown: od.Flight, tmp_path: Path) -> None:
 
 
 def test_many_flights_are_a_sequence_and_a_table(tmp_path: Path) -> None:
-    flights = od.fly_many("imu_uwb", [4, 2], out=tmp_path, **HOVER)
+    flights = od.fly_many("nominal_imu_uwb", [4, 2], out=tmp_path, **HOVER)
     assert [flight.seed for flight in flights] == [4, 2]
     assert flights[-1].seed == 2
     assert [flight.seed for flight in flights[:1]] == [4]
     table = flights.table()
     assert list(table.index) == [4, 2]
     assert table.loc[4, "mse x"] == flights[0].summary()["mse"]["x"]
-    assert repr(flights) == "<Flights imu_uwb: 2, 0 lost>"
-    xr.testing.assert_equal(flights[0].data, od.fly("imu_uwb", seed=4, **HOVER).data)
+    assert repr(flights) == "<Flights nominal_imu_uwb: 2, 0 lost>"
+    xr.testing.assert_equal(flights[0].data, od.fly("nominal_imu_uwb", seed=4, **HOVER).data)
 
 
 def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
-    flights = od.fly_many("imu_uwb", [1], **HOVER)
+    flights = od.fly_many("nominal_imu_uwb", [1], **HOVER)
     folder = flights._out
     assert flights[0].seed == 1
     del flights
@@ -175,21 +179,22 @@ def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
 
 
 def test_a_comparison_has_medians_of_the_same_seeds() -> None:
-    found = od.compare("imu_uwb", "imu_uwb_yolo", seeds=range(3), camera__kind="projected", **HOVER)
-    assert list(found.index) == ["imu_uwb", "imu_uwb_yolo"]
-    each = [od.fly("imu_uwb", seed=seed, **HOVER).summary()["mse"]["x"] for seed in range(3)]
-    assert found.loc["imu_uwb", "mse x"] == np.median(each)
-    assert found.loc["imu_uwb", "flights"] == 3
-    assert found.loc["imu_uwb", "lost"] == 0
+    found = od.compare("nominal_imu_uwb", "nominal_imu_uwb_yolo", seeds=range(3), camera__kind="projected", **HOVER)
+    assert list(found.index) == ["nominal_imu_uwb", "nominal_imu_uwb_yolo"]
+    each = [od.fly("nominal_imu_uwb", seed=seed, **HOVER).summary()["mse"]["x"] for seed in range(3)]
+    assert found.loc["nominal_imu_uwb", "mse x"] == np.median(each)
+    assert found.loc["nominal_imu_uwb", "flights"] == 3
+    assert found.loc["nominal_imu_uwb", "lost"] == 0
 
 
 def test_a_comparison_has_a_row_for_each_scenario_even_of_one_name() -> None:
-    worse = od.load_scenario("imu_uwb", uwb__link__loss=0.5)
-    found = od.compare("imu_uwb", worse, seeds=[1, 2], **HOVER)
-    assert list(found.index) == ["imu_uwb", "imu_uwb"]
+    worse = od.load_scenario("nominal_imu_uwb", uwb__link__loss=0.5)
+    found = od.compare("nominal_imu_uwb", worse, seeds=[1, 2], **HOVER)
+    assert list(found.index) == ["nominal_imu_uwb", "nominal_imu_uwb"]
     for k, loss in enumerate((None, 0.5)):
         each = [
-            od.fly("imu_uwb", seed=seed, uwb__link__loss=loss or 0, **HOVER).summary()["mse"]["x"] for seed in (1, 2)
+            od.fly("nominal_imu_uwb", seed=seed, uwb__link__loss=loss or 0, **HOVER).summary()["mse"]["x"]
+            for seed in (1, 2)
         ]
         assert found["mse x"].iloc[k] == np.median(each)
 
@@ -203,10 +208,10 @@ def test_a_comparison_starts_its_workers_once(monkeypatch: pytest.MonkeyPatch) -
         return LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
 
     monkeypatch.setattr(workers, "start_cluster", start)
-    found = od.compare("imu_uwb", "paper_imu_uwb", seeds=range(2), workers=2, **HOVER)
+    found = od.compare("nominal_imu_uwb", "paper_imu_uwb", seeds=range(2), workers=2, **HOVER)
     assert list(found["flights"]) == [2, 2]
     assert started == [2]
 
 
 def test_the_closed_loop_is_drakes() -> None:
-    assert isinstance(od.make_closed_loop(od.load_scenario("imu_uwb")), Diagram)
+    assert isinstance(od.make_closed_loop(od.load_scenario("nominal_imu_uwb")), Diagram)

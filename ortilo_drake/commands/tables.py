@@ -26,15 +26,15 @@ class Preset(StrEnum):
     """Which filter the tables fly with, and which velocities the servo gets."""
 
     tuned = "tuned"
+    nominal = "nominal"
     paper = "paper"
-    robust = "robust"
 
 
 def tables(
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights of each scenario, seeds from 0.")] = 20,
     workers: WorkersOption = None,
     preset: Annotated[
-        Preset, typer.Option(help="The paper's filter in our tuning, or as printed; or a filter that knows less.")
+        Preset, typer.Option(help="A filter that does not know everything; the paper's in our tuning, or as printed.")
     ] = Preset.tuned,
     settings: SetOption = None,
     camera: CameraOption = None,

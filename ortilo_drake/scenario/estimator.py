@@ -147,8 +147,8 @@ class IntermittentFilter(Frozen):
             'none' is the paper: it does not. 'thrust' takes for force what thrust and attitude do not explain of the
             fixes; 'measured' takes the imu's specific force as well, whose bias it estimates. The servo counters the
             force.
-        rates: 'measured' takes the imu's body rates as well, whose bias it estimates; only with force 'measured'. 'none'
-            is the paper: the angles alone.
+        rates: 'measured' takes the imu's body rates as well, whose bias it estimates; only with force 'measured'.
+            'none' is the paper: the angles alone.
         walks: how force and the biases of accelerometer and gyroscope vary.
         biases: errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The
             gates do not know of them.

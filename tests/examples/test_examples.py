@@ -66,7 +66,7 @@ def test_an_own_sensor_has_the_noise_it_says_and_makes_the_height_known() -> Non
     low, high = chi2.ppf([1e-4, 1.0 - 1e-4], n) / n
     assert low < np.mean(error**2) / 0.2**2 < high
     assert abs(np.corrcoef(error[:-1], error[1:])[0, 1]) < 5.0 / np.sqrt(n)
-    plain = od.fly("imu_uwb", seed=2)
+    plain = od.fly("nominal_imu_uwb", seed=2)
     np.testing.assert_array_equal(  # the other sensors' noise is what it was before it was there
         data["measurement"].sel(output="phi_imu").values[:1] - data["truth"].sel(state="phi").values[:1],
         plain.data["measurement"].sel(output="phi_imu").values[:1] - plain.data["truth"].sel(state="phi").values[:1],
@@ -94,14 +94,14 @@ def test_an_own_planner_hurries_while_unsure_and_its_rates_are_those_of_its_path
     slope = path.MakeDerivative(1).vector_values(s[flying]).T
     np.testing.assert_allclose(v[flying], slope * rate[flying, None], atol=1e-9)
     assert rate.max() == pytest.approx(module.FASTEST)
-    plain = od.fly("imu_uwb", seed=1).data["covariance"].values
+    plain = od.fly("nominal_imu_uwb", seed=1).data["covariance"].values
     assert P[:, 0, 0].max() < 0.6 * plain[:, 0, 0].max()
     assert flight.lost is None
 
 
 def test_mpc_without_limits_in_its_way_is_the_lq_regulator_and_with_them_keeps_within() -> None:
     module = example("mpc_servo")
-    scenario = od.load_scenario("imu_uwb_yolo", camera__kind="projected", **SHORT)
+    scenario = od.load_scenario("nominal_imu_uwb_yolo", camera__kind="projected", **SHORT)
     servo = module.MpcServo(scenario)
     K, _ = DiscreteTimeLinearQuadraticRegulator(*discretize(hover_A(), hover_B(M100), scenario.h), module.Q, module.R)
     context = servo.CreateDefaultContext()
@@ -134,7 +134,7 @@ def test_a_room_of_ones_own_is_flown_through_and_its_shelves_are_not() -> None:
 def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> None:
     plugin, out = FOLDER / "barometer.py", tmp_path / "flights"
     settings = ["--set", "sensors=[uwb, imu, barometer]", "--set", "planner={kind: hover, duration: 1.0}"]
-    command = [sys.executable, "-m", "ortilo_drake.cli", "--plugin", str(plugin), "fly", "imu_uwb", *settings]
+    command = [sys.executable, "-m", "ortilo_drake.cli", "--plugin", str(plugin), "fly", "nominal_imu_uwb", *settings]
     done = subprocess.run(
         [*command, "--out", str(out / "one.nc")], capture_output=True, text=True, timeout=300, check=False
     )
@@ -148,12 +148,12 @@ def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> 
         "settings = dict(sensors=['uwb', 'imu', 'barometer'], planner={'kind': 'hover', 'duration': 1.0})\n"
         "if __name__ == '__main__':\n"
         "    try:\n"
-        "        od.load_scenario('imu_uwb', **settings)\n"
+        "        od.load_scenario('nominal_imu_uwb', **settings)\n"
         "    except od.InputError as error:\n"
         "        print(error)\n"
         f"    load_plugin({str(plugin)!r})\n"  # a worker is to be told: it reads this file, but not this part
-        "    one = od.fly_many('imu_uwb', range(2), **settings)\n"
-        "    two = od.fly_many('imu_uwb', range(2), workers=2, **settings)\n"
+        "    one = od.fly_many('nominal_imu_uwb', range(2), **settings)\n"
+        "    two = od.fly_many('nominal_imu_uwb', range(2), workers=2, **settings)\n"
         "    for a, b in zip(one, two, strict=True):\n"
         "        assert (a.data['estimate'].values == b.data['estimate'].values).all()\n"
         "        assert 'z_baro' in a.data['output']\n"
@@ -165,6 +165,6 @@ def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> 
     said = done.stdout.splitlines()
     assert len(said) == 2, done.stderr
     assert said[0].startswith(
-        "imu_uwb: sensors.2: 'barometer' is not one of 'uwb', 'camera', 'imu', 'altimeter', 'flow'"
+        "nominal_imu_uwb: sensors.2: 'barometer' is not one of 'uwb', 'camera', 'imu', 'altimeter', 'flow'"
     )
     assert said[1] == "same"

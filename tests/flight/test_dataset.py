@@ -25,7 +25,7 @@ SEEN = [0, 1, 2, 0, 1, 2, 3, 4, 5]  # the state behind each row of y
 
 @pytest.fixture(scope="module")
 def flight(flown: Any) -> xr.Dataset:
-    return flown("imu_uwb_yolo", (SHORT, PROJECTED), 3)
+    return flown("nominal_imu_uwb_yolo", (SHORT, PROJECTED), 3)
 
 
 def flown_here(name: str, *settings: str) -> tuple[Scenario, xr.Dataset]:
@@ -62,7 +62,7 @@ def test_every_variable_and_the_time_carry_units(flight: xr.Dataset) -> None:
 
 
 def test_the_scenario_and_its_seed_are_inside(flight: xr.Dataset) -> None:
-    assert scenario_of(flight) == load_scenario("imu_uwb_yolo", (SHORT, PROJECTED, "seed=3"))
+    assert scenario_of(flight) == load_scenario("nominal_imu_uwb_yolo", (SHORT, PROJECTED, "seed=3"))
     assert flight.attrs["seed"] == 3
 
 
@@ -102,9 +102,9 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("imu_uwb_yolo", (SHORT, PROJECTED)),
-        ("imu_uwb_yolo", (SHORT, PROJECTED, "estimator.integrator=literal")),
-        ("imu_uwb", (SHORT, "estimator.integrator=hold", "servo.form=paper")),
+        ("nominal_imu_uwb_yolo", (SHORT, PROJECTED)),
+        ("nominal_imu_uwb_yolo", (SHORT, PROJECTED, "estimator.integrator=literal")),
+        ("nominal_imu_uwb", (SHORT, "estimator.integrator=hold", "servo.form=paper")),
         ("paper_imu_uwb", (HOVER,)),
         ("bursty_link", (HOVER,)),
         ("rotors", (HOVER, "servo.yaw=0.1", "estimator.gates.uwb=0.9")),
@@ -138,7 +138,7 @@ def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[st
 
 def test_the_plant_flies_the_logged_control_over_the_tick_that_follows() -> None:
     still = "world.disturbance={force_sd: 0.0, torque_sd: 0.0}"
-    scenario, flight = flown_here("imu_uwb", SHORT, still, "world.kinematics=linear")
+    scenario, flight = flown_here("nominal_imu_uwb", SHORT, still, "world.kinematics=linear")
     I_x, I_y, I_z = scenario.vehicle.inertia
     A, B = np.zeros((12, 12)), np.zeros((12, 4))
     A[0:6, 6:12] = np.eye(6)

@@ -32,7 +32,7 @@ OUTAGE = "uwb.link.blackouts=[{kind: time, start: 2.5, end: 3.5}]"
 
 @cache
 def hovering(seed: int, *settings: str) -> xr.Dataset:
-    return fly(load_scenario("imu_uwb", (*HOVER, OUTAGE, *settings), seed=seed))
+    return fly(load_scenario("nominal_imu_uwb", (*HOVER, OUTAGE, *settings), seed=seed))
 
 
 @cache
@@ -46,7 +46,7 @@ def over_the_floor(seed: int, *settings: str) -> tuple[list[float], list[float]]
 
 @pytest.mark.parametrize("tick_by_tick", [False, True])
 def test_no_ensemble_beats_the_floor_and_the_tuned_filter_sits_on_it(tick_by_tick: bool) -> None:
-    """The filter of 'imu_uwb' knows the world's noise, and near hover all is linear, but for z from ranges."""
+    """The filter of 'nominal_imu_uwb' knows the world's noise, and near hover all is linear, but for z from ranges."""
     ratios = np.array([over_the_floor(seed)[tick_by_tick] for seed in range(20)])
     assert ratios.shape == (20, 3)
     se = ratios.std(axis=0, ddof=1) / np.sqrt(20)
@@ -89,7 +89,7 @@ def test_arrivals_made_again_from_the_truth_are_those_of_the_flight(loss: str) -
 
 def test_arrivals_by_position_are_made_again_and_late_ones_count_where_they_were_true() -> None:
     blackout = "uwb.link.blackouts=[{kind: position, axis: x, start: 0.99, end: 1.01}]"
-    flight = fly(load_scenario("imu_uwb", (*HOVER, blackout, "uwb.link.delay=2"), seed=1))
+    flight = fly(load_scenario("nominal_imu_uwb", (*HOVER, blackout, "uwb.link.delay=2"), seed=1))
     used = flight["arrival"].sel(sensor="uwb").values
     seen = arrived(scenario_of(flight), "uwb", flight["truth"].values)
     assert 3 < used.sum() < 55

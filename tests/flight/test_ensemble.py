@@ -19,7 +19,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 
 SCENARIO = load_scenario(
-    "imu_uwb_yolo", ("camera.kind=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0")
+    "nominal_imu_uwb_yolo",
+    ("camera.kind=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0"),
 )
 
 
@@ -148,7 +149,7 @@ def test_what_a_killed_run_left_half_written_is_removed(tmp_path: Path, flown: l
 )
 def test_other_settings_get_a_folder_of_their_own(setting: str) -> None:
     other = load_scenario(
-        "imu_uwb_yolo",
+        "nominal_imu_uwb_yolo",
         ("camera.kind=projected", "planner={kind: hover, point: [8, 1, 1.5], duration: 1}", "settle=0.0", setting),
     )
     assert flight_folder(Path(), other) != flight_folder(Path(), SCENARIO)
@@ -158,7 +159,7 @@ def test_other_settings_get_a_folder_of_their_own(setting: str) -> None:
 @pytest.mark.parametrize("name", ["../../elsewhere", "/tmp/elsewhere", "a/b", "..", ""])
 def test_a_name_that_leads_out_of_the_folder_is_refused(name: str) -> None:
     with pytest.raises(InputError, match=f"name: {name!r}"):
-        load_scenario("imu_uwb", (f"name={json.dumps(name)}",))
+        load_scenario("nominal_imu_uwb", (f"name={json.dumps(name)}",))
 
 
 def test_saved_flights_are_read_back_in_the_order_asked_for(tmp_path: Path) -> None:

@@ -21,10 +21,10 @@ ORDER = (3, 0, 2**62 + 1, 3, 2**62, 0)  # the two large seeds are one float
 # What keeps something from tick to tick: chains, messages and commands in flight, the filter's history, rotors.
 BURSTS = "loss: {kind: gilbert_elliott, good_to_bad: 0.3, bad_to_good: 0.4}"
 KEEPING = {
-    "imu_uwb_yolo": (),
+    "nominal_imu_uwb_yolo": (),
     "bursty_link": (),
     "rotors": (f"command_link={{{BURSTS}, delay: 2, when_lost: hold}}",),
-    "imu_uwb": (f"uwb.link={{rate: null, delay: 1, random_delay: 2, {BURSTS}}}", "estimator.delay=replay"),
+    "nominal_imu_uwb": (f"uwb.link={{rate: null, delay: 1, random_delay: 2, {BURSTS}}}", "estimator.delay=replay"),
 }
 
 
@@ -42,7 +42,7 @@ def test_flights_of_one_simulator_are_those_of_a_diagram_each_in_any_order(name:
 @pytest.mark.egl
 def test_rendered_flights_too_with_pictures_that_come_late() -> None:
     settings = ("camera.link={rate: 10.0, delay: 1, random_delay: 2}", "planner.duration=0.8")
-    scenario = load_scenario("imu_uwb_yolo", (*HOVER, *settings))
+    scenario = load_scenario("nominal_imu_uwb_yolo", (*HOVER, *settings))
     assert scenario.is_rendered
     simulator = FlightSimulator(scenario)
     found = [digest(simulator.fly(seed)) for seed in (4, 1, 4)]
@@ -50,7 +50,7 @@ def test_rendered_flights_too_with_pictures_that_come_late() -> None:
 
 
 def test_a_lost_flight_leaves_nothing_to_the_next() -> None:
-    scenario = load_scenario("imu_uwb", (*HOVER, "world.disturbance.force_sd=60", "planner.duration=4"))
+    scenario = load_scenario("nominal_imu_uwb", (*HOVER, "world.disturbance.force_sd=60", "planner.duration=4"))
     simulator = FlightSimulator(scenario)
     flights = [simulator.fly(seed) for seed in (1, 2, 1)]
     assert all(flight.attrs["lost"] != "null" for flight in flights)
@@ -58,7 +58,7 @@ def test_a_lost_flight_leaves_nothing_to_the_next() -> None:
 
 
 def test_a_flight_carries_its_own_seed_and_refuses_one_that_cannot_be() -> None:
-    simulator = FlightSimulator(load_scenario("imu_uwb", HOVER, 9))
+    simulator = FlightSimulator(load_scenario("nominal_imu_uwb", HOVER, 9))
     assert simulator.fly(2).attrs["seed"] == 2
     with pytest.raises(InputError, match="seed"):
         simulator.fly(-1)
@@ -73,7 +73,7 @@ def test_many_seeds_are_flown_with_one_diagram(tmp_path: Path, monkeypatch: pyte
 
     original = flight_module.ClosedLoop
     monkeypatch.setattr(flight_module, "ClosedLoop", make)
-    scenario = load_scenario("imu_uwb", HOVER)
+    scenario = load_scenario("nominal_imu_uwb", HOVER)
     fly_many(scenario, range(4), tmp_path)
     assert len(built) == 1
     fly_many(scenario, range(4), tmp_path)  # all there
@@ -96,7 +96,7 @@ def note(summary):
     if summary.seed == 4:
         before = resident()
 
-fly_many(load_scenario("imu_uwb_yolo", tuple(sys.argv[2:])), range(20), Path(sys.argv[1]), progress=note)
+fly_many(load_scenario("nominal_imu_uwb_yolo", tuple(sys.argv[2:])), range(20), Path(sys.argv[1]), progress=note)
 print(resident() - before)
 """
 

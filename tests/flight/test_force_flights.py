@@ -24,7 +24,7 @@ HOVER = "planner={kind: hover, duration: 9.0}"
 
 
 def hovering(force: str, *settings: str) -> Scenario:
-    return load_scenario("imu_uwb", (HOVER, "settle=0", f"estimator.force={force}", *settings))
+    return load_scenario("nominal_imu_uwb", (HOVER, "settle=0", f"estimator.force={force}", *settings))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_two_halves_fly_it_and_a_log_repeats_it_bit_for_bit(tmp_path: Path, sett
     np.testing.assert_array_equal(fly_lockstep(scenario, in_this_process(scenario))["truth"], whole["truth"])
     fly_logged(scenario, tmp_path / "log")
     assert replay_log(tmp_path / "log").identical
-    other = fly(load_scenario("imu_uwb", ("planner={kind: hover, duration: 2.0}", "settle=0", *settings)))
+    other = fly(load_scenario("nominal_imu_uwb", ("planner={kind: hover, duration: 2.0}", "settle=0", *settings)))
     assert np.any(other["truth"].values != whole["truth"].values)
 
 

@@ -121,7 +121,7 @@ def test_furniture_is_touched_but_does_not_end_a_flight(point: tuple[float, floa
     ],
 )
 def test_a_lost_flight_ends_early_with_time_and_cause(cause: str, settings: tuple[str, ...]) -> None:
-    scenario = load_scenario("imu_uwb", settings)
+    scenario = load_scenario("nominal_imu_uwb", settings)
     flight = fly(scenario)
     lost = json.loads(flight.attrs["lost"])
     states = flight["truth"].values

@@ -51,7 +51,7 @@ def made_up_flight(n: int = 60, seed: int = 0) -> xr.Dataset:
         },
         coords={"sensor": SENSORS},
         attrs={
-            "scenario": load_scenario("imu_uwb").model_dump_json(),
+            "scenario": load_scenario("nominal_imu_uwb").model_dump_json(),
             "format": FORMAT,
             "seed": 0,
             "lost": "null",
@@ -84,7 +84,7 @@ def test_fix_errors_are_the_distances_of_the_fixes_that_were_used() -> None:
             "arrival": (("tick", "sensor"), arrival),
         },
         coords={"sensor": ["uwb", "camera", "imu"]},
-        attrs={"scenario": load_scenario("imu_uwb").model_dump_json(), "format": FORMAT},
+        attrs={"scenario": load_scenario("nominal_imu_uwb").model_dump_json(), "format": FORMAT},
     )
     found = fix_errors(flight)
     for k, sensor in enumerate(("uwb", "camera")):
@@ -123,7 +123,7 @@ def test_position_nees_and_nis_equal_plain_loops() -> None:
 def test_nis_of_a_fix_that_gives_more_is_that_of_its_position(flown: Callable[..., xr.Dataset]) -> None:
     """`pose` fixes have six rows; chi-square with 3 degrees of freedom is what the position's are compared with."""
     changes = ("camera.kind=projected", "landmark_fix.method=pose", "settle=0", "planner={kind: hover, duration: 1.0}")
-    flight = flown("imu_uwb_yolo", changes)
+    flight = flown("nominal_imu_uwb_yolo", changes)
     rows = np.flatnonzero(flight["arrival"].sel(sensor="camera").values)
     P, xhat = flight["covariance"].values[:, :3, :3], flight["estimate"].values[:, :3]
     V = flight["measurement_covariance"].sel(sensor="camera").values[:, :3, :3]

@@ -25,7 +25,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
 TICKS, TAIL = 12, len("\nortilo-drake flight, sha256 \n") + 64
-SCENARIO = load_scenario("imu_uwb", seed=3)
+SCENARIO = load_scenario("nominal_imu_uwb", seed=3)
 SUMMARY = made_up_summary((0.1, 0.2, 0.3))
 
 
@@ -125,7 +125,7 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {
     "as text": lambda data: data.decode("latin-1").encode(),
     "netCDF-3": lambda data: b"CDF\x01" + bytes(2000),
     "text": lambda data: b"time,x,y\n" * 500,
-    "YAML": lambda data: b"name: imu_uwb\n",
+    "YAML": lambda data: b"name: nominal_imu_uwb\n",
     "a ZIP": lambda data: b"PK\x03\x04" + bytes(500),
     "a pickle": lambda data: pickle.dumps([os.getcwd]),
 }  # fmt: skip
@@ -227,7 +227,7 @@ FOREIGN: dict[str, tuple[Callable[[xr.Dataset], xr.Dataset], str]] = {
     "no scenario": (without_attribute("scenario"), "scenario: is 'None', must be text"),
     "scenario a number": (with_attribute("scenario", 3.0), "scenario: is '3.0', must be text"),
     "scenario many": (with_attribute("scenario", ["a", "b"]), "scenario: is "),
-    "scenario no JSON": (with_attribute("scenario", "imu_uwb"), "Expecting value"),
+    "scenario no JSON": (with_attribute("scenario", "nominal_imu_uwb"), "Expecting value"),
     "scenario a list": (with_attribute("scenario", "[]"), "scenario: "),
     "scenario nested deeply": (with_attribute("scenario", "[" * 20_000), "recursion"),
     "scenario of another program": (with_attribute("scenario", '{"altitude": 3}'), "scenario: altitude: unknown key"),

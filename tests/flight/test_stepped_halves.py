@@ -29,9 +29,9 @@ def same_flight(scenario: Scenario) -> xr.Dataset:
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("imu_uwb", ()),
-        pytest.param("imu_uwb_yolo", ("camera.kind=projected",), marks=pytest.mark.long),
-        ("imu_uwb_yolo", ("camera.kind=projected", *LATE)),
+        ("nominal_imu_uwb", ()),
+        pytest.param("nominal_imu_uwb_yolo", ("camera.kind=projected",), marks=pytest.mark.long),
+        ("nominal_imu_uwb_yolo", ("camera.kind=projected", *LATE)),
         ("paper_imu_uwb", ()),
         ("rotors", ("planner={kind: hover, duration: 4.0}",)),
     ],
@@ -44,17 +44,19 @@ def test_halves_fly_the_closed_loop_bit_for_bit(name: str, settings: tuple[str, 
 @pytest.mark.egl
 @pytest.mark.parametrize("settings", [(), LATE[:1]])
 def test_rendered_halves_fly_the_closed_loop_bit_for_bit(settings: tuple[str, ...]) -> None:
-    flight = same_flight(load_scenario("imu_uwb_yolo", ("settle=0", "planner={kind: hover, duration: 4}", *settings)))
+    flight = same_flight(
+        load_scenario("nominal_imu_uwb_yolo", ("settle=0", "planner={kind: hover, duration: 4}", *settings))
+    )
     assert flight["arrival"].sel(sensor="camera").sum() > 20
 
 
 def test_a_lost_flight_ends_at_the_same_tick() -> None:
-    flight = same_flight(load_scenario("imu_uwb", ("world.disturbance.torque_sd=0.6",)))
+    flight = same_flight(load_scenario("nominal_imu_uwb", ("world.disturbance.torque_sd=0.6",)))
     assert flight.attrs["lost"] != "null"
 
 
 def test_another_path_is_flown_from_the_tick_at_which_it_was_given() -> None:
-    onboard = OnboardHalf(load_scenario("imu_uwb", ("planner={kind: hover, duration: 9.0}",)))
+    onboard = OnboardHalf(load_scenario("nominal_imu_uwb", ("planner={kind: hover, duration: 9.0}",)))
     for _ in range(3):
         onboard.advance()
     t, before = onboard.context.get_time(), onboard.outputs()
@@ -73,7 +75,7 @@ def test_another_path_is_flown_from_the_tick_at_which_it_was_given() -> None:
 
 
 def test_the_same_path_given_again_in_flight_changes_no_bit() -> None:
-    scenario = load_scenario("imu_uwb", ("settle=0",))
+    scenario = load_scenario("nominal_imu_uwb", ("settle=0",))
     world, once, again = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
     for _ in range(90):
         messages = world.sample()

@@ -43,7 +43,7 @@ _, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
 B = GAMMA_D * np.repeat([FORCE, TORQUE], 3)  # x_{k+1} = Phi x_k + B d_k, d_k standard normal
 W = disturbance_W(M100, H, FORCE, TORQUE)
 NOTHING = np.zeros((12, 12))
-ROOM = load_scenario("imu_uwb").load_room()
+ROOM = load_scenario("nominal_imu_uwb").load_room()
 COMPARED = [0, 1, 8, 15, 27]  # ticks
 
 
@@ -273,7 +273,7 @@ def centers_seen(room: Room, width: int, state: np.ndarray) -> np.ndarray:
 
 def parametric(**errors: float) -> Scenario:
     settings = [f"camera.errors.{key}={value}" for key, value in errors.items()]
-    return load_scenario("imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric", *settings))
+    return load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric", *settings))
 
 
 def rows_seen(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
@@ -286,7 +286,7 @@ def test_box_gradients_agree_with_differences_of_projections() -> None:
     rng, room = np.random.default_rng(6), ROOM
     truth = np.repeat(flown_along(rng, 2), 4, axis=0)
     truth[:, 0] = rng.uniform(0.0, 15.0, 8)
-    rows = rows_seen(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)), truth)
+    rows = rows_seen(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",)), truth)
     rows = rows[rows[:, SLOW] >= 0]  # these are numbered
     assert len(rows) > 20
     for row in rows:
@@ -315,7 +315,7 @@ def test_a_box_of_given_noise_tells_by_its_edges_variance_and_its_rate() -> None
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_centers_information_is_the_expected_square_of_its_score(share: float, axis: int) -> None:
-    tables = camera_tables(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)), ROOM)
+    tables = camera_tables(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",)), ROOM)
     assert tables is not None
     errors = center_errors(tables._replace(slow=np.array([[share, 29.0], [0.0, 1.0]])))
     q, q_inverse = measured_quantile(tables.quantiles[0], tables.quantiles[1 + axis])
@@ -378,7 +378,7 @@ def test_the_slow_error_is_correlated_as_the_projected_camera_draws_it() -> None
 
 @pytest.mark.parametrize("detector", ["ours", "own"])
 def test_there_is_no_floor_for_a_detector_that_nobody_measured(detector: str) -> None:
-    scenario = load_scenario("imu_uwb_yolo")
+    scenario = load_scenario("nominal_imu_uwb_yolo")
     if detector == "own":
         own = scenario.detector.model_copy(update={"cfg": "a.cfg", "weights": "a.weights"})
         scenario = scenario.model_copy(update={"detector": own})
@@ -390,10 +390,10 @@ def test_a_scenario_is_bounded_by_the_worlds_noise_and_not_by_what_the_filter_be
     truth = flown_along(np.random.default_rng(0), 60)
     floors = [
         position_floor(load_scenario(name), truth)
-        for name in ("imu_uwb", "paper_imu_uwb")  # the paper's W = I and V
+        for name in ("nominal_imu_uwb", "paper_imu_uwb")  # the paper's W = I and V
     ]
     np.testing.assert_array_equal(*floors)
-    with_camera = position_floor(load_scenario("imu_uwb_yolo"), truth)
+    with_camera = position_floor(load_scenario("nominal_imu_uwb_yolo"), truth)
     assert with_camera is not None
     assert floors[0] is not None
     assert np.all(with_camera <= floors[0])
@@ -409,7 +409,7 @@ def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
         f"camera.link.rate={30 / 7}",
         "imu.link.rate=15.0",
     )
-    scenario, truth, n = load_scenario("imu_uwb_yolo", settings), flown_along(np.random.default_rng(0), 60), 60
+    scenario, truth, n = load_scenario("nominal_imu_uwb_yolo", settings), flown_along(np.random.default_rng(0), 60), 60
     seen = {name: arrived(scenario, name, truth) for name in ("uwb", "camera", "imu")}
     assert len({tuple(there) for there in seen.values()}) == 3
     tables = camera_tables(scenario, ROOM)
@@ -426,7 +426,7 @@ def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
 
 
 def test_without_a_sensor_the_bound_is_the_disturbances_alone() -> None:
-    scenario = load_scenario("imu_uwb", ("imu.link.loss.kind=bernoulli", "imu.link.loss.probability=1.0"))
+    scenario = load_scenario("nominal_imu_uwb", ("imu.link.loss.kind=bernoulli", "imu.link.loss.probability=1.0"))
     truth = flown_along(np.random.default_rng(0), 30)
     truth[:, 0] = 3.0  # in the blackout
     assert not arrived(scenario, "uwb", truth).any()

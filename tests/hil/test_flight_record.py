@@ -13,7 +13,7 @@ from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, look_time
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.scenario import load_scenario
 
-SCENARIO = load_scenario("imu_uwb")
+SCENARIO = load_scenario("nominal_imu_uwb")
 OUTPUTS = output_sizes(SCENARIO.measurement)
 
 

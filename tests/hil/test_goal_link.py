@@ -141,7 +141,7 @@ def play_flight(world: PlayedWorld, reason_for: ReasonFor, stop: threading.Event
 
 @contextlib.contextmanager
 def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
-    world, stop = PlayedWorld(bus, load_scenario("imu_uwb", SETTINGS)), threading.Event()
+    world, stop = PlayedWorld(bus, load_scenario("nominal_imu_uwb", SETTINGS)), threading.Event()
     with ThreadPoolExecutor(1) as pool:
         flight = pool.submit(play_flight, world, reason_for, stop)
         try:
@@ -153,7 +153,7 @@ def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
 
 def ask(bus: str, reason_for: ReasonFor, wait: float = HANGS, settings: tuple[str, ...] = SETTINGS) -> None:
     with flying(bus, reason_for):
-        ask_goal(bus, KEY, load_scenario("imu_uwb", settings), 1.0, 2.0, wait)
+        ask_goal(bus, KEY, load_scenario("nominal_imu_uwb", settings), 1.0, 2.0, wait)
 
 
 def test_a_goal_is_taken_although_two_packets_are_lost(bus: str) -> None:
@@ -177,7 +177,7 @@ def test_every_refusal_is_one_line(bus: str, other_bus: str) -> None:
     with pytest.raises(InputError, match=r"^world: flies another scenario \(.*only the world knows$"):
         ask(bus, lambda goal, n: "", settings=(*SETTINGS, "control_rate=60"))
     with pytest.raises(InputError, match=r"^world: not heard in 0.2 s; start it with: ortilo hil world$"):
-        ask_goal(other_bus, KEY, load_scenario("imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
+        ask_goal(other_bus, KEY, load_scenario("nominal_imu_uwb", SETTINGS), 1.0, 2.0, 0.2)
 
 
 def test_the_command_takes_numbers_below_zero(bus: str, tmp_path: Path) -> None:
@@ -194,15 +194,15 @@ def test_the_command_takes_numbers_below_zero(bus: str, tmp_path: Path) -> None:
         str(key_file(tmp_path)),
     ]
     with flying(bus, answer):
-        done = CliRunner().invoke(hil_app, ["goal", "-1.5", "-2e-1", "imu_uwb", *options])
-        refused = CliRunner().invoke(hil_app, ["goal", "1", "-2", "imu_uwb", *options])
+        done = CliRunner().invoke(hil_app, ["goal", "-1.5", "-2e-1", "nominal_imu_uwb", *options])
+        refused = CliRunner().invoke(hil_app, ["goal", "1", "-2", "nominal_imu_uwb", *options])
     assert (done.exit_code, done.output) == (0, "goal (-1.5, -0.2): flies there\n")
     assert {(goal.x, goal.y) for goal in heard} == {(-1.5, -0.2), (1.0, -2.0)}
     assert str(refused.exception) == "goal (1, -2): no way"
 
 
 def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
-    scenario, joined = load_scenario("imu_uwb", SETTINGS), open_bus(bus)
+    scenario, joined = load_scenario("nominal_imu_uwb", SETTINGS), open_bus(bus)
     inbox, answers, refused = Inbox(joined, ["hello", "goal"], KEY), [], threading.Event()
     with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
         world = pool.submit(run_world, scenario, bus, KEY, True, HANGS, record=lambda *tick: refused.wait(0.2))

@@ -24,7 +24,7 @@ from ortilo_drake.onboard.planner.goal_path import knots
 from ortilo_drake.onboard.planner.planner import plan, refuse_contact
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
-SCENARIO = load_scenario("imu_uwb")
+SCENARIO = load_scenario("nominal_imu_uwb")
 PATH = plan(SCENARIO.planner, SCENARIO.load_room(), SCENARIO.vehicle)
 H = SCENARIO.h
 
@@ -231,7 +231,7 @@ def test_the_process_knows_the_parts_of_a_plugin(tmp_path: Path, monkeypatch: py
         monkeypatch.setattr(parts, name, own)
     (tmp_path / "still.py").write_text(PLUGIN)
     parts.load_plugin(tmp_path / "still.py")
-    with planner_of(load_scenario("imu_uwb", ("planner={kind: still}",))) as planner:
+    with planner_of(load_scenario("nominal_imu_uwb", ("planner={kind: still}",))) as planner:
         planner.ask(1, np.array([2.0, 0.5, 1.5]), np.array([3.0, 0.5]))
         assert planned(planner).reason == ""
 
@@ -243,7 +243,7 @@ def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
         "from ortilo_drake.hil.goals.goal_planner import GoalPlanner\n"
         "from ortilo_drake.scenario import load_scenario\n"
         "if __name__ == '__main__':\n"
-        "    with GoalPlanner(load_scenario('imu_uwb')) as planner:\n"
+        "    with GoalPlanner(load_scenario('nominal_imu_uwb')) as planner:\n"
         "        planner.wait_until_ready()\n"
         "        print(planner._process.pid, flush=True)\n"
         "        time.sleep(600.0)\n"
@@ -259,7 +259,7 @@ def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
 
 
 def test_a_flight_goes_to_a_goal_and_to_the_next_and_touches_nothing() -> None:
-    scenario = load_scenario("imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.4], duration: 60.0}",))
+    scenario = load_scenario("nominal_imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.4], duration: 60.0}",))
     world, onboard = WorldHalf(scenario), OnboardHalf(scenario)
     goals = Goals(scenario, beside := Beside(scenario))
     sent = {90: user(1, 14.0, -1.5), 390: user(2, 8.5, 0.5)}

@@ -20,7 +20,10 @@ from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
-SCENARIO, OTHER = load_scenario("imu_uwb"), load_scenario("imu_uwb", ("multilateration.method=nearest_three",))
+SCENARIO, OTHER = (
+    load_scenario("nominal_imu_uwb"),
+    load_scenario("nominal_imu_uwb", ("multilateration.method=nearest_three",)),
+)
 STRANGER = 32 * b"s"
 
 

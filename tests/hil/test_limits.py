@@ -27,7 +27,7 @@ from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
 LATE = ("camera.link.delay=2", "camera.link.random_delay=1", "imu.link.delay=3")
 SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)
-SCENARIO = load_scenario("imu_uwb_yolo", SETTINGS)
+SCENARIO = load_scenario("nominal_imu_uwb_yolo", SETTINGS)
 FLIGHT = flight_of(SCENARIO, 7, FLIGHT_KEY)
 TICK = 300
 OUTPUTS = SCENARIO.measurement.sizes | TELEMETRY
@@ -112,7 +112,7 @@ def test_the_limits_are_what_they_say() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.long] * (name not in ("imu_uwb_yolo", "flow")))
+        pytest.param(name, marks=[pytest.mark.long] * (name not in ("nominal_imu_uwb_yolo", "flow")))
         for name in scenario_names()
     ],
 )
@@ -130,7 +130,7 @@ def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     ],
 )
 def test_a_flight_that_is_lost_reaches_no_limit_before_it_counts_as_lost(settings: tuple[str, ...]) -> None:
-    flight = check_packets(load_scenario("imu_uwb", settings))
+    flight = check_packets(load_scenario("nominal_imu_uwb", settings))
     assert flight.attrs["lost"] != "null"
 
 
@@ -160,9 +160,12 @@ def check_packets(scenario: Scenario):  # type: ignore[no-untyped-def]
 
 
 def test_limits_grow_with_what_they_come_from() -> None:
-    here, noisy = limits_of(SCENARIO), limits_of(load_scenario("imu_uwb_yolo", (*SETTINGS, "imu.angle_sd=0.02")))
+    here, noisy = (
+        limits_of(SCENARIO),
+        limits_of(load_scenario("nominal_imu_uwb_yolo", (*SETTINGS, "imu.angle_sd=0.02"))),
+    )
     np.testing.assert_allclose(noisy["imu"].high[2:5] - here["imu"].high[2:5], 0.1)
-    biased = limits_of(load_scenario("imu_uwb_yolo", (*SETTINGS, "uwb.walls={kind: bias, per_wall: 1}")))
+    biased = limits_of(load_scenario("nominal_imu_uwb_yolo", (*SETTINGS, "uwb.walls={kind: bias, per_wall: 1}")))
     walls = len(SCENARIO.load_room().wall_boxes)
     ranges = slice(PAYLOAD, PAYLOAD + FLIGHT.anchors)
     np.testing.assert_allclose(biased["uwb"].high[ranges] - here["uwb"].high[ranges], walls)

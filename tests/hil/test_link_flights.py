@@ -18,13 +18,13 @@ BAD = Faults(loss=0.2, delay=0.004, spread=0.003, duplicate=0.2, held=0.1, hold=
 FAREWELLS = 20  # each may be lost: all of them with a probability of 1e-14
 
 
-@pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo", "flow"])
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "nominal_imu_uwb_yolo", "flow"])
 def test_a_bad_link_costs_time_but_not_a_bit(
     name: str, bus: str, other_bus: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sessions, "FAREWELLS", FAREWELLS)
     short = ("settle=0", "planner={kind: hover, duration: 0.5}")
-    scenario = load_scenario(name, (*short, "camera.kind=projected") if name == "imu_uwb_yolo" else short)
+    scenario = load_scenario(name, (*short, "camera.kind=projected") if name == "nominal_imu_uwb_yolo" else short)
     alone = fly(scenario)
     del alone.attrs["real_time_factor"]
     stop, relays = threading.Event(), threading.Event()

@@ -15,7 +15,7 @@ LATE = ("camera.kind=projected", "estimator.delay=replay", "camera.link.delay=2"
 
 
 def scenario_of(*settings: str) -> Scenario:
-    return load_scenario("imu_uwb_yolo", settings)
+    return load_scenario("nominal_imu_uwb_yolo", settings)
 
 
 @pytest.mark.parametrize("settings", [("camera.kind=projected",), LATE])

@@ -16,7 +16,7 @@ from ortilo_drake.hil.wire.wire import publish_command
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
-SCENARIO = load_scenario("imu_uwb")
+SCENARIO = load_scenario("nominal_imu_uwb")
 
 
 @contextmanager

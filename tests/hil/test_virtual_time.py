@@ -18,7 +18,7 @@ BAD = Faults(loss=0.2, delay=0.04, spread=0.02, duplicate=0.1)
 
 
 def scenario_of(*settings: str) -> Scenario:
-    return load_scenario("imu_uwb_yolo", (*SHORT, "uwb.link.blackouts=[]", *settings))
+    return load_scenario("nominal_imu_uwb_yolo", (*SHORT, "uwb.link.blackouts=[]", *settings))
 
 
 def test_without_faults_it_is_the_flight_but_for_the_commands_millisecond() -> None:
@@ -60,7 +60,7 @@ def test_what_comes_twice_is_taken_once() -> None:
 
 def test_pictures_are_refused() -> None:
     with pytest.raises(InputError, match="camera"):
-        fly_in_virtual_time(load_scenario("imu_uwb_yolo", ("camera.kind=rendered",)))
+        fly_in_virtual_time(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered",)))
 
 
 def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> None:

@@ -19,9 +19,9 @@ def analyzed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], 
     folder = tmp_path_factory.mktemp("analyze")
     file = folder / "new" / "analysis.json"
     with redirect_stderr(StringIO()) as said:
-        code = run("analyze", "imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
+        code = run("analyze", "nominal_imu_uwb", "--flights", "0", "--out", str(folder / "out"), "--json", str(file))
     assert code == 0
-    return json.loads(file.read_text()), (folder / "out" / "imu_uwb.md").read_text(), said.getvalue()
+    return json.loads(file.read_text()), (folder / "out" / "nominal_imu_uwb.md").read_text(), said.getvalue()
 
 
 @pytest.mark.long
@@ -73,7 +73,7 @@ def test_each_part_says_on_stderr_that_it_begins(analyzed: tuple[dict[str, Any],
 def test_modes_that_no_sensor_sees_are_named(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, sensors: str, named: str
 ) -> None:
-    code = run("analyze", "imu_uwb", "--set", f"sensors={sensors}", "--out", str(tmp_path / "out"))
+    code = run("analyze", "nominal_imu_uwb", "--set", f"sensors={sensors}", "--out", str(tmp_path / "out"))
     assert code == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1

@@ -107,7 +107,7 @@ def room_file(folder: Path, **changes: Any) -> str:
     ],
 )
 def test_a_wrong_setting(refused: Any, setting: str, named: list[str]) -> None:
-    line = refused("scenario", "check", "imu_uwb", "--set", setting)
+    line = refused("scenario", "check", "nominal_imu_uwb", "--set", setting)
     assert [word for word in named if word not in line] == [], line
 
 
@@ -115,11 +115,11 @@ def test_a_wrong_setting(refused: Any, setting: str, named: list[str]) -> None:
 def test_an_unknown_scenario(refused: Any, command: list[str]) -> None:
     line = refused(*command, "imu_gps")
     assert "'imu_gps'" in line
-    assert "imu_uwb_yolo" in line  # what there is instead
+    assert "nominal_imu_uwb_yolo" in line  # what there is instead
 
 
 def test_a_wrong_seed_on_the_command_line(refused: Any) -> None:
-    assert "seed: -1" in refused("fly", "imu_uwb", "--seed", "-1")
+    assert "seed: -1" in refused("fly", "nominal_imu_uwb", "--seed", "-1")
 
 
 def test_a_wrong_setting_stops_the_tables_before_they_fly(refused: Any) -> None:
@@ -128,7 +128,7 @@ def test_a_wrong_setting_stops_the_tables_before_they_fly(refused: Any) -> None:
 
 
 def test_a_group_that_needs_a_kind_says_which_there_are(refused: Any) -> None:
-    line = refused("scenario", "check", "imu_uwb", "--set", "uwb.link.loss={probability: 0.5}")
+    line = refused("scenario", "check", "nominal_imu_uwb", "--set", "uwb.link.loss={probability: 0.5}")
     assert "uwb.link.loss" in line
     assert "bernoulli" in line
 
@@ -181,12 +181,12 @@ def test_a_folder_for_a_scenario_file(refused: Any, tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_room_file(refused: Any, tmp_path: Path, changes: dict[str, Any], named: list[str]) -> None:
-    line = refused("scenario", "check", "imu_uwb", "--set", room_file(tmp_path, **changes))
+    line = refused("scenario", "check", "nominal_imu_uwb", "--set", room_file(tmp_path, **changes))
     assert [word for word in ["room.yaml", *named] if word not in line] == [], line
 
 
 def test_a_missing_room_file(refused: Any, tmp_path: Path) -> None:
-    assert "nowhere.yaml" in refused("scenario", "check", "imu_uwb", "--set", f"room={tmp_path}/nowhere.yaml")
+    assert "nowhere.yaml" in refused("scenario", "check", "nominal_imu_uwb", "--set", f"room={tmp_path}/nowhere.yaml")
 
 
 # --- paths ----------------------------------------------------------------------------------------------------
@@ -210,27 +210,27 @@ def test_a_missing_room_file(refused: Any, tmp_path: Path) -> None:
     ],
 )
 def test_a_path_that_cannot_be_flown(refused: Any, command: list[str], planner: str, named: list[str]) -> None:
-    line = refused(*command, "imu_uwb", "--set", f"planner={planner}")
+    line = refused(*command, "nominal_imu_uwb", "--set", f"planner={planner}")
     assert [word for word in named if word not in line] == [], line
 
 
 def test_no_free_path_through_a_wall_across_the_room(refused: Any, tmp_path: Path) -> None:
     walls = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))["walls"]
     across = [[10.0, -4.0 + k, 0.0] for k in range(9)]
-    line = refused("fly", "imu_uwb", "--set", room_file(tmp_path, walls=walls + across))
+    line = refused("fly", "nominal_imu_uwb", "--set", room_file(tmp_path, walls=walls + across))
     assert "planner.goal" in line
     assert "no free way" in line
 
 
 def test_no_free_path_for_a_vehicle_as_wide_as_the_room(refused: Any) -> None:
-    assert "2.5" in refused("fly", "imu_uwb", "--set", "vehicle.radius=2.5")
+    assert "2.5" in refused("fly", "nominal_imu_uwb", "--set", "vehicle.radius=2.5")
 
 
 @pytest.mark.parametrize("content", ["0 0 1.5\n1 nan 1.5\n", "0 0 1.5\n1 2\n", "0 0 1.5\na b c\n"])
 def test_a_wrong_line_of_waypoints(refused: Any, tmp_path: Path, content: str) -> None:
     (tmp_path / "points.txt").write_text(content)
     planner = f"planner={{kind: waypoints, file: {tmp_path}/points.txt}}"
-    line = refused("scenario", "check", "imu_uwb", "--set", planner)
+    line = refused("scenario", "check", "nominal_imu_uwb", "--set", planner)
     assert "points.txt" in line
     assert "line 2" in line
 
@@ -246,10 +246,10 @@ def calibration_file(folder: Path, **changes: Any) -> str:
 
 
 def refusals(refused: Any, *settings: str) -> str:
-    """Return the line in which `scenario check` and `fly` both refuse these settings of imu_uwb_yolo."""
+    """Return the line in which `scenario check` and `fly` both refuse these settings of nominal_imu_uwb_yolo."""
     laid_over = [word for setting in (HOVER, *settings) for word in ("--set", setting)]
-    line = refused("scenario", "check", "imu_uwb_yolo", *laid_over)
-    assert refused("fly", "imu_uwb_yolo", *laid_over) == line
+    line = refused("scenario", "check", "nominal_imu_uwb_yolo", *laid_over)
+    assert refused("fly", "nominal_imu_uwb_yolo", *laid_over) == line
     return str(line)
 
 
@@ -275,7 +275,7 @@ def test_a_class_that_the_detector_does_not_know(refused: Any, tmp_path: Path) -
     landmarks = [room["landmarks"][0] | {"label": "unicorn"}, *room["landmarks"][1:]]
     setting = room_file(tmp_path, landmark_size=sizes, landmarks=landmarks)
     assert "'unicorn'" in refusals(refused, setting)
-    assert run("scenario", "check", "imu_uwb_yolo", "--set", setting, "--set", "camera.kind=projected") == 0
+    assert run("scenario", "check", "nominal_imu_uwb_yolo", "--set", setting, "--set", "camera.kind=projected") == 0
 
 
 @pytest.mark.egl
@@ -319,7 +319,7 @@ def test_a_room_of_a_kilometre(refused: Any, tmp_path: Path) -> None:
     line = refusals(refused, "camera.kind=projected", large, "planner={kind: gcs, goal: [1, 0]}")
     assert "interior: 1000 m x 1000 m" in line
     assert "10000 m^2" in line
-    assert run("scenario", "check", "imu_uwb", "--set", large, "--set", HOVER) == 0
+    assert run("scenario", "check", "nominal_imu_uwb", "--set", large, "--set", HOVER) == 0
 
 
 @pytest.mark.parametrize("camera", ["rendered", "projected"])
@@ -354,7 +354,7 @@ def test_a_room_that_holds_too_much(refused: Any, tmp_path: Path, changes: dict[
 def test_a_result_that_cannot_be_written(refused: Any, tmp_path: Path, option: str, where: str) -> None:
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "folder.png").mkdir()
-    line = refused("fly", "imu_uwb", "--set", HOVER, option, where)
+    line = refused("fly", "nominal_imu_uwb", "--set", HOVER, option, where)
     assert where in line
 
 
@@ -368,7 +368,7 @@ def test_tables_and_diagrams_that_cannot_be_written(refused: Any, tmp_path: Path
 
 @pytest.mark.parametrize("where", ["x.frog", "x"])
 def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
-    assert where in refused("fly", "imu_uwb", "--set", HOVER, "--png", where)
+    assert where in refused("fly", "nominal_imu_uwb", "--set", HOVER, "--png", where)
 
 
 # --- options --------------------------------------------------------------------------------------------------
@@ -379,9 +379,9 @@ def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
     [
         (["tables", "--flights", "0"], ["--flights", "1"]),
         (["tables", "--workers", "0"], ["--workers", "1"]),
-        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "paper", "robust"]),
+        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "nominal", "paper"]),
         (["fly", "--seed", "one"], ["--seed", "integer"]),
-        (["fly", "imu_uwb", "imu_uwb"], ["imu_uwb"]),
+        (["fly", "nominal_imu_uwb", "nominal_imu_uwb"], ["nominal_imu_uwb"]),
         (["fly", "--fast"], ["--fast"]),
         (["fly", "--set"], ["--set"]),
         (["hover"], ["hover"]),
@@ -423,11 +423,11 @@ def test_an_extreme_setting_is_refused_in_one_line_or_flown(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, setting: str
 ) -> None:
     result = tmp_path / "flight.json"
-    code = run("fly", "imu_uwb", "--set", HOVER, "--set", setting, "--json", str(result))
+    code = run("fly", "nominal_imu_uwb", "--set", HOVER, "--set", setting, "--json", str(result))
     printed = capsys.readouterr()
     assert code in (0, 2), printed.err
     if code == 2:
         assert len(printed.err.splitlines()) == 1
         assert not result.exists()
     else:
-        assert json.loads(result.read_text())["scenario"] == "imu_uwb"
+        assert json.loads(result.read_text())["scenario"] == "nominal_imu_uwb"

@@ -155,7 +155,7 @@ class Curious(LeafSystem):
         self.DeclareVectorOutputPort("control", 4, lambda context, output: None)
 
 
-@pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo", "flow"])
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "nominal_imu_uwb_yolo", "flow"])
 def test_no_scenario_can_be_reached_from_the_onboard_half(name: str) -> None:
     scenario = load_scenario(name, ("truth.imu.yaw=0.1", "camera.kind=projected", SHORT))
     for parts, is_told in ((NO_PARTS, False), (Parts(servo=Curious), True)):

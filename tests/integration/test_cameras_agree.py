@@ -57,7 +57,7 @@ def projected_messages(scenario, states, seed) -> list[np.ndarray]:
 @pytest.fixture(scope="module")
 def errors():
     """Fix errors by the rendered camera (n) and by the projected one (REALISATIONS, n)."""
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",), SEED)
+    scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",), SEED)
     room = scenario.load_room()
     states = fly(scenario)["truth"].values[::EVERY]
     camera = room.camera.scaled_to(scenario.camera.width)
@@ -95,7 +95,7 @@ FLOWN = range(20, 26)  # seeds of the projected flights; the rendered one, the s
 
 def closed_loop(kind: str, seed: int) -> dict[str, float]:
     """Number of fixes, root mean square of their errors and of the estimate's [m], and mean NIS of a flight."""
-    flight = fly(load_scenario("imu_uwb_yolo", (f"camera.kind={kind}", *TO), seed))
+    flight = fly(load_scenario("nominal_imu_uwb_yolo", (f"camera.kind={kind}", *TO), seed))
     there = flight["arrival"].sel(sensor="camera").values
     fixes = np.stack([flight["measurement"].sel(output=f"{axis}_cam").values[there] for axis in "xyz"], axis=1)
     errors = np.linalg.norm(fixes - flight["truth"].values[there, :3], axis=1)

@@ -37,7 +37,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, "subprocess.C
     folder = tmp_path_factory.mktemp("fly")
     files = ["--out", "new/flight.nc", "--json", "new/flight.json", "--png", "flight.png", "--html", "flight.html"]
     return folder, run_apart(
-        "fly", "imu_uwb_yolo", "--seed", "3", "--set", SHORT, "--camera", "projected", *files, folder=folder
+        "fly", "nominal_imu_uwb_yolo", "--seed", "3", "--set", SHORT, "--camera", "projected", *files, folder=folder
     )
 
 
@@ -63,7 +63,7 @@ def test_fly_writes_the_files_asked_for_and_no_other(flown: Any) -> None:
 def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
     found = json.loads((flown[0] / "new/flight.json").read_text(encoding="utf-8"))
     assert set(found) == ASKED_FOR | BESIDE
-    assert (found["scenario"], found["seed"], found["lost"], found["contacts"]) == ("imu_uwb_yolo", 3, None, [])
+    assert (found["scenario"], found["seed"], found["lost"], found["contacts"]) == ("nominal_imu_uwb_yolo", 3, None, [])
     assert set(found["mse"]) == {"x", "y", "z"}
     assert set(found["arrivals"]) == {"uwb", "camera"}
     assert set(found["nis"]) == {"uwb", "camera", "imu"}
@@ -75,14 +75,14 @@ def test_fly_writes_the_keys_asked_for(flown: Any) -> None:
 @pytest.mark.processes
 def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -> None:
     folder, done = flown
-    scenario = load_scenario("imu_uwb_yolo", (SHORT, "camera.kind=projected"), 3)
+    scenario = load_scenario("nominal_imu_uwb_yolo", (SHORT, "camera.kind=projected"), 3)
     written = load_flight(folder / "new/flight.nc")
     assert scenario_of(written) == scenario
     here, there = as_data(summary(fly(scenario))), json.loads((folder / "new/flight.json").read_text(encoding="utf-8"))
     assert as_data(summary(written)) == there
     del here["real_time_factor"], there["real_time_factor"]
     assert here == there
-    assert done.stdout.startswith("imu_uwb_yolo, seed 3\n")
+    assert done.stdout.startswith("nominal_imu_uwb_yolo, seed 3\n")
     for axis, value in here["mse"].items():
         assert f"{axis} {value:.5f}" in done.stdout
     assert f"{here['path_mse']:.5f}" in done.stdout
@@ -92,7 +92,7 @@ def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -
 def test_a_lost_flight_is_a_result_not_an_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     low = "planner={kind: hover, point: [8, 1, 0.02]}"
     result = tmp_path / "lost.json"
-    assert run("fly", "imu_uwb", "--set", low, "--json", str(result)) == 0
+    assert run("fly", "nominal_imu_uwb", "--set", low, "--json", str(result)) == 0
     lost = json.loads(result.read_text(encoding="utf-8"))["lost"]
     assert set(lost) == {"time", "cause"}
     assert 0.0 < lost["time"] < 12.0
@@ -104,7 +104,7 @@ def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_nul
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     result = tmp_path / "flight.json"
-    assert run("fly", "imu_uwb", "--set", HOVER, "--json", str(result)) == 0
+    assert run("fly", "nominal_imu_uwb", "--set", HOVER, "--json", str(result)) == 0
     found = json.loads(result.read_text(encoding="utf-8"))
     assert set(found) == ASKED_FOR | BESIDE
     assert found["path_mse"] is None
@@ -114,7 +114,7 @@ def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_nul
 
 def test_long_file_names_are_printed_whole(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "[bold]a folder with a very long name[x]" / "and another one below it, long too" / "flight.json"
-    assert run("fly", "imu_uwb", "--set", HOVER, "--json", str(path)) == 0
+    assert run("fly", "nominal_imu_uwb", "--set", HOVER, "--json", str(path)) == 0
     assert f"wrote {path}\n" in capsys.readouterr().out
 
 
@@ -206,7 +206,7 @@ def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("preset", ["paper", "tuned", "robust"])
+@pytest.mark.parametrize("preset", ["paper", "tuned", "nominal"])
 def test_tables_of_lost_flights_count_them(capsys: pytest.CaptureFixture[str], tmp_path: Path, preset: str) -> None:
     storm = "world.disturbance.torque_sd=5.0"
     words = ["--flights", "1", "--workers", "1", "--preset", preset, "--set", HOVER, "--set", storm]
@@ -233,13 +233,13 @@ def subsystem_names(diagram: Diagram) -> set[str]:
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
 def test_the_diagram_is_svg_that_names_every_subsystem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "new" / "loop.svg"
-    words = ("diagram", "imu_uwb_yolo", "--set", SHORT, "--set", "camera.kind=projected", "--depth", "4")
+    words = ("diagram", "nominal_imu_uwb_yolo", "--set", SHORT, "--set", "camera.kind=projected", "--depth", "4")
     assert run(*words, "--svg", str(path)) == 0
     assert capsys.readouterr().err == ""
     root = ElementTree.parse(path).getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     texts = {"".join(node.itertext()).strip() for node in root.iter("{http://www.w3.org/2000/svg}text")}
-    names = subsystem_names(make_closed_loop(load_scenario("imu_uwb_yolo", (SHORT, "camera.kind=projected"))))
+    names = subsystem_names(make_closed_loop(load_scenario("nominal_imu_uwb_yolo", (SHORT, "camera.kind=projected"))))
     assert {"world", "onboard", "quadrotor", "uwb", "imu", "kalman_filter", "lq_servo", "planner"} <= names
     assert {name for name in names if not any(name in text for text in texts)} == set()
 
@@ -286,7 +286,7 @@ def test_control_c_ends_with_code_130_and_one_line(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(flight, "fly", press_control_c)
-    assert run("fly", "imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
+    assert run("fly", "nominal_imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 
@@ -294,8 +294,8 @@ def test_control_c_ends_with_code_130_and_one_line(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("fly", "imu_uwb", "--detector", "a.cfg", "a.weights"), "flies without a camera"),
-        (("fly", "imu_uwb_yolo", "--camera", "projected", "--detector", "a.cfg", "a.weights"), "does not draw"),
+        (("fly", "nominal_imu_uwb", "--detector", "a.cfg", "a.weights"), "flies without a camera"),
+        (("fly", "nominal_imu_uwb_yolo", "--camera", "projected", "--detector", "a.cfg", "a.weights"), "does not draw"),
         (("detector", "evaluate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),
         (("detector", "calibrate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),
     ],
@@ -319,7 +319,7 @@ def test_a_detector_leaves_the_other_settings_of_one() -> None:
     laid_over = with_camera(
         ["detector.threshold=0.2", "detector.names=a.names"], None, (Path("a.cfg"), Path("b.weights"))
     )
-    detector = load_scenario("imu_uwb_yolo", laid_over).detector
+    detector = load_scenario("nominal_imu_uwb_yolo", laid_over).detector
     assert detector.threshold == 0.2
     assert [Path(str(f)).name for f in (detector.cfg, detector.weights, detector.names)] == [
         "a.cfg",

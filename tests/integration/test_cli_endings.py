@@ -41,7 +41,7 @@ finally:
     ["typer", "numpy", "pydrake.systems.framework", "xarray"],
 )
 def test_control_c_during_an_import_ends_with_code_130_and_one_line(module: str) -> None:
-    words = (sys.executable, "-c", INTERRUPTED_IMPORT, module, "fly", "imu_uwb")
+    words = (sys.executable, "-c", INTERRUPTED_IMPORT, module, "fly", "nominal_imu_uwb")
     done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
     assert done.stderr == "ortilo: interrupted; what is finished is kept\n"
     assert (done.returncode, done.stdout) == (130, "")
@@ -86,7 +86,7 @@ def test_a_full_disk_for_what_is_printed_takes_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdout", FullDisk())
-    assert run("scenario", "show", "imu_uwb") == 2
+    assert run("scenario", "show", "nominal_imu_uwb") == 2
     assert capsys.readouterr().err == "ortilo: No space left on device\n"
     monkeypatch.undo()
     out.print()  # what could not be printed was kept, and would come before what the next test prints

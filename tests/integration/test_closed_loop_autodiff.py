@@ -22,7 +22,7 @@ SETTINGS = [
 
 def at_tick(settings: tuple[str, ...], tick: int) -> tuple[ClosedLoop, Any]:
     """Return the loop of a scenario without noise, and its context at a tick: hovering on the paper's own vehicle."""
-    calm = without_noise(load_scenario("imu_uwb", settings))
+    calm = without_noise(load_scenario("nominal_imu_uwb", settings))
     calm = calm.model_copy(update={"world": calm.world.model_copy(update={"kinematics": "small_angle"})})
     diagram = make_closed_loop(calm)
     simulator = make_simulator(diagram, calm)
@@ -77,9 +77,9 @@ def test_a_tick_of_all_states_has_the_slopes_of_differences(settings: tuple[str,
 
 
 def test_the_loop_that_flies_obeys_the_separation_principle() -> None:
-    tick = differentiate_closed_loop(load_scenario("imu_uwb"), 900)
-    loop = hover_loop(without_noise(load_scenario("imu_uwb")))
-    KC = tick.K @ np.diag(np.repeat(tick.delta, 3)) @ load_scenario("imu_uwb").measurement.layout.C
+    tick = differentiate_closed_loop(load_scenario("nominal_imu_uwb"), 900)
+    loop = hover_loop(without_noise(load_scenario("nominal_imu_uwb")))
+    KC = tick.K @ np.diag(np.repeat(tick.delta, 3)) @ load_scenario("nominal_imu_uwb").measurement.layout.C
     # In [x; i; x - xhat] the matrix is block triangular: servo with true states, and the predictor's error.
     to_error = np.eye(N_X + N_XBAR)
     to_error[N_X : 2 * N_X, :N_X], to_error[N_X : 2 * N_X, N_X : 2 * N_X] = np.eye(N_X), -np.eye(N_X)
@@ -91,6 +91,6 @@ def test_the_loop_that_flies_obeys_the_separation_principle() -> None:
 
 
 def test_a_loop_with_a_camera_says_what_cannot_be_differentiated() -> None:
-    diagram = make_closed_loop(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)))
+    diagram = make_closed_loop(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",)))
     with pytest.raises(RuntimeError, match=r"projected_camera|landmark_fix"):
         diagram.ToAutoDiffXd()

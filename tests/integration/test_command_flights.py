@@ -21,7 +21,7 @@ SHORT = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"
 NOTHING_LOST = "command_link.loss={kind: bernoulli, probability: 0.0}"
 
 
-@pytest.mark.parametrize("name", ["imu_uwb", "rotors"])
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "rotors"])
 def test_a_link_that_loses_nothing_flies_the_same_bits(name: str) -> None:
     def bits(*settings: str) -> xr.Dataset:
         return fly(load_scenario(name, ("camera.kind=projected", SHORT, *settings), 3))
@@ -33,7 +33,7 @@ def test_a_link_that_loses_nothing_flies_the_same_bits(name: str) -> None:
 
 def test_the_log_holds_the_commands_whatever_the_link_makes_of_them() -> None:
     calm = ("world.disturbance={force_sd: 0, torque_sd: 0}", SHORT)
-    flight = fly(load_scenario("imu_uwb", (*calm, "command_link.loss={kind: bernoulli, probability: 1.0}",
+    flight = fly(load_scenario("nominal_imu_uwb", (*calm, "command_link.loss={kind: bernoulli, probability: 1.0}",
                                            "command_link.when_lost=zero")))  # fmt: skip
     start = flight["truth"].values[0]
     np.testing.assert_allclose(
@@ -47,17 +47,17 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
     away = np.array(POINT) - anchors
     d = np.linalg.norm(away, axis=1)
     J = away / d[:, np.newaxis]
-    V = hover_V(load_scenario("imu_uwb"))
+    V = hover_V(load_scenario("nominal_imu_uwb"))
     np.testing.assert_allclose(V[:3, :3], np.linalg.inv(J.T @ np.diag((0.0075 * d) ** -2.0) @ J), rtol=1e-9)
     np.testing.assert_allclose(V[6:, 6:], 1e-4 * np.eye(3))
     with pytest.raises(InputError, match="no measurement of camera there"):
-        hover_V(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)), (20.5, -3.2, 1.5))
+        hover_V(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",)), (20.5, -3.2, 1.5))
 
 
 @pytest.mark.long
 def test_a_filter_that_reckons_with_what_is_not_there_hovers_as_predicted(tmp_path: Path) -> None:
     """Force and biases are estimated and are zero: the distance from r is that of the whole loop, not of P."""
-    scenario = load_scenario("robust_imu_uwb")
+    scenario = load_scenario("imu_uwb")
     (case,) = command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(4), tmp_path, duration=40.0).cases
     assert case.lost == 0
     # 160 s of an error that takes about 4 s to renew itself: some 40 values an axis.
@@ -66,7 +66,7 @@ def test_a_filter_that_reckons_with_what_is_not_there_hovers_as_predicted(tmp_pa
 
 @pytest.mark.long
 def test_flights_do_what_was_predicted_of_them(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb", ("camera.kind=projected",))
+    scenario = load_scenario("nominal_imu_uwb", ("camera.kind=projected",))
     links = command_cases((0.4,), ("hold",), (6,))
     found = command_flights(scenario, links, range(3), tmp_path, duration=20.0)
     assert json.loads(json.dumps(as_data(found), allow_nan=False))["cases"][0]["link"] == links[0].model_dump(

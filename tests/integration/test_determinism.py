@@ -17,7 +17,7 @@ from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 PROJECTED = "camera.kind=projected"  # as fast as the rest; rendered flights have tests of their own
-SCENARIOS = ["imu_uwb_yolo", "bursty_link", "rotors", "realistic", "realistic_flow"]
+SCENARIOS = ["nominal_imu_uwb_yolo", "bursty_link", "rotors", "realistic", "realistic_flow"]
 
 
 def digest(flight: xr.Dataset) -> str:
@@ -45,10 +45,10 @@ def test_the_same_seed_flies_the_same_bits_twice(name: str) -> None:
 
 
 def test_other_flights_in_between_change_nothing() -> None:
-    first = digest(flown("imu_uwb_yolo"))
+    first = digest(flown("nominal_imu_uwb_yolo"))
     fly(load_scenario("rotors", (SHORT, PROJECTED), 8))
     np.random.default_rng().normal(size=100)
-    assert digest(fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
+    assert digest(fly(load_scenario("nominal_imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
 
 
 def test_a_seeds_truths_do_not_depend_on_what_the_simulator_flew_before() -> None:
@@ -77,7 +77,7 @@ def test_another_process_flies_the_same_bits() -> None:
 
 
 def test_different_seeds_differ_in_every_noise() -> None:
-    flights = [fly(load_scenario("imu_uwb_yolo", (SHORT, PROJECTED), seed)) for seed in range(4)]
+    flights = [fly(load_scenario("nominal_imu_uwb_yolo", (SHORT, PROJECTED), seed)) for seed in range(4)]
     assert len({digest(flight) for flight in flights}) == 4
     first, other = flights[:2]
     for s in range(3):  # each sensor's first measurement, taken from the very same state
@@ -106,7 +106,7 @@ def world_of(name: str, *settings: str) -> tuple[Diagram, float]:
 
 
 def test_adding_the_camera_leaves_the_other_sensors_noise_as_it_was() -> None:
-    (without, h), (with_camera, _) = world_of("imu_uwb"), world_of("imu_uwb_yolo")
+    (without, h), (with_camera, _) = world_of("nominal_imu_uwb"), world_of("nominal_imu_uwb_yolo")
     for port in ("uwb", "imu"):
         one, other = messages(without, port, h), messages(with_camera, port, h)
         assert one.tobytes() == other.tobytes()
@@ -114,8 +114,8 @@ def test_adding_the_camera_leaves_the_other_sensors_noise_as_it_was() -> None:
 
 
 def test_a_sensors_rate_leaves_its_noise_and_that_of_the_others_as_it_was() -> None:
-    every_third, h = world_of("imu_uwb_yolo")
-    every_tick, _ = world_of("imu_uwb_yolo", "uwb.link.rate=null")
+    every_third, h = world_of("nominal_imu_uwb_yolo")
+    every_tick, _ = world_of("nominal_imu_uwb_yolo", "uwb.link.rate=null")
     slow, fast = messages(every_third, "uwb", h), messages(every_tick, "uwb", h)
     assert slow[::3].tobytes() == fast[::3].tobytes()
     assert not slow[1::3].any()
@@ -124,7 +124,7 @@ def test_a_sensors_rate_leaves_its_noise_and_that_of_the_others_as_it_was() -> N
 
 
 def test_a_message_is_a_function_of_seed_and_tick_not_of_the_order_of_asking() -> None:
-    world, h = world_of("imu_uwb_yolo")
+    world, h = world_of("nominal_imu_uwb_yolo")
     forward = messages(world, "detections", h)
     context = world.CreateDefaultContext()
     world.GetInputPort("control").FixValue(context, [2.7 * 9.81, 0.0, 0.0, 0.0])

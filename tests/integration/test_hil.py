@@ -17,7 +17,7 @@ pytestmark = pytest.mark.processes
 
 
 def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, bus: str) -> None:
-    report = checked(tmp_path / "report.json", "imu_uwb_yolo", *HOVER, *PROJECTED, "--lockstep", "--url", bus)
+    report = checked(tmp_path / "report.json", "nominal_imu_uwb_yolo", *HOVER, *PROJECTED, "--lockstep", "--url", bus)
     assert report["identical"] is True
     assert report["ticks"] == 121
     assert report["rejected"] == 0
@@ -25,14 +25,14 @@ def test_lockstep_is_the_flight_of_a_single_process(tmp_path: Path, bus: str) ->
 
 @pytest.mark.egl
 def test_lockstep_is_the_flight_of_a_single_process_with_pictures(tmp_path: Path, bus: str) -> None:
-    report = checked(tmp_path / "report.json", "imu_uwb_yolo", *RENDERED, "--lockstep", "--url", bus)
+    report = checked(tmp_path / "report.json", "nominal_imu_uwb_yolo", *RENDERED, "--lockstep", "--url", bus)
     assert report["identical"] is True
     assert report["ticks"] == 31
 
 
 @pytest.mark.real_time
 def test_three_seconds_in_real_time_at_100_hz(tmp_path: Path, bus: str) -> None:
-    words = ("imu_uwb_yolo", *PROJECTED, *HOVER, "--set", "control_rate=100", "--seconds", "3", "--url", bus)
+    words = ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, "--set", "control_rate=100", "--seconds", "3", "--url", bus)
     report = checked(tmp_path / "report.json", *words, "--png", str(tmp_path / "latencies.png"))
     assert report["identical"] is None
     check_in_time(report, 301)
@@ -40,7 +40,7 @@ def test_three_seconds_in_real_time_at_100_hz(tmp_path: Path, bus: str) -> None:
 
 
 def test_halves_of_two_flights_refuse_each_other(bus: str, capsys: pytest.CaptureFixture[str]) -> None:
-    here = ("imu_uwb", *HOVER, "--url", bus, *WAIT)
+    here = ("nominal_imu_uwb", *HOVER, "--url", bus, *WAIT)
     other_half = start("hil", "onboard", *here, "--set", "multilateration.method=nearest_three")
     try:
         code_here = run("hil", "world", *here)
@@ -60,7 +60,7 @@ def test_halves_of_two_flights_refuse_each_other(bus: str, capsys: pytest.Captur
 def test_without_the_other_half_a_line_says_how_to_start_it_and_no_log_is_left(
     tmp_path: Path, half: str, other: str, bus: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("hil", half, "imu_uwb", *HOVER, "--url", bus, "--wait", "1", "--log", str(tmp_path / "log")) == 2
+    assert run("hil", half, "nominal_imu_uwb", *HOVER, "--url", bus, "--wait", "1", "--log", str(tmp_path / "log")) == 2
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1
     assert f"not heard in 1 s; start it with: ortilo hil {other}" in errors
@@ -76,7 +76,7 @@ def replayed(log: Path, file: Path) -> dict[str, Any]:
 
 def test_a_logged_flight_replays_identically(tmp_path: Path) -> None:
     log = tmp_path / "flight"
-    code, _, errors = run_apart("fly", "imu_uwb_yolo", *PROJECTED, *HOVER, "--log", str(log))
+    code, _, errors = run_apart("fly", "nominal_imu_uwb_yolo", *PROJECTED, *HOVER, "--log", str(log))
     assert code == 0, errors
     report = replayed(log, tmp_path / "replay.json")
     assert report == {
@@ -93,7 +93,7 @@ def test_a_logged_flight_replays_identically(tmp_path: Path) -> None:
 def test_three_seconds_in_real_time_and_what_the_onboard_half_logged_replays_identically(
     tmp_path: Path, bus: str
 ) -> None:
-    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *PROJECTED, *HOVER, "--url", bus, *WAIT)
+    log, words = tmp_path / "onboard", ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, "--url", bus, *WAIT)
     flown = tmp_path / "world.json"
     for code, _, errors in run_both((*words, "--seconds", "3", "--json", str(flown)), (*words, "--log", str(log))):
         assert code == 0, errors
@@ -106,7 +106,7 @@ def test_three_seconds_in_real_time_and_what_the_onboard_half_logged_replays_ide
 @pytest.mark.real_time
 @pytest.mark.egl
 def test_in_real_time_pictures_are_drawn_and_looked_at_beside_the_ticks(tmp_path: Path, bus: str) -> None:
-    log, words = tmp_path / "onboard", ("imu_uwb_yolo", *RENDERED, "--set", "camera.width=160", "--url", bus)
+    log, words = tmp_path / "onboard", ("nominal_imu_uwb_yolo", *RENDERED, "--set", "camera.width=160", "--url", bus)
     wait = ("--wait", "120")
     both = run_both((*words, *wait, "--seconds", "3"), (*words, *wait, "--log", str(log)))
     for code, _, errors in both:

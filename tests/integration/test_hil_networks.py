@@ -66,7 +66,7 @@ def test_on_one_machine_no_route_is_needed_and_else_a_line_names_it(bus: str) ->
         pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
-    world = ("hil", "world", "imu_uwb", *HOVER, "--wait", "1")
+    world = ("hil", "world", "nominal_imu_uwb", *HOVER, "--wait", "1")
     cases = (
         ("", ("--url", bus), f"no multicast (no such device); as root: {MEND}\n"),
         (MEND, ("--url", bus), "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
@@ -116,13 +116,13 @@ SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
     assert run("hil", "key", str(tmp_path / "key")) == 0
     here = ("--url", beyond(bus), "--key", str(tmp_path / "key"), *WAIT)
-    words = ("imu_uwb_yolo", *PROJECTED, *HOVER, *here)
+    words = ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, *here)
     report = tmp_path / "world.json"
     with two_networks() as spaces:
         lockstep = (*words, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
         for code, _, errors in run_both(lockstep, words, spaces):
             assert code == 0, errors
-        alone, apart = fly(load_scenario("imu_uwb_yolo", SETTINGS)), load_flight(tmp_path / "link.nc")
+        alone, apart = fly(load_scenario("nominal_imu_uwb_yolo", SETTINGS)), load_flight(tmp_path / "link.nc")
         xr.testing.assert_equal(apart, alone)
         real_time = (*words, "--seconds", "3", "--json", str(report))
         for code, _, errors in run_both(real_time, words, spaces):
@@ -132,7 +132,7 @@ def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
 
 
 def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go(bus: str) -> None:
-    words = ("imu_uwb", *HOVER, "--url", bus, "--wait", "2")
+    words = ("nominal_imu_uwb", *HOVER, "--url", bus, "--wait", "2")
     with two_networks() as spaces:
         for code, _, errors in run_both(words, words, spaces):
             assert code == 2

@@ -26,7 +26,7 @@ TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", 
 
 @pytest.mark.real_time
 def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path, bus: str) -> None:
-    here = ("imu_uwb", *TO_THE_GOAL, "--url", bus)
+    here = ("nominal_imu_uwb", *TO_THE_GOAL, "--url", bus)
     checkpoint, flown, report = tmp_path / "state.npz", tmp_path / "flight.nc", tmp_path / "world.json"
     onboard = start("hil", "onboard", *here, "--keep-alive", "--checkpoint", str(checkpoint))
     world = start("hil", "world", *here, "--wait", "120", "--out", str(flown), "--json", str(report))
@@ -65,7 +65,7 @@ def ticks_in(log: Path) -> list[int]:
 @pytest.mark.real_time
 def test_the_log_of_a_killed_world_keeps_what_it_had(tmp_path: Path, bus: str) -> None:
     # That it loses half a second at most is held where the tick of the kill is known: test_log_reading.py.
-    log, here = tmp_path / "log", ("imu_uwb", *LONG, "--url", bus, "--wait", "120")
+    log, here = tmp_path / "log", ("nominal_imu_uwb", *LONG, "--url", bus, "--wait", "120")
     onboard = start("hil", "onboard", *here)
     world = start("hil", "world", *here, "--log", str(log))
     try:
@@ -84,7 +84,7 @@ def test_the_log_of_a_killed_world_keeps_what_it_had(tmp_path: Path, bus: str) -
 
 
 def test_what_cannot_be_flown_is_told_in_one_line_under_keep_alive_too(tmp_path: Path, bus: str) -> None:
-    code, _, errors = run_apart("hil", "onboard", "imu_uwb", *LONG, "--url", bus, "--keep-alive", "--wait", "1")
+    code, _, errors = run_apart("hil", "onboard", "nominal_imu_uwb", *LONG, "--url", bus, "--keep-alive", "--wait", "1")
     assert code == 2
     assert [line for line in errors.splitlines() if line.startswith("ortilo:")] == [
         "ortilo: world: not heard in 1 s; start it with: ortilo hil world"

@@ -7,7 +7,7 @@ import sys
 import pytest
 from command_line import run
 
-FLY = ("fly", "imu_uwb_yolo", "--camera", "projected", "--set", "planner={kind: hover, duration: 0.5}")
+FLY = ("fly", "nominal_imu_uwb_yolo", "--camera", "projected", "--set", "planner={kind: hover, duration: 0.5}")
 FLOWN = (FLY, (*FLY, "--set", "estimator.force=measured", "--set", "estimator.delay=replay"))
 PROGRAM = f"""
 from command_line import run

@@ -18,7 +18,7 @@ SETTINGS = (
 
 @cache
 def flight_of(integrator: str, seed: int) -> xr.Dataset:
-    return fly(load_scenario("imu_uwb", (*SETTINGS, f"estimator.integrator={integrator}"), seed))
+    return fly(load_scenario("nominal_imu_uwb", (*SETTINGS, f"estimator.integrator={integrator}"), seed))
 
 
 def distances_from_path(flight: xr.Dataset) -> np.ndarray:

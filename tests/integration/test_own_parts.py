@@ -41,9 +41,9 @@ def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_scenarios_own_parts_given_by_hand_fly_the_same_flight() -> None:
-    plain = od.fly("imu_uwb", seed=4, **HOVER)
+    plain = od.fly("nominal_imu_uwb", seed=4, **HOVER)
     given = od.fly(
-        "imu_uwb",
+        "nominal_imu_uwb",
         seed=4,
         settle=0.0,
         estimator=IntermittentEstimator,
@@ -76,7 +76,7 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
 
     def estimator(scenario: od.Belief, xbar_0: np.ndarray) -> IntermittentEstimator:
         made.append(scenario.estimator.gain)
-        settings = od.load_scenario("imu_uwb").estimator
+        settings = od.load_scenario("nominal_imu_uwb").estimator
         return IntermittentEstimator(scenario.model_copy(update={"estimator": settings}), xbar_0)
 
     def planner(scenario: od.Belief) -> PiecewisePolynomial:
@@ -88,7 +88,7 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
     od.register_servo("soft", Soft, lambda scenario: make_lq_servo(scenario.servo, scenario.vehicle, scenario.h))
     file = tmp_path / "own.yaml"
     file.write_text(
-        "base: imu_uwb\nsettle: 0.0\nestimator: {kind: mine, gain: 0.25}\nplanner: {kind: line, speed: 0.4}\n"
+        "base: nominal_imu_uwb\nsettle: 0.0\nestimator: {kind: mine, gain: 0.25}\nplanner: {kind: line, speed: 0.4}\n"
         "servo: {kind: soft}\n"
     )
     flight = od.fly(file, seed=1)
@@ -99,7 +99,7 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
     with pytest.raises(od.InputError, match=r"estimator\.gain: 'x'"):
         od.load_scenario(file, estimator__gain="x")
     with pytest.raises(od.InputError, match=r"estimator\.kind: 'your' is not one of 'intermittent', 'mine'"):
-        od.load_scenario("imu_uwb", estimator={"kind": "your"})
+        od.load_scenario("nominal_imu_uwb", estimator={"kind": "your"})
 
 
 class Circle(LeafSystem):
@@ -137,7 +137,7 @@ class CirclePlanner(od.Frozen):
 
 
 def test_a_planner_may_be_a_system_that_sees_the_estimate_and_messages() -> None:
-    data = od.fly(od.load_scenario("imu_uwb", **HOVER), planner=Circle, seed=2).data
+    data = od.fly(od.load_scenario("nominal_imu_uwb", **HOVER), planner=Circle, seed=2).data
     assert data.sizes["tick"] == 16  # as long as the scenario's own path
     p, t = data["estimate"].values[:, :2], data["time"].values
     centre = np.zeros((16, 2))
@@ -152,7 +152,7 @@ def test_a_planner_may_be_a_system_that_sees_the_estimate_and_messages() -> None
 
 def test_a_registered_planner_that_is_a_system_flies_in_halves_logs_and_replays(tmp_path: Path) -> None:
     od.register_planner("circle", CirclePlanner, Circle)
-    scenario = od.load_scenario("imu_uwb", planner={"kind": "circle"}, settle=0.0)
+    scenario = od.load_scenario("nominal_imu_uwb", planner={"kind": "circle"}, settle=0.0)
     alone = fly(scenario)
     del alone.attrs["real_time_factor"]
     assert alone.sizes["tick"] == 31
@@ -175,10 +175,10 @@ def test_a_registered_planner_that_is_a_system_must_say_how_long_it_flies() -> N
 
     od.register_planner("endless", Endless, Circle)
     with pytest.raises(od.InputError, match=r"its settings need a field 'duration' \[s\], greater than 0"):
-        od.fly("imu_uwb", planner={"kind": "endless"})
+        od.fly("nominal_imu_uwb", planner={"kind": "endless"})
     od.register_planner("circle", CirclePlanner, Circle)
     with pytest.raises(od.InputError, match=r"its settings need a field 'duration' \[s\], greater than 0"):
-        od.fly("imu_uwb", planner={"kind": "circle", "duration": 0.0})
+        od.fly("nominal_imu_uwb", planner={"kind": "circle", "duration": 0.0})
 
 
 def test_a_registered_path_is_drawn_logged_and_bounded_by_the_tube(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_registered_path_is_drawn_logged_and_bounded_by_the_tube(tmp_path: Pat
         return PiecewisePolynomial.FirstOrderHold([0.0, 1.0], [[0.0, 0.3], [0.0, 0.1], [1.5, 1.5]])
 
     od.register_planner("line", Line, line)
-    scenario = od.load_scenario("imu_uwb", planner={"kind": "line"}, settle=0.0)
+    scenario = od.load_scenario("nominal_imu_uwb", planner={"kind": "line"}, settle=0.0)
     flight = fly_logged(scenario, tmp_path / "log")
     path = list(read_logged(log_file(tmp_path / "log"), lambda topic: topic == "/reference/path"))
     assert len(path) == 1
@@ -218,7 +218,7 @@ def test_a_flights_scenario_is_read_by_the_parts_of_now() -> None:
 
     still = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], np.tile([[0.0], [0.0], [1.5]], 2))
     od.register_planner("line", Line, lambda scenario: still)
-    text = od.load_scenario("imu_uwb", planner={"kind": "line", "speed": 1.0}).model_dump_json()
+    text = od.load_scenario("nominal_imu_uwb", planner={"kind": "line", "speed": 1.0}).model_dump_json()
     flight = xr.Dataset(attrs={"scenario": text, "format": FORMAT})
     assert scenario_of(flight) is scenario_of(flight)  # parsed once
     assert type(scenario_of(flight).planner) is Line
@@ -244,18 +244,18 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
 
     for missing, kind in (("estimate", "input"), ("reference", "input"), ("control", "output")):
         with pytest.raises(od.InputError, match=f"servo: part: has no {kind} '{missing}', only "):
-            od.fly("imu_uwb", servo=without(missing), **HOVER)
+            od.fly("nominal_imu_uwb", servo=without(missing), **HOVER)
     with pytest.raises(od.InputError, match=r"estimator: .*: has no output 'estimate', only y0"):
-        od.fly("imu_uwb", estimator=lambda scenario, xbar_0: ConstantVectorSource(np.zeros(12)), **HOVER)
+        od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: ConstantVectorSource(np.zeros(12)), **HOVER)
     for planner in (
         lambda scenario: LinearSystem(np.eye(1), np.eye(1), np.eye(1), np.eye(1)),
         lambda scenario: PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], np.zeros((2, 2))),
         lambda scenario: Circle(scenario, size=6),
     ):
         with pytest.raises(od.InputError, match=r"planner: returns \w+: must be a Trajectory of 3 rows, or a System"):
-            od.fly("imu_uwb", planner=planner)
+            od.fly("nominal_imu_uwb", planner=planner)
     with pytest.raises(od.InputError, match="planner: planner: takes 'estimate' of 12 numbers, must be 15"):
-        od.fly("imu_uwb", planner=lambda scenario: Circle(scenario, takes=12))
+        od.fly("nominal_imu_uwb", planner=lambda scenario: Circle(scenario, takes=12))
 
     class Wide(LeafSystem):
         def __init__(self, *_: object):
@@ -265,7 +265,7 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
             self.DeclareVectorOutputPort("covariance", 169, lambda _, out: out.SetZero())
 
     with pytest.raises(od.InputError, match=r"wide: estimate \(13\) and covariance \(169\): must be 12 or 15"):
-        od.fly("imu_uwb", estimator=Wide, **HOVER)
+        od.fly("nominal_imu_uwb", estimator=Wide, **HOVER)
 
     class Sees(LeafSystem):
         def __init__(self, message: str, size: int):
@@ -275,9 +275,9 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
             self.DeclareVectorOutputPort("covariance", 144, lambda _, out: out.SetZero())
 
     with pytest.raises(od.InputError, match="onboard: wants 'lidar', the world sends only state, uwb, imu"):
-        od.fly("imu_uwb", estimator=lambda scenario, xbar_0: Sees("lidar", 5), **HOVER)
+        od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("lidar", 5), **HOVER)
     with pytest.raises(od.InputError, match="onboard: takes 'imu' of 11 numbers, the world sends 90"):
-        od.fly("imu_uwb", estimator=lambda scenario, xbar_0: Sees("imu", 11), imu__link__rate=240, **HOVER)
+        od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("imu", 11), imu__link__rate=240, **HOVER)
 
 
 def test_a_sensor_is_refused_where_its_name_or_its_settings_do_not_fit() -> None:

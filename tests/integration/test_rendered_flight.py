@@ -32,7 +32,7 @@ needs_torch = pytest.mark.skipif(
 
 
 def scenario_of(*settings: str, seed: int = 3) -> Scenario:
-    return load_scenario("imu_uwb_yolo", (*HOVER, *RENDERED, LOW, *settings), seed)
+    return load_scenario("nominal_imu_uwb_yolo", (*HOVER, *RENDERED, LOW, *settings), seed)
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def write_network(folder: Path, text: str = TINY, floats: int = FLOATS, names: s
 
 
 def command(*more: str, camera: str | None = None) -> list[str]:
-    words = ["fly", "imu_uwb_yolo", "--set", HOVER[0], "--set", HOVER[1], "--set", RENDERED[1]]
+    words = ["fly", "nominal_imu_uwb_yolo", "--set", HOVER[0], "--set", HOVER[1], "--set", RENDERED[1]]
     return [*words, *(() if camera is None else ("--camera", camera)), *more]
 
 

@@ -14,7 +14,7 @@ from ortilo_drake.flight.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import SCENARIO_FOLDER, GcsPlanner, Scenario, load_scenario, scenario_names
 
-PAPERS = ["imu_uwb", "imu_uwb_yolo", "paper_imu_uwb", "paper_imu_uwb_yolo"]
+PAPERS = [f"{preset}imu_uwb{camera}" for preset in ("", "nominal_", "paper_") for camera in ("", "_yolo")]
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 
 
@@ -83,7 +83,7 @@ def test_list_names_every_scenario_on_a_line_of_its_own(capsys: pytest.CaptureFi
 def test_the_defaults_together_are_a_valid_flight() -> None:
     scenario = Scenario()
     assert 60 * 30 < flight_ticks(scenario) < 120 * 30
-    short = scenario.model_copy(update={"planner": load_scenario("imu_uwb", (SHORT,)).planner})
+    short = scenario.model_copy(update={"planner": load_scenario("nominal_imu_uwb", (SHORT,)).planner})
     assert summary(fly(short)).lost is None
 
 
@@ -122,7 +122,7 @@ def test_the_papers_preset_has_the_printed_covariances_and_true_velocities() -> 
 
 
 def test_the_tuned_preset_takes_w_from_the_disturbance_and_estimates_velocities() -> None:
-    for name in ("imu_uwb", "imu_uwb_yolo"):
+    for name in ("nominal_imu_uwb", "nominal_imu_uwb_yolo"):
         scenario = load_scenario(name)
         W, disturbance = scenario.estimator.W, scenario.world.disturbance
         assert scenario.servo.velocities == "estimate"
@@ -132,13 +132,17 @@ def test_the_tuned_preset_takes_w_from_the_disturbance_and_estimates_velocities(
 
 
 def test_with_and_without_the_camera_only_the_sensors_differ() -> None:
-    assert differences(load_scenario("imu_uwb"), load_scenario("imu_uwb_yolo")) == {"name", "sensors", "camera.kind"}
+    assert differences(load_scenario("nominal_imu_uwb"), load_scenario("nominal_imu_uwb_yolo")) == {
+        "name",
+        "sensors",
+        "camera.kind",
+    }
     found = differences(load_scenario("paper_imu_uwb"), load_scenario("paper_imu_uwb_yolo"))
     # How boxes would become fixes is settled only where the camera flies.
     assert {name for name in found if not name.startswith("landmark_fix.")} == {"name", "sensors", "camera.kind"}
 
 
-@pytest.mark.parametrize("preset", ["paper", "robust"])
+@pytest.mark.parametrize("preset", ["paper", "nominal"])
 @pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
 def test_the_presets_fly_in_the_same_world(name: str, preset: str) -> None:
     found = differences(load_scenario(name), load_scenario(f"{preset}_{name}"))
@@ -150,23 +154,25 @@ def test_the_presets_fly_in_the_same_world(name: str, preset: str) -> None:
 
 
 def test_a_setting_changes_one_value_and_leaves_the_rest() -> None:
-    changed = load_scenario("imu_uwb", ("uwb.noise.fraction=0.02",))
-    assert differences(changed, load_scenario("imu_uwb")) == {"uwb.noise.fraction"}
+    changed = load_scenario("nominal_imu_uwb", ("uwb.noise.fraction=0.02",))
+    assert differences(changed, load_scenario("nominal_imu_uwb")) == {"uwb.noise.fraction"}
     assert changed.uwb.noise.fraction == 0.02
 
 
 def test_later_settings_win_and_a_seed_beats_the_scenarios() -> None:
-    assert load_scenario("imu_uwb", ("seed=1", "seed=2")).seed == 2
-    assert load_scenario("imu_uwb", ("seed=1",), 3).seed == 3
+    assert load_scenario("nominal_imu_uwb", ("seed=1", "seed=2")).seed == 2
+    assert load_scenario("nominal_imu_uwb", ("seed=1",), 3).seed == 3
 
 
 def test_a_setting_reaches_a_group_that_the_file_leaves_to_its_defaults() -> None:
-    assert load_scenario("imu_uwb", ("planner.speed=0.5",)).planner == GcsPlanner(speed=0.5)
-    assert load_scenario("imu_uwb", ("uwb.link.loss={kind: bernoulli, probability: 0.3}",)).uwb.link.rate == 10.0
+    assert load_scenario("nominal_imu_uwb", ("planner.speed=0.5",)).planner == GcsPlanner(speed=0.5)
+    assert (
+        load_scenario("nominal_imu_uwb", ("uwb.link.loss={kind: bernoulli, probability: 0.3}",)).uwb.link.rate == 10.0
+    )
 
 
 def test_a_changed_kind_drops_what_belonged_to_the_former_one() -> None:
-    changed = load_scenario("imu_uwb", ("uwb.noise.kind=constant", "uwb.noise.sd=0.1"))
+    changed = load_scenario("nominal_imu_uwb", ("uwb.noise.kind=constant", "uwb.noise.sd=0.1"))
     assert changed.uwb.noise.model_dump() == {"kind": "constant", "sd": 0.1}
 
 
@@ -181,7 +187,7 @@ def test_files_named_in_a_scenario_are_found_beside_it(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("planner: {kind: waypoints, file: points.txt}\n")
     beside = load_scenario(tmp_path / "mine.yaml")
     assert beside.name == "mine"
-    assert flight_ticks(beside) == flight_ticks(load_scenario("imu_uwb", (SHORT,)))
+    assert flight_ticks(beside) == flight_ticks(load_scenario("nominal_imu_uwb", (SHORT,)))
     with pytest.raises(InputError, match=r"other\.txt"):
         flight_ticks(load_scenario(tmp_path / "mine.yaml", ("planner.file=other.txt",)))
 
@@ -192,7 +198,7 @@ def test_files_laid_over_a_ready_made_scenario_are_meant_from_the_working_folder
     monkeypatch.chdir(tmp_path)
     (tmp_path / "way.txt").write_text("0 0 1.5\n1 0 1.5\n")
     scenario = load_scenario(
-        "imu_uwb_yolo",
+        "nominal_imu_uwb_yolo",
         (
             "planner={kind: waypoints, file: way.txt}",
             "camera.errors.file=mine.yaml",

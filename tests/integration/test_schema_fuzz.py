@@ -33,7 +33,7 @@ FIELDS = {field for model in MODELS for field in model.model_fields}
 NO_FIELD = ("line ", "not valid YAML", "the file", "must hold settings")
 
 FLIGHTS = (
-    ("imu_uwb_yolo", "planner={kind: hover, point: [8, 1, 1.5], duration: 0.5}"),
+    ("nominal_imu_uwb_yolo", "planner={kind: hover, point: [8, 1, 1.5], duration: 0.5}"),
     ("rotors", "planner={kind: waypoints, points: [[0, 0, 1.5], [0.4, 0.2, 1.5]]}"),
     ("uwb_walls", "planner={kind: hover, point: [8, 1, 1.5], duration: 0.5}"),
     ("bursty_link", "planner={kind: waypoints, points: [[0, 0, 1.5], [0.4, 0.2, 1.5]]}"),

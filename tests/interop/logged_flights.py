@@ -27,7 +27,7 @@ GOALS = {40: (1.25, -0.1), 55: (-3.0, 1e-3)}  # by tick
 
 @cache
 def scenario() -> Scenario:
-    return load_scenario("imu_uwb_yolo", SETTINGS)
+    return load_scenario("nominal_imu_uwb_yolo", SETTINGS)
 
 
 @cache

@@ -107,7 +107,7 @@ import numpy as np
 from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.scenario import load_scenario
-scenario = load_scenario("imu_uwb_yolo", SETTINGS)
+scenario = load_scenario("nominal_imu_uwb_yolo", SETTINGS)
 state = np.zeros(12)
 sizes = dict(control=4, measurement=39, estimate=15, covariance=225, reference=9)
 outputs = {{name: np.ones(size) for name, size in sizes.items()}}
@@ -345,7 +345,7 @@ def test_log_of_a_flight_that_raised_is_complete(tmp_path):
 @pytest.mark.parametrize("rate", [7.3, 30.0, 333.0, 1000.0])
 def test_tick_numbers_come_back_at_any_rate(tmp_path, rate):
     flown = load_scenario(
-        "imu_uwb_yolo", (*SETTINGS, f"control_rate={rate}", "uwb.link.rate=null", "camera.link.rate=null")
+        "nominal_imu_uwb_yolo", (*SETTINGS, f"control_rate={rate}", "uwb.link.rate=null", "camera.link.rate=null")
     )
     ks = [0, 1, 2, 999, 12345, 3_600_000]
     path = write(tmp_path / "log", flown, [(k, None, {}, {"control": np.ones(4)}) for k in ks])

@@ -245,7 +245,7 @@ def messages_of(answered: list[int], receiver: socket.socket, *settings: str, vi
     """Pass the ticks up to the last that was answered on; return what came of the estimates."""
     from pymavlink.dialects.v20 import common
 
-    scenario, parser = load_scenario("imu_uwb", settings), common.MAVLink(None)
+    scenario, parser = load_scenario("nominal_imu_uwb", settings), common.MAVLink(None)
     outputs = {"estimate": estimate(), "covariance": np.eye(15).ravel()}
     with closing(MavlinkBridge(f"udpout:127.0.0.1:{receiver.getsockname()[1]}")) as bridge:
         send = mavlink_target(bridge, scenario, vision)
@@ -287,7 +287,7 @@ def bridging(monkeypatch: pytest.MonkeyPatch, *options: str) -> Any:
         return SimpleNamespace(lines=dict)
 
     monkeypatch.setattr("ortilo_drake.hil.bridge.run_bridge", runs)
-    return CliRunner().invoke(hil_app, ["bridge", "imu_uwb", *options])
+    return CliRunner().invoke(hil_app, ["bridge", "nominal_imu_uwb", *options])
 
 
 @pytest.mark.parametrize(("options", "name"), [([], "ODOMETRY"), (["--vision"], "VISION_POSITION_ESTIMATE")])

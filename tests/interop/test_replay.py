@@ -29,7 +29,7 @@ from ortilo_drake.onboard.planner.goal_path import brake, join_paths
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
-SCENARIO = load_scenario("imu_uwb", ("settle=0", "planner={kind: gcs, start: [0, 0], goal: [8, 0]}"))
+SCENARIO = load_scenario("nominal_imu_uwb", ("settle=0", "planner={kind: gcs, start: [0, 0], goal: [8, 0]}"))
 TICKS, BRAKES, GOES, GOAL = 130, 40, 75, (0.0, 0.0)
 
 
@@ -99,7 +99,7 @@ def test_the_log_of_a_half_that_joined_in_flight_is_replayed_from_there(tmp_path
 
 def log_joined(log: Path, settings: tuple[str, ...] = (), away: int = 6, moves: bool = False) -> None:
     """Log a half that joined in flight from the checkpoint of one that was killed, which may have had a goal."""
-    flown = load_scenario("imu_uwb", ("planner={kind: hover, duration: 9.0}", *settings))
+    flown = load_scenario("nominal_imu_uwb", ("planner={kind: hover, duration: 9.0}", *settings))
     world, old, new, first = WorldHalf(flown), OnboardHalf(flown), OnboardHalf(flown), 60 + away
     for _ in range(60):
         old.take(world.sample())
@@ -144,8 +144,8 @@ def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
 
 def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_path: Path) -> None:
     planner = "planner={kind: hover, duration: 9.0}"
-    rendered = load_scenario("imu_uwb_yolo", (planner,))
-    world = WorldHalf(load_scenario("imu_uwb_yolo", (planner, "camera.kind=projected")))
+    rendered = load_scenario("nominal_imu_uwb_yolo", (planner,))
+    world = WorldHalf(load_scenario("nominal_imu_uwb_yolo", (planner, "camera.kind=projected")))
     onboard = OnboardHalf(rendered, detects=False)
     with LogWriter(tmp_path / "log", rendered) as writer:
         fixes = 0.0
@@ -164,11 +164,11 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("imu_uwb", ()),
-        ("imu_uwb_yolo", ("camera.kind=projected", "estimator.delay=replay")),
+        ("nominal_imu_uwb", ()),
+        ("nominal_imu_uwb_yolo", ("camera.kind=projected", "estimator.delay=replay")),
         ("flow", ()),
         ("flow", ("estimator.delay=replay", "altimeter.link.delay=1", "flow.link={delay: 2, loss: 0.3}")),
-        pytest.param("imu_uwb_yolo", (), marks=pytest.mark.egl),
+        pytest.param("nominal_imu_uwb_yolo", (), marks=pytest.mark.egl),
     ],
 )
 def test_the_log_of_a_flight_in_which_the_world_waited_is_replayed(
@@ -201,7 +201,14 @@ def test_only_the_log_of_a_world_that_did_not_wait_is_refused(
 
     monkeypatch.setattr("ortilo_drake.hil.sessions.run_world", flies)
     options = [text for setting in settings for text in ("--set", setting)]
-    arguments = ["world", "imu_uwb", *options, "--log", str(tmp_path / "log"), *(["--lockstep"] if lockstep else [])]
+    arguments = [
+        "world",
+        "nominal_imu_uwb",
+        *options,
+        "--log",
+        str(tmp_path / "log"),
+        *(["--lockstep"] if lockstep else []),
+    ]
     result = CliRunner().invoke(hil_app, arguments)
     assert result.exit_code == 0, result.output
     if lockstep:

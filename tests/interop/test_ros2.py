@@ -38,7 +38,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
 SETTINGS = ("settle=0", "planner={kind: hover, duration: 1}")
-BRIDGE = [sys.executable, "-u", "-m", "ortilo_drake.cli", "hil", "bridge", "imu_uwb"]
+BRIDGE = [sys.executable, "-u", "-m", "ortilo_drake.cli", "hil", "bridge", "nominal_imu_uwb"]
 BRIDGE += [part for setting in SETTINGS for part in ("--set", setting)]
 PACE = 0.02  # seconds that a tick of the lockstep flight takes, so that whoever listens can follow
 HAS_ROS = importlib.util.find_spec("rclpy") is not None
@@ -124,7 +124,7 @@ def test_fields_become_a_message_of_the_right_types(monkeypatch: pytest.MonkeyPa
 def test_without_rclpy_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"rclpy: is not installed.*pip install 'ortilo-drake\[ros2\]'"):
-        Ros2Bridge(load_scenario("imu_uwb", SETTINGS))
+        Ros2Bridge(load_scenario("nominal_imu_uwb", SETTINGS))
 
 
 # --- ticks from packets ------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def with_world(url: str, scenario: Scenario, bridge: Callable[[threading.Event],
 
 
 def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: str) -> None:
-    scenario = load_scenario("imu_uwb", SETTINGS)
+    scenario = load_scenario("nominal_imu_uwb", SETTINGS)
     taken: list[tuple[float, float | None]] = []
     lines: list[str] = []
 
@@ -229,14 +229,14 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: 
 
 
 def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line(bus: str) -> None:
-    scenario = load_scenario("imu_uwb", SETTINGS)
+    scenario = load_scenario("nominal_imu_uwb", SETTINGS)
 
     def fail(t: float, messages: Signals, outputs: Signals) -> None:
         raise ValueError
 
     with pytest.raises(InputError, match=r"nothing left to send to \(only\)"):
         with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, scenario, {"only": fail}, say=lambda line: None))
-    other = load_scenario("imu_uwb", (*SETTINGS, "control_rate=60"))
+    other = load_scenario("nominal_imu_uwb", (*SETTINGS, "control_rate=60"))
     with pytest.raises(InputError, match="flies another scenario"):
         with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, other, {}, say=lambda line: None))
     with pytest.raises(InputError, match="not heard"):
@@ -244,7 +244,7 @@ def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line(bus: s
 
 
 def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
-    scenario = load_scenario("imu_uwb", SETTINGS)
+    scenario = load_scenario("nominal_imu_uwb", SETTINGS)
     lines: list[str] = []
 
     def listen(stop: threading.Event) -> Any:
@@ -284,7 +284,7 @@ def fly_with_bridge(
 
     The flight begins when the bridge listens and wait has returned.
     """
-    scenario = load_scenario("imu_uwb", SETTINGS)
+    scenario = load_scenario("nominal_imu_uwb", SETTINGS)
     warm_up(scenario)  # neither half is to wait for the compiler in flight
     command = [*BRIDGE, "--url", bus, "--key", str(key_file(report.parent)), "--json", str(report), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as bridge:
@@ -325,7 +325,7 @@ def test_mavlink_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
     # An answer that lacks its command only is counted as missing, too.
     assert report.ticks - report.without_answer <= len(odometry) <= report.ticks
     assert sum(message.get_msgId() == common.MAVLINK_MSG_ID_HEARTBEAT for message in heard) >= 1
-    xhat, control_rate = flight["estimate"].to_numpy(), load_scenario("imu_uwb", SETTINGS).control_rate
+    xhat, control_rate = flight["estimate"].to_numpy(), load_scenario("nominal_imu_uwb", SETTINGS).control_rate
     for message in odometry:
         k = round(message.time_usec * 1e-6 * control_rate)
         np.testing.assert_allclose([message.y, message.x, -message.z], xhat[k, :3], rtol=1e-6, atol=1e-7)
@@ -387,7 +387,7 @@ def test_ros_gets_the_flight_s_estimates(tmp_path: Path, bus: str) -> None:
             got = json.loads(receiver.communicate(timeout=HANGS)[0])
         finally:
             receiver.kill()
-    scenario = load_scenario("imu_uwb", SETTINGS)
+    scenario = load_scenario("nominal_imu_uwb", SETTINGS)
     xhat, P = flight["estimate"].to_numpy(), flight["covariance"].to_numpy().reshape(-1, 15, 15)
     stamps = [row[0] for row in got["odometry"]]
     assert stamps == sorted(set(stamps))
@@ -435,7 +435,7 @@ class Counting(Ros2Bridge):
     def _take_goal(self, message):
         super()._take_goal(message)
         self.taken += 1
-with Counting(load_scenario("imu_uwb")) as bridge:
+with Counting(load_scenario("nominal_imu_uwb")) as bridge:
     sender = subprocess.Popen([sys.executable, "-c", sys.argv[1]], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         text=True)
     assert sender.stdout.readline() == "ready\\n"
@@ -453,7 +453,7 @@ with Counting(load_scenario("imu_uwb")) as bridge:
 @pytest.mark.processes
 @needs_ros
 def test_a_goal_from_ros_crosses_to_the_onboard_half(tmp_path: Path, bus: str) -> None:
-    scenario = load_scenario("imu_uwb", SETTINGS)
+    scenario = load_scenario("nominal_imu_uwb", SETTINGS)
     command = [*BRIDGE, "--url", bus, "--key", str(key_file(tmp_path)), "--ros2"]
     sender = [sys.executable, "-c", _SENDER]
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}

@@ -16,13 +16,13 @@ from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, gauss_markov
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_model, initial_covariance
+from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATORS,
     FilterModel,
     intermittent_step,
     tilted_lift,
 )
-from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Biases, DiagonalW, IntermittentFilter, LqServo, Walks
@@ -35,16 +35,17 @@ PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
 _, GAMMA_D = discretize(hover_A(), hover_B_d(M100), H)
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
 FORCES = ("thrust", "measured")
-ALL = (*FORCES, "biases")  # the last is 'measured' with the torque, and biases of both fixes and the yaw
+ALL = (*FORCES, "biases")  # the last is 'measured' with torque and gyroscope, and biases of both fixes and the imu
 BIASES = Biases(uwb_sd=(0.05, 0.05, 0.12), camera_sd=(0.08,) * 3, level_sd=0.01, yaw_sd=0.03, imu_time=300.0)
 V_OF = {"uwb": (0.05, 0.05, 0.08), "camera": (0.04, 0.03, 0.02), "imu": (0.01,) * 3, "accelerometer": (0.05,) * 3}
+V_OF["gyroscope"] = (0.002, 0.001, 0.003)
 
 
 def made(force: str, **settings: object) -> tuple[IntermittentFilter, tuple[Extra, ...], FilterModel, Measurement]:
     """Settings, extra states, model and measurement of a filter."""
     if force == "biases":
-        walks = Walks(torque_sd=0.3, torque_rate=0.0007)
-        force, settings = "measured", {"biases": BIASES, "walks": walks, **settings}
+        walks = Walks(torque_sd=0.3, torque_rate=0.0007, gyroscope_sd=0.002, gyroscope_rate=0.00003)
+        force, settings = "measured", {"rates": "measured", "biases": BIASES, "walks": walks, **settings}
     its = IntermittentFilter(force=force, **settings)
     extras = extra_states(its, M100, H)
     return its, extras, augmented_model(its, M100, its.integrator, H, extras), augmented_rows(PAPER, extras)
@@ -61,11 +62,11 @@ def blocks(V: np.ndarray) -> np.ndarray:
 
 @lru_cache
 def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phi, Gamma, W over [x; e] and C of all four sensors, written down here once more.
+    """Phi, Gamma, W over [x; e] and C of all sensors, written down here once more.
 
     d' = d + w_d; x' = Phi x + Gamma u + Gamma_d (d + w); f' = d + f_T e_z + w; b' = b + w_b; y_a = f / m + b;
-    n' = n + w_n, of which x' takes Gamma_n n; s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera;
-    beta' = e^(-h/300) beta + w, rpy_imu = rpy + beta.
+    n' = n + w_n, of which x' takes Gamma_n n; c' = c + w_c and y_g = rpy_dot + c;
+    s' = e^(-h/20) s + w_s and y_uwb = p + s, likewise the camera; beta' = e^(-h/300) beta + w, rpy_imu = rpy + beta.
     """
     o, eye, e_z = np.zeros((3, 3)), np.eye(3), np.eye(3, 4, k=0)[[1, 2, 0]] * [[0.0], [0.0], [1.0]]
     G, Q = GAMMA_D[:, :3], np.diag([0.27**2] * 3 + [0.005**2] * 3)
@@ -86,12 +87,13 @@ def dense(force: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         keeps = np.exp(-H / np.repeat([20.0, 300.0], [6, 3]))
         sd = np.array([0.05, 0.05, 0.12, 0.08, 0.08, 0.08, 0.01, 0.01, 0.03])
         Phi, W = (
-            block_diag(Phi, eye, np.diag(keeps)),
-            block_diag(W, (0.0007**2 * H) * eye, np.diag(sd**2 * (1.0 - keeps**2))),
+            block_diag(Phi, eye, eye, np.diag(keeps)),
+            block_diag(W, (0.0007**2 * H) * eye, (0.00003**2 * H) * eye, np.diag(sd**2 * (1.0 - keeps**2))),
         )
         Phi[:12, 21:24] = GAMMA_D[:, 3:]
-        Gamma = np.vstack([Gamma, np.zeros((12, 4))])
-        C = np.hstack([C, np.zeros((12, 3)), np.eye(12, 9)])
+        Gamma = np.vstack([Gamma, np.zeros((15, 4))])
+        C = np.vstack([np.hstack([C, np.zeros((12, 6)), np.eye(12, 9)]), np.zeros((3, 36))])
+        C[12:, 9:12], C[12:, 24:27] = eye, eye
     return Phi, Gamma, W, C
 
 
@@ -138,7 +140,7 @@ def test_the_force_is_observable_with_fixes_and_not_without(
 
 @pytest.mark.parametrize("force", ALL)
 def test_with_all_sensors_the_covariance_settles_at_the_solution_of_the_dare(force: str) -> None:
-    walks = Walks(force_rate=0.11, accelerometer_rate=0.055)
+    walks = Walks(force_rate=0.11, accelerometer_rate=0.055, gyroscope_rate=0.01)
     times = {"uwb_time": 2.0, "camera_time": 2.0, "imu_time": 3.0}
     fast = {"biases": BIASES.model_copy(update=times)} if force == "biases" else {}
     its, extras, model, measurement = made(force, walks=walks, integrator="estimate", **fast)
@@ -285,8 +287,8 @@ def test_a_dense_twin_over_thousands_of_random_steps(steps: int, integrator: str
     P = initial_covariance(its, extras)
     xbar = np.concatenate([0.1 * rng.normal(size=N), np.zeros(3)])
     belief, x_lines, P_lines = np.concatenate([xbar, P.ravel()]), xbar, P
-    rates, scale = np.array([0.3, 0.3, 0.8, 0.8])[:s], np.repeat([0.3, 0.3, 0.05, 0.2], 3)[:p]
-    several = [block_diag(*[sd**2 * _spd(rng) for sd in (0.1, 0.15, 0.01, 0.05)[:s]]) for _ in range(7)]
+    rates, scale = np.array([0.3, 0.3, 0.8, 0.8, 0.8])[:s], np.repeat([0.3, 0.3, 0.05, 0.2, 0.1], 3)[:p]
+    several = [block_diag(*[sd**2 * _spd(rng) for sd in (0.1, 0.15, 0.01, 0.05, 0.02)[:s]]) for _ in range(7)]
     V2 = [blocks(V) for V in several]
     for k in range(steps):
         delta, V = (rng.random(s) < rates).astype(float), several[k % 7]
@@ -351,6 +353,24 @@ def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
         assert delta_all.tolist() == [0.0, 0.0, 1.0, 1.0]
     _, delta_all, _ = with_imu_rows(y, np.array([1.0, 1.0, 0.0]), V2, imu, 2, np.ones(3))
     assert delta_all.tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_the_gyroscopes_rows_are_the_euler_rates_at_any_attitude() -> None:
+    """R_WB' = R_WB [w]_x, by central differences of the rotation along the angles' motion; biases add as body rates."""
+    rng, zero = np.random.default_rng(29), np.zeros(3)
+    for _ in range(20):
+        x = np.concatenate([rng.normal(size=3), rng.uniform(-1.2, 1.2, 3), rng.normal(size=6)])
+        step = 1e-6
+        R_dot = (rotation(x[3:6] + step * x[9:12]) - rotation(x[3:6] - step * x[9:12])) / (2.0 * step)
+        cross = rotation(x[3:6]).T @ R_dot
+        w = np.array([cross[2, 1], cross[0, 2], cross[1, 0]])
+        imu = imu_message(x, HOVER, np.zeros(6), M, np.zeros(9), zero, 0, np.uint64(1), 0.5, H)
+        np.testing.assert_allclose(imu[5:8], w, rtol=0.0, atol=1e-8)
+        y, delta, V2 = np.arange(9.0), np.array([0.0, 0.0, 1.0]), np.arange(27.0)
+        y_all, delta_all, V2_all = with_imu_rows(y, delta, V2, imu, 2, np.arange(1.0, 7.0))
+        np.testing.assert_allclose(y_all[12:], x[9:12], rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(V2_all[36:].reshape(3, 3), np.diag([4.0, 5.0, 6.0]))
+        assert delta_all.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize(("sensor", "sd"), [("uwb", 0.05), ("camera", 0.08)])

@@ -236,7 +236,8 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
 
 def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
     flights = [
-        fly(load_scenario("imu_uwb", (*SHORT, f"estimator.delay={mode}"), 3)) for mode in ("ignore", "replay", "drop")
+        fly(load_scenario("nominal_imu_uwb", (*SHORT, f"estimator.delay={mode}"), 3))
+        for mode in ("ignore", "replay", "drop")
     ]
     for name in ("truth", "estimate", "covariance", "control"):
         for other in flights[1:]:
@@ -252,7 +253,7 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     )  # fmt: skip
     worst = {}
     for mode in ("ignore", "replay"):
-        flight = fly(load_scenario("imu_uwb_yolo", (*calm, f"estimator.delay={mode}"), 0))
+        flight = fly(load_scenario("nominal_imu_uwb_yolo", (*calm, f"estimator.delay={mode}"), 0))
         assert flight["arrival"].values.any(axis=0).all()
         worst[mode] = np.abs(flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]).max()
     assert worst["replay"] < 1e-12
@@ -286,7 +287,7 @@ def test_the_belief_of_a_message_is_that_of_the_tick_of_its_stamp() -> None:
 )
 def test_settings_that_cannot_be_are_refused(setting: str, named: str) -> None:
     with pytest.raises(InputError, match=named):
-        load_scenario("imu_uwb", (setting,))
+        load_scenario("nominal_imu_uwb", (setting,))
 
 
 def test_the_row_of_a_tick_is_its_own_or_the_oldest_before_it_and_none_after() -> None:

@@ -32,7 +32,7 @@ KEPT = Checkpoint(session=7, tick=100, state=np.arange(240.0))
 
 @pytest.fixture
 def scenario() -> Scenario:
-    return load_scenario("imu_uwb", SETTINGS)
+    return load_scenario("nominal_imu_uwb", SETTINGS)
 
 
 def fly(world: WorldHalf, onboard: OnboardHalf, ticks: int) -> np.ndarray:
@@ -96,7 +96,7 @@ def test_but_for_what_a_gap_adds_a_new_half_goes_on_where_the_old_one_stopped(
 ) -> None:
     monkeypatch.setattr("ortilo_drake.flight.stepped_halves.after_gap", lambda xbar, P, seconds: (xbar, P))
     late = ("uwb.link.delay=2",) if delay == "replay" else ()
-    scenario = load_scenario("imu_uwb", (*SETTINGS, f"estimator.delay={delay}", *late))
+    scenario = load_scenario("nominal_imu_uwb", (*SETTINGS, f"estimator.delay={delay}", *late))
     world, old = WorldHalf(scenario), OnboardHalf(scenario)
     fly(world, old, 60)
     new = OnboardHalf(scenario)
@@ -126,7 +126,7 @@ def test_a_half_that_was_away_finds_the_vehicle_again(scenario: Scenario, rememb
 
 
 def test_a_path_comes_back_for_its_own_session_only(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb")
+    scenario = load_scenario("nominal_imu_uwb")
     path = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
     save_path(tmp_path / "c.npz", 7, path)
     found = load_path(tmp_path / "c.npz", 7)
@@ -149,7 +149,7 @@ def test_a_path_that_cannot_be_flown_is_none(tmp_path: Path, knots: np.ndarray) 
 
 @pytest.mark.parametrize("keeps", [True, False])
 def test_a_half_that_is_killed_on_its_way_to_a_goal_goes_on_to_it(tmp_path: Path, keeps: bool) -> None:
-    scenario = load_scenario("imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.5], duration: 20.0}",))
+    scenario = load_scenario("nominal_imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.5], duration: 20.0}",))
     world, old = WorldHalf(scenario), OnboardHalf(scenario)
     fly(world, old, 60)
     settings = GcsPlanner(start=(7.5, 1.0), goal=(9.5, 0.0))

@@ -14,10 +14,10 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.old_keys import FORMAT, OLD_KEYS, scenario_from_json
 
-# Written by the code before format 2, of imu_uwb_yolo with the settings below under their old names.
+# Written before format 2, of what is nominal_imu_uwb_yolo now, with the settings below under their old names.
 OLD = (Path(__file__).parents[1] / "data" / "scenario_format_1.json").read_text(encoding="utf-8")
 NEW = load_scenario(
-    "imu_uwb_yolo",
+    "nominal_imu_uwb_yolo",
     (
         "control_rate=60.0",
         "estimator.gates.uwb=0.9",
@@ -28,6 +28,8 @@ NEW = load_scenario(
         "camera.latency=2",
         "camera.errors.kind=parametric",
         "uwb.link.rate=10.0",
+        "imu.rate_sd=0.01",
+        "name=imu_uwb_yolo",
     ),
     seed=3,
 )
@@ -49,19 +51,19 @@ NEW = load_scenario(
 )
 def test_an_old_name_is_refused_with_the_new_one(setting: str, line: str) -> None:
     with pytest.raises(InputError) as refusal:
-        load_scenario("imu_uwb", (setting,))
+        load_scenario("nominal_imu_uwb", (setting,))
     assert str(refusal.value) == f"--set {setting!r}: {line}"
 
 
 def test_files_and_keywords_are_told_the_new_name_too(tmp_path: Path) -> None:
-    (tmp_path / "mine.yaml").write_text("base: imu_uwb\ncamera_link: {loss: 0.1, delay: 1}\n")
+    (tmp_path / "mine.yaml").write_text("base: nominal_imu_uwb\ncamera_link: {loss: 0.1, delay: 1}\n")
     with pytest.raises(InputError, match=r"mine\.yaml: camera_link: is now camera\.link$"):
         load_scenario(tmp_path / "mine.yaml")
     (tmp_path / "above.yaml").write_text("base: mine.yaml\n")
     with pytest.raises(InputError, match=r"^mine\.yaml: camera_link: is now camera\.link$"):
         load_scenario(tmp_path / "above.yaml")
     with pytest.raises(InputError, match=r"camera_link\.delay: is now camera\.link\.delay$"):
-        od.load_scenario("imu_uwb", camera_link__delay=1)
+        od.load_scenario("nominal_imu_uwb", camera_link__delay=1)
 
 
 def is_a_setting(key: str) -> bool:

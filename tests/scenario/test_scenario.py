@@ -34,8 +34,8 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
         PositionBlackout(kind="position", axis="x", start=a, end=b) for a, b in ((1.5, 5.5), (12.9, 14.0), (16.9, 18.8))
     )
     for name, sensors in (
-        ("imu_uwb", {"uwb", "imu"}),
-        ("imu_uwb_yolo", {"uwb", "camera", "imu"}),
+        ("nominal_imu_uwb", {"uwb", "imu"}),
+        ("nominal_imu_uwb_yolo", {"uwb", "camera", "imu"}),
         ("paper_imu_uwb", {"uwb", "imu"}),
         ("paper_imu_uwb_yolo", {"uwb", "camera", "imu"}),
     ):
@@ -59,14 +59,16 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
 
 def test_settings_are_laid_over_the_file() -> None:
     scenario = load_scenario(
-        "imu_uwb", ("uwb.noise.fraction=0.02", "planner={kind: hover, point: [1.0, 2.0, 1.0]}", "sensors=[imu]"), seed=9
+        "nominal_imu_uwb",
+        ("uwb.noise.fraction=0.02", "planner={kind: hover, point: [1.0, 2.0, 1.0]}", "sensors=[imu]"),
+        seed=9,
     )
     assert scenario.uwb.noise.fraction == 0.02
     assert scenario.uwb.link.rate == 10.0  # what the setting did not name stays
     assert scenario.planner == HoverPlanner(kind="hover", point=(1.0, 2.0, 1.0))
     assert scenario.sensors == ("imu",)
     assert scenario.seed == 9
-    assert scenario.name == "imu_uwb"
+    assert scenario.name == "nominal_imu_uwb"
 
 
 @pytest.mark.parametrize(
@@ -122,7 +124,7 @@ def test_settings_are_laid_over_the_file() -> None:
 )
 def test_a_wrong_setting_is_refused_in_one_line(setting: str, words: list[str]) -> None:
     with pytest.raises(InputError) as refusal:
-        load_scenario("imu_uwb", ("seed=0", setting))
+        load_scenario("nominal_imu_uwb", ("seed=0", setting))
     line = str(refusal.value)
     assert "\n" not in line
     for word in words:
@@ -176,7 +178,7 @@ def test_a_scenario_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> 
 
 @given(st.integers(0, 2**63 - 1))
 def test_another_seed_changes_nothing_else(seed: int) -> None:
-    scenario = load_scenario("imu_uwb")
+    scenario = load_scenario("nominal_imu_uwb")
     assert with_seed(scenario, seed).model_dump() == {**scenario.model_dump(), "seed": seed}
 
 
@@ -199,12 +201,12 @@ def written(path: Path, text: str) -> Path:
 
 
 def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
-    file = written(tmp_path / "mine.yaml", "base: imu_uwb\nuwb: {link: {loss: 0.3}}\nseed: 5\n")
-    scenario, base = load_scenario(file), load_scenario("imu_uwb")
-    assert scenario == load_scenario("imu_uwb", ("uwb.link.loss=0.3", "name=mine"), 5)
+    file = written(tmp_path / "mine.yaml", "base: nominal_imu_uwb\nuwb: {link: {loss: 0.3}}\nseed: 5\n")
+    scenario, base = load_scenario(file), load_scenario("nominal_imu_uwb")
+    assert scenario == load_scenario("nominal_imu_uwb", ("uwb.link.loss=0.3", "name=mine"), 5)
     assert scenario.uwb.link.blackouts == base.uwb.link.blackouts
     above = written(tmp_path / "above.yaml", "base: mine.yaml\nseed: 6\nname: third\n")
-    assert load_scenario(above) == load_scenario("imu_uwb", ("uwb.link.loss=0.3", "name=third"), 6)
+    assert load_scenario(above) == load_scenario("nominal_imu_uwb", ("uwb.link.loss=0.3", "name=third"), 6)
 
 
 def test_a_group_of_another_kind_replaces_that_of_the_base(tmp_path: Path) -> None:
@@ -217,7 +219,7 @@ def test_a_group_of_another_kind_replaces_that_of_the_base(tmp_path: Path) -> No
 def test_another_kind_of_camera_keeps_its_other_settings(tmp_path: Path) -> None:
     ours = ("camera.link.loss=0.3", "camera.width=640", "camera.errors.kind=parametric")
     projected, rendered = (
-        load_scenario("imu_uwb_yolo", (*ours, f"camera.kind={k}")) for k in ("projected", "rendered")
+        load_scenario("nominal_imu_uwb_yolo", (*ours, f"camera.kind={k}")) for k in ("projected", "rendered")
     )
     assert rendered.camera == projected.camera.model_copy(update={"kind": "rendered"})
     assert rendered.projected() == projected
@@ -226,9 +228,9 @@ def test_another_kind_of_camera_keeps_its_other_settings(tmp_path: Path) -> None
 
 
 def test_gates_are_a_mapping_that_hashes() -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("estimator.gates.uwb=0.99", "estimator.gates.camera=0.9"))
+    scenario = load_scenario("nominal_imu_uwb_yolo", ("estimator.gates.uwb=0.99", "estimator.gates.camera=0.9"))
     assert scenario.model_dump(mode="json")["estimator"]["gates"] == {"uwb": 0.99, "camera": 0.9}
-    other = load_scenario("imu_uwb_yolo", ("estimator.gates={camera: 0.9, uwb: 0.99}",))
+    other = load_scenario("nominal_imu_uwb_yolo", ("estimator.gates={camera: 0.9, uwb: 0.99}",))
     assert other == scenario
     assert hash(other) == hash(scenario)
 
@@ -249,7 +251,7 @@ def test_files_that_a_base_names_lie_beside_it(tmp_path: Path) -> None:
         ("base: 3\n", "base: 3: must be a ready-made scenario's name or a .yaml file"),
         ("base: imu_uwbb\n", "mine.yaml: base: 'imu_uwbb' is unknown, did you mean 'imu_uwb'"),
         ("base: none.yaml\n", "mine.yaml: base: none.yaml: no such file"),
-        ("base: imu_uwb\nuwb: {lnk: {}}\n", "lnk"),
+        ("base: nominal_imu_uwb\nuwb: {lnk: {}}\n", "lnk"),
     ],
 )
 def test_a_base_that_cannot_be_is_refused_in_one_line(tmp_path: Path, text: str, named: str) -> None:

@@ -137,7 +137,7 @@ def test_ready_made_scenarios_name_the_schema_and_match_it(name: str) -> None:
 def test_the_schema_refuses_what_is_wrong(data: dict[str, Any]) -> None:
     schema = scenario_schema()
     assert not matches(schema, schema, data)
-    assert matches(schema, schema, {"base": "imu_uwb", "uwb": {"link": {"loss": 0.3}}})
+    assert matches(schema, schema, {"base": "nominal_imu_uwb", "uwb": {"link": {"loss": 0.3}}})
 
 
 def test_keys_are_plain_in_a_pipe_and_a_table_on_a_terminal(

@@ -47,8 +47,8 @@ def test_a_setting_may_name_a_file_and_the_next_one_change_it(folder: Path, monk
     assert (vehicle.mass, vehicle.arms is None) == (1.0, False)
     with monkeypatch.context() as patch:
         patch.chdir(folder)  # a ready-made scenario's files, and those laid over one at hand, lie where the user is
-        assert load_scenario("imu_uwb", settings).vehicle == vehicle
-        assert with_settings(load_scenario("imu_uwb"), settings).vehicle == vehicle
+        assert load_scenario("nominal_imu_uwb", settings).vehicle == vehicle
+        assert with_settings(load_scenario("nominal_imu_uwb"), settings).vehicle == vehicle
 
 
 @pytest.mark.parametrize(
@@ -77,6 +77,6 @@ def test_a_wrong_file_is_refused_in_one_line(folder: Path, text: str | None, wor
 @pytest.mark.parametrize("name", ['"a\\0b"', "x" * 5000, '"a\\nb"'])
 def test_a_name_that_no_file_has_is_refused_in_one_line(name: str) -> None:
     with pytest.raises(InputError, match=r"vehicle: .*no such vehicle file") as refusal:
-        load_scenario("imu_uwb", (f"vehicle={name}",))
+        load_scenario("nominal_imu_uwb", (f"vehicle={name}",))
     assert len(str(refusal.value)) < 300
     assert "\n" not in str(refusal.value)

@@ -97,7 +97,7 @@ def test_the_report_is_plain() -> None:
     assert report.without_position_sensors == ["eigenvalue 1 (6 times) in x, y, z, x_dot, y_dot, z_dot"]
 
 
-@pytest.mark.parametrize("name", ["robust_imu_uwb", "robust_imu_uwb_yolo"])
+@pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
 def test_a_filter_with_more_states_is_bounded_too(name: str) -> None:
     """Always everything is SciPy's DARE; at a rate between, the mean of P over random arrivals lies between."""
     scenario = load_scenario(name, ("camera.kind=projected",))

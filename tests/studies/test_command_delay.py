@@ -16,7 +16,7 @@ from ortilo_drake.studies.command_link.command_delay import critical_delay, dela
 from ortilo_drake.studies.command_link.command_loop import CommandedLoop, behind_a_link, commanded_loop
 
 V = block_diag(np.diag([0.015, 0.018, 0.04]) ** 2, np.eye(3), 1e-4 * np.eye(3))
-SCENARIO = load_scenario("imu_uwb")
+SCENARIO = load_scenario("nominal_imu_uwb")
 H = SCENARIO.h
 
 

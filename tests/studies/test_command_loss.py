@@ -31,7 +31,7 @@ from ortilo_drake.world.radio.command_link import is_lost
 
 V = block_diag(np.diag([0.015, 0.018, 0.04]) ** 2, np.eye(3), 1e-4 * np.eye(3))
 EVERY_TICK = np.array([[1.0, 0.0, 1.0]])
-SCENARIO = load_scenario("imu_uwb")
+SCENARIO = load_scenario("nominal_imu_uwb")
 
 
 def scalar_loop(a: float, b: float, gain: float) -> CommandedLoop:
@@ -181,20 +181,20 @@ def closed_loop_matrix_of(scenario: Scenario) -> np.ndarray:
 
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_with_a_perfect_link_it_is_the_closed_loop(integrator: str) -> None:
-    scenario = load_scenario("imu_uwb", (f"estimator.integrator={integrator}",))
+    scenario = load_scenario("nominal_imu_uwb", (f"estimator.integrator={integrator}",))
     A, _ = behind_a_link(commanded_loop(scenario, V, EVERY_TICK), "zero")
     np.testing.assert_allclose(A[0, 0], closed_loop_matrix_of(scenario), rtol=1e-7, atol=1e-12)
 
 
 def test_borrowed_velocities_close_the_loop_past_the_filter() -> None:
-    scenario = load_scenario("imu_uwb", ("servo.velocities=truth",))
+    scenario = load_scenario("nominal_imu_uwb", ("servo.velocities=truth",))
     loop = hover_loop(scenario)
     A, _ = behind_a_link(commanded_loop(scenario, V, EVERY_TICK), "zero")
     x, xhat, i = np.random.default_rng(2).normal(size=27)[:12], np.arange(12.0), np.ones(3)
     u = -loop.L @ np.concatenate([xhat[:6], x[6:], i])
     after = A[0, 0] @ np.concatenate([x, xhat, i])
     np.testing.assert_allclose(after[:12], loop.Phi @ x + loop.Gamma @ u, rtol=1e-9, atol=1e-9)
-    without = closed_loop_matrix_of(load_scenario("imu_uwb"))[12:24] @ np.concatenate([x, xhat, i])
+    without = closed_loop_matrix_of(load_scenario("nominal_imu_uwb"))[12:24] @ np.concatenate([x, xhat, i])
     believed = without + loop.Gamma @ (u + loop.L @ np.concatenate([xhat, i]))
     np.testing.assert_allclose(after[12:24], believed, rtol=1e-7, atol=1e-7)
 
@@ -227,7 +227,7 @@ CALM = (
 @pytest.mark.parametrize(("when_lost", "delay"), [("hold", 0), ("zero", 0), ("hold", 2), ("zero", 1)])
 def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> None:
     link = ("command_link.loss={kind: bernoulli, probability: 0.4}", f"command_link.when_lost={when_lost}")
-    scenario = load_scenario("imu_uwb", (*CALM, *link, f"command_link.delay={delay}"), seed=3)
+    scenario = load_scenario("nominal_imu_uwb", (*CALM, *link, f"command_link.delay={delay}"), seed=3)
     diagram = make_closed_loop(scenario)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
@@ -305,7 +305,7 @@ def test_links_that_cannot_be_are_refused(when_lost: str, delay) -> None:
 )
 def test_sensors_that_leave_a_state_unseen_are_refused(sensors: str, named: str) -> None:
     with pytest.raises(InputError, match=named):
-        commanded_loop(load_scenario("imu_uwb", (f"sensors={sensors}",)), V)
+        commanded_loop(load_scenario("nominal_imu_uwb", (f"sensors={sensors}",)), V)
 
 
 def test_a_filter_that_does_not_settle_is_refused() -> None:

@@ -18,7 +18,7 @@ SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 
 @pytest.fixture(scope="module")
 def flight(flown: Any) -> xr.Dataset:
-    return flown("imu_uwb", (SHORT,), 1)
+    return flown("nominal_imu_uwb", (SHORT,), 1)
 
 
 def test_regions_divide_the_flight(flight: xr.Dataset) -> None:
@@ -55,7 +55,7 @@ def test_flights_made_up_to_be_consistent_are_found_so(flight: xr.Dataset) -> No
 
 def test_flights_of_different_scenarios_are_refused(flight: xr.Dataset) -> None:
     other = flight.copy()
-    other.attrs["scenario"] = load_scenario("imu_uwb", (), 2).model_dump_json()
+    other.attrs["scenario"] = load_scenario("nominal_imu_uwb", (), 2).model_dump_json()
     with pytest.raises(InputError, match="seeds 1 and 2: fly different scenarios"):
         consistency_report([flight, other])
     with pytest.raises(InputError, match="none given"):

@@ -19,7 +19,7 @@ AT = np.array([3.0, 1.0, 1.5, *[0.0] * 9])  # hovering
 
 
 def scenario_with(*settings: str) -> Scenario:
-    return load_scenario("imu_uwb_yolo", (*STILL, *settings))
+    return load_scenario("nominal_imu_uwb_yolo", (*STILL, *settings))
 
 
 @pytest.mark.long
@@ -87,7 +87,7 @@ def test_no_landmark_in_sight_is_no_fix(pose: tuple[float, ...]) -> None:
 
 
 def test_too_few_ranges_are_no_fix() -> None:
-    assert not fix_noise(load_scenario("imu_uwb", ("uwb.max_distance=1.0",)), AT).there["uwb"]
+    assert not fix_noise(load_scenario("nominal_imu_uwb", ("uwb.max_distance=1.0",)), AT).there["uwb"]
 
 
 def test_attitude_covariance_is_that_of_the_steady_filter() -> None:

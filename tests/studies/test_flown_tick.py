@@ -42,7 +42,7 @@ from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
 def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, ...], late: int) -> None:
     # The literal integrator throws the vehicle in the ticks without a fix: a fix far away has another covariance.
     thrown = "estimator.integrator=literal" in settings
-    flown_tick = differentiate_closed_loop(load_scenario("imu_uwb", settings), late + (300 if thrown else 900))
+    flown_tick = differentiate_closed_loop(load_scenario("nominal_imu_uwb", settings), late + (300 if thrown else 900))
     np.testing.assert_array_equal(flown_tick.delta[:3], [1.0 - late, 0.0, 1.0])
     assert np.max(np.abs(flown_tick.expected)) > 1.0
     assert np.max(np.abs(flown_tick.K)) > 0.1
@@ -51,7 +51,7 @@ def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, .
     assert flown_tick.largest_difference < (1e-9 if thrown else 1e-12)
 
 
-@pytest.mark.parametrize("name", ["robust_imu_uwb", "robust_imu_uwb_yolo", "realistic_flow"])
+@pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo", "realistic_flow"])
 def test_so_they_are_with_torque_and_biases_as_states(name: str) -> None:
     tick = differentiate_closed_loop(load_scenario(name), 300)
     loop = hover_loop(without_noise(load_scenario(name)))
@@ -62,7 +62,7 @@ def test_so_they_are_with_torque_and_biases_as_states(name: str) -> None:
 
 @pytest.mark.parametrize("force", ["thrust", "measured"])
 def test_the_flown_tick_tells_a_wrong_force(force: str) -> None:
-    scenario = load_scenario("imu_uwb", (f"estimator.force={force}",))
+    scenario = load_scenario("nominal_imu_uwb", (f"estimator.force={force}",))
     tick, loop = differentiate_closed_loop(scenario, 300), hover_loop(scenario)
     without = loop.L.copy()
     without[:, loop.names.index("d_y")] = 0.0
@@ -70,7 +70,7 @@ def test_the_flown_tick_tells_a_wrong_force(force: str) -> None:
 
 
 def test_the_flown_tick_tells_a_wrong_model() -> None:
-    scenario = load_scenario("imu_uwb")
+    scenario = load_scenario("nominal_imu_uwb")
     tick = differentiate_closed_loop(scenario, 300)
     there = np.array([1.0, 0.0, 1.0])
     wrong_gain = closed_loop_matrix(hover_loop(scenario), 1.001 * tick.K, there)
@@ -81,11 +81,11 @@ def test_the_flown_tick_tells_a_wrong_model() -> None:
 
 def test_a_tick_before_a_period_of_the_sensors_is_refused() -> None:
     with pytest.raises(InputError, match="tick: 2: must be at least 3"):
-        differentiate_closed_loop(load_scenario("imu_uwb"), 2)
+        differentiate_closed_loop(load_scenario("nominal_imu_uwb"), 2)
 
 
 def test_a_report_is_json_and_holds_the_must_shows() -> None:
-    report = linearization_report(load_scenario("imu_uwb"))
+    report = linearization_report(load_scenario("nominal_imu_uwb"))
     json.dumps(as_data(report), allow_nan=False)
     assert set(report.agreement) == {*PARTS, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {"rotors_and_plant"}
     for part in ("plant", "sampled_plant", "closed_loop"):

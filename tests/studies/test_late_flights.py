@@ -27,7 +27,7 @@ SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "u
 
 
 def test_links_are_late_and_the_rest_stays() -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
+    scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",))
     late = late_scenario(scenario, LateLinks(0.3, 2, 4, 0.1, 3), "replay")
     for sensor in ("uwb", "camera", "imu"):
         link, before = late.link_of(sensor), scenario.link_of(sensor)
@@ -43,7 +43,7 @@ def test_links_are_late_and_the_rest_stays() -> None:
 
 @pytest.mark.long
 def test_the_same_seeds_in_every_mode(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb", (*SHORT, "world.kinematics=linear"))
+    scenario = load_scenario("nominal_imu_uwb", (*SHORT, "world.kinematics=linear"))
     told: list[str] = []
     report = late_flights(scenario, range(5), tmp_path, progress=lambda mode: told.append(mode.mode))
     assert json.loads(json.dumps(as_data(report), allow_nan=False))["seeds"] == list(range(5))

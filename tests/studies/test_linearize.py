@@ -178,7 +178,7 @@ def test_closed_loop_on_the_way_has_the_slopes_of_its_tick() -> None:
 
 
 def test_reference_comes_from_the_planned_path() -> None:
-    scenario = load_scenario("imu_uwb")
+    scenario = load_scenario("nominal_imu_uwb")
     path = plan(scenario.planner, scenario.load_room(), M100)
     t, size = 8.0, 1e-4
     before, at, after = (path.value(t + dt)[:, 0] for dt in (-size, 0.0, size))

@@ -220,7 +220,7 @@ def test_gain_has_a_limit_where_the_covariance_has_none(first, lost):
 @pytest.mark.parametrize("sensors", [("uwb", "imu"), ("imu",)])
 def test_a_filter_with_a_force_has_that_limit_too(force, sensors):
     """Without a fix the accelerometer tells d + m b and not d from b: no whole states are unseen."""
-    scenario = load_scenario("imu_uwb", (f"estimator.force={force}",))
+    scenario = load_scenario("nominal_imu_uwb", (f"estimator.force={force}",))
     loop = hover_loop(scenario)
     rows = loop.measurement.by_row(arrivals_of(sensors, loop.measurement)) > 0.0
     V_s = filter_V(scenario, hover_V(scenario))[np.ix_(rows, rows)]
@@ -234,7 +234,7 @@ def test_a_filter_with_a_force_has_that_limit_too(force, sensors):
 
 @pytest.mark.parametrize("force", ["thrust", "measured"])
 def test_knowing_the_force_costs_margin_and_no_stability(force):
-    scenario = load_scenario("imu_uwb", (f"estimator.force={force}",))
+    scenario = load_scenario("nominal_imu_uwb", (f"estimator.force={force}",))
     found = margins_report(scenario, hover_V(scenario))
     nominal, full = found["nominal"], found["full state"]
     assert nominal.spectral_radius < 1
@@ -254,7 +254,7 @@ def test_knowing_the_force_costs_margin_and_no_stability(force):
 
 
 def test_where_nothing_holds_the_filter_a_line_says_so():
-    scenario = load_scenario("robust_imu_uwb")
+    scenario = load_scenario("imu_uwb")
     without = margins_report(scenario, hover_V(scenario))["without imu"]
     assert without.spectral_radius is without.channels is without.joint is None
     assert without.note == "the filter has no steady gain with these sensors"

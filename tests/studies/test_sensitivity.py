@@ -37,7 +37,7 @@ def test_the_ladder_brackets_the_limit(threshold: float) -> None:
 
 @pytest.mark.parametrize("mismatch", MISMATCHES, ids=lambda m: m.name)
 def test_a_mismatch_changes_the_world_or_its_shapes_and_nothing_else(mismatch) -> None:  # type: ignore[no-untyped-def]
-    name = "imu_uwb_yolo" if mismatch.sensor == "camera" else "imu_uwb"
+    name = "nominal_imu_uwb_yolo" if mismatch.sensor == "camera" else "nominal_imu_uwb"
     plain = load_scenario(name)
     for value in (*mismatch.given, mismatch.careful, *([mismatch.largest] if mismatch.largest else [])):
         other = load_scenario(name, mismatch.settings(value))
@@ -47,7 +47,7 @@ def test_a_mismatch_changes_the_world_or_its_shapes_and_nothing_else(mismatch) -
 
 
 def test_without_a_camera_nothing_is_asked_about_it() -> None:
-    without, with_camera = (mismatches_of(load_scenario(name)) for name in ("imu_uwb", "imu_uwb_yolo"))
+    without, with_camera = (mismatches_of(load_scenario(name)) for name in ("nominal_imu_uwb", "nominal_imu_uwb_yolo"))
     assert {m.sensor for m in without} == {None, "uwb"}
     assert with_camera == MISMATCHES
     settings = dict(all_together(without).settings(2.0))
@@ -60,7 +60,7 @@ def test_a_study_flies_each_mismatch_and_goes_on_where_it_stopped(tmp_path: Path
     came: list[int] = []
 
     def vary(settings: Settings) -> Scenario:
-        return load_scenario("imu_uwb", (*SHORT, *settings))
+        return load_scenario("nominal_imu_uwb", (*SHORT, *settings))
 
     found = sensitivity(vary, range(2), tmp_path, progress=came.append)
     mismatches = mismatches_of(vary(()))
@@ -82,7 +82,7 @@ def test_a_study_flies_each_mismatch_and_goes_on_where_it_stopped(tmp_path: Path
 def test_the_report_says_what_is_known(tmp_path: Path) -> None:
     mass, force = MISMATCHES[0].name, "force in y [N]"
     found = Sensitivity(
-        "imu_uwb",
+        "nominal_imu_uwb",
         [Row("none", 0.0, 20, 0, {"x": 0.01, "y": 0.02, "z": 0.03}, 3.1), Row(mass, 10.0, 20, 20, None, None)],
         [Limit(mass, 4.2, (3.0, 6.1)), Limit(force, None, (5.0, None)), Limit("yaw of the IMU [deg]", 0.0, (0.0, 0.1))],
     )

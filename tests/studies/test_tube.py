@@ -63,7 +63,7 @@ def test_error_settles_at_the_expected_riccati_fixed_point(
 
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) -> None:
-    loop = hover_loop(load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
+    loop = hover_loop(load_scenario("nominal_imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
     n = 6000
     _, C, X = run(loop, n, V_PRINTED, ALWAYS, *at_rest(n))
     V = block_diag(*V_PRINTED)
@@ -130,7 +130,7 @@ def as_printed(
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_cases_side_by_side_are_the_recursion_as_printed(integrator: str) -> None:
     rng, n = np.random.default_rng(3), 25
-    loop = hover_loop(load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
+    loop = hover_loop(load_scenario("nominal_imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
     root = rng.normal(0.0, 0.1, (n, 3, 3, 3))
     V = root @ np.swapaxes(root, -1, -2) + 1e-4 * np.eye(3)
     bursts = [[0.2, 0.1, 0.1, 0.9], [0.3, 0.2, 0.0, 1.0], [0.1, 0.3, 0.1, 0.6]]
@@ -180,7 +180,7 @@ def riccati_gains(
 def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str) -> None:
     # uwb in bursts, camera lost independently and due every other tick, an imu; x, xhat and i flown by the equations.
     rng = np.random.default_rng(5)
-    scenario = load_scenario("imu_uwb_yolo", (f"estimator.integrator={integrator}",))
+    scenario = load_scenario("nominal_imu_uwb_yolo", (f"estimator.integrator={integrator}",))
     loop, n, runs, camera = hover_loop(scenario), 80, 6000, 0.4
     chain = np.array([[0.8, 0.2], [0.3, 0.7]])
     loss = np.array([[0.2, 0.3, 0.0, 1.0], [0.0, 0.0, 1.0 - camera, 1.0 - camera], [0.0] * 4])
@@ -251,7 +251,7 @@ def test_aim_is_what_the_servo_aims_at() -> None:
 
 def test_course_is_due_late_and_blacked_out() -> None:
     scenario = load_scenario(
-        "imu_uwb_yolo",
+        "nominal_imu_uwb_yolo",
         (
             "camera.kind=projected",
             "settle=0.0",
@@ -277,7 +277,7 @@ def test_tube_needs_a_servo_fed_by_the_filter_and_constant_delays() -> None:
 
 def test_paper_form_settles_at_the_reference() -> None:
     # u = -L [xhat; i] starts at rest at r with the integral that balances it; here i starts at 0, so it must settle.
-    scenario = load_scenario("imu_uwb", ("servo.form=paper",))
+    scenario = load_scenario("nominal_imu_uwb", ("servo.form=paper",))
     n = 9000
     r = np.tile([0.5, -0.3, 1.0], (n, 1))
     nominal = NominalFlight(

@@ -32,7 +32,7 @@ PAIR = (0.3, 0.5)
 @lru_cache(maxsize=1)
 def short() -> tuple[Scenario, NominalFlight]:
     scenario = load_scenario(
-        "imu_uwb_yolo",
+        "nominal_imu_uwb_yolo",
         (
             "camera.kind=projected",
             "settle=0.5",

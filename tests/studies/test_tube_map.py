@@ -34,7 +34,7 @@ PATH = "planner={kind: waypoints, points: [[0.0, 0.0, 1.5], [0.8, 0.5, 1.5]]}"
 
 @lru_cache(maxsize=1)
 def short() -> tuple[Scenario, NominalFlight]:
-    scenario = without_blackouts(load_scenario("imu_uwb_yolo", ("settle=0.5", PATH)))
+    scenario = without_blackouts(load_scenario("nominal_imu_uwb_yolo", ("settle=0.5", PATH)))
     return scenario, nominal_flight(scenario)
 
 
@@ -113,18 +113,22 @@ def test_guided_part_ends_with_the_last_fix() -> None:
 
 
 def test_maps_are_over_the_sensors_that_fly() -> None:
-    ready_made = {name: load_scenario(name) for name in ("imu_uwb_yolo", "altimeter", "flow", "imu_uwb")}
-    assert map_sensors(ready_made["imu_uwb_yolo"]) == ("uwb", "camera")
+    ready_made = {
+        name: load_scenario(name) for name in ("nominal_imu_uwb_yolo", "altimeter", "flow", "nominal_imu_uwb")
+    }
+    assert map_sensors(ready_made["nominal_imu_uwb_yolo"]) == ("uwb", "camera")
     assert map_sensors(ready_made["altimeter"]) == ("uwb", "altimeter")
     assert map_sensors(ready_made["flow"]) == ("uwb", "flow")
     with pytest.raises(InputError, match="must be two beside the imu"):
-        map_sensors(ready_made["imu_uwb"])
-    assert why_no_tube(ready_made["imu_uwb"]) is not None
+        map_sensors(ready_made["nominal_imu_uwb"])
+    assert why_no_tube(ready_made["nominal_imu_uwb"]) is not None
     assert why_no_tube(ready_made["altimeter"]) is None
 
 
 def test_a_sensor_that_never_arrives_is_one_that_does_not_fly() -> None:
-    with_it, without = (without_blackouts(load_scenario(n, ("settle=0.5", PATH))) for n in ("altimeter", "imu_uwb"))
+    with_it, without = (
+        without_blackouts(load_scenario(n, ("settle=0.5", PATH))) for n in ("altimeter", "nominal_imu_uwb")
+    )
     never, lost = predict_tube(with_rates(with_it, 1.0, 0.0)), predict_tube(with_losses(with_it, NoLoss(), NoLoss()))
     plain = predict_tube(without)
     np.testing.assert_allclose(never.radius, plain.radius, rtol=1e-9)

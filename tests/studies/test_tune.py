@@ -25,7 +25,7 @@ DETUNED = ("estimator.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fr
 
 @pytest.fixture(scope="module")
 def flights() -> list[xr.Dataset]:
-    return [fly(load_scenario("imu_uwb", (SHORT, *DETUNED), seed)) for seed in range(2)]
+    return [fly(load_scenario("nominal_imu_uwb", (SHORT, *DETUNED), seed)) for seed in range(2)]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_the_overlay_loads_as_the_tuned_scenario(tuning: Tuning, tmp_path: Path)
     loaded = load_scenario(path)
     assert loaded == tuning.fit.scenario
     assert loaded.name == "imu_uwb_tuned"
-    assert loaded.planner == load_scenario("imu_uwb", (SHORT,)).planner
+    assert loaded.planner == load_scenario("nominal_imu_uwb", (SHORT,)).planner
 
 
 def test_the_data_is_plain(tuning: Tuning) -> None:
@@ -86,7 +86,7 @@ def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None
     with pytest.raises(InputError, match="No such file"):
         tune(find_flights([tmp_path / "missing.nc"]))
     other = flights[0].copy()
-    other.attrs["scenario"] = load_scenario("imu_uwb").model_dump_json()
+    other.attrs["scenario"] = load_scenario("nominal_imu_uwb").model_dump_json()
     save_flight(flights[0], tmp_path / "a.nc")
     save_flight(other, tmp_path / "b.nc")
     with pytest.raises(InputError, match=r"a\.nc and .*b\.nc: fly different scenarios"):
@@ -97,8 +97,8 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
     report = consistency_report(flights)
     paths = [
         tuning_figure(tuning, tmp_path / "tuning.png"),
-        nees_figure({"imu_uwb": flights}, tmp_path / "nees.png"),
-        whiteness_figure({"imu_uwb": report}, tmp_path / "white.png"),
+        nees_figure({"nominal_imu_uwb": flights}, tmp_path / "nees.png"),
+        whiteness_figure({"nominal_imu_uwb": report}, tmp_path / "white.png"),
     ]
     assert all(path.stat().st_size > 10_000 for path in paths)
     with pytest.raises(InputError, match=r"x\.frog"):

@@ -28,7 +28,7 @@ pytestmark = [pytest.mark.egl, pytest.mark.video]
 
 
 def scenario(*settings: str) -> Scenario:
-    return load_scenario("imu_uwb_yolo", (HOVER, "camera.kind=projected", PARAMETRIC, "settle=0.0", *settings))
+    return load_scenario("nominal_imu_uwb_yolo", (HOVER, "camera.kind=projected", PARAMETRIC, "settle=0.0", *settings))
 
 
 @pytest.fixture(scope="module")

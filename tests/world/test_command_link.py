@@ -143,17 +143,17 @@ def test_only_a_link_without_delay_passes_commands_straight_on() -> None:
 
 def test_a_perfect_link_adds_nothing_to_the_world() -> None:
     def names(*settings: str) -> list[str]:
-        return sorted(s.get_name() for s in make_world(load_scenario("imu_uwb", settings)).GetSystems())
+        return sorted(s.get_name() for s in make_world(load_scenario("nominal_imu_uwb", settings)).GetSystems())
 
     assert "command_link" not in names()
     assert names("command_link.delay=1") == sorted([*names(), "command_link"])
 
 
 def test_a_scenario_shows_it_and_loads_again() -> None:
-    shown = load_scenario("imu_uwb").model_dump(mode="json")["command_link"]
+    shown = load_scenario("nominal_imu_uwb").model_dump(mode="json")["command_link"]
     assert shown == {"loss": {"kind": "none"}, "when_lost": "hold", "delay": 0}
     text = yaml.safe_dump({"loss": {"kind": "bernoulli", "probability": 0.25}, "when_lost": "zero", "delay": 2})
-    loaded = load_scenario("imu_uwb", (f"command_link={yaml.safe_load(text)}",)).command_link
+    loaded = load_scenario("nominal_imu_uwb", (f"command_link={yaml.safe_load(text)}",)).command_link
     assert loaded == CommandLinkSettings(
         loss=BernoulliLoss(kind="bernoulli", probability=0.25), when_lost="zero", delay=2
     )
@@ -178,6 +178,6 @@ def test_a_scenario_shows_it_and_loads_again() -> None:
 )
 def test_bad_values_are_refused(setting: str, named: list[str]) -> None:
     with pytest.raises(InputError) as error:
-        load_scenario("imu_uwb", (setting,))
-    assert all(word in str(error.value) for word in ["imu_uwb", "command_link", *named]), error.value
+        load_scenario("nominal_imu_uwb", (setting,))
+    assert all(word in str(error.value) for word in ["nominal_imu_uwb", "command_link", *named]), error.value
     assert "\n" not in str(error.value)

@@ -8,7 +8,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.drawn_truth import LEAST_FACTOR, Drawn, draw_truth
 
-ROOM = load_scenario("imu_uwb").load_room()
+ROOM = load_scenario("nominal_imu_uwb").load_room()
 N, M = len(ROOM.anchors), len(ROOM.landmarks)
 PAYLOADS = {"uwb": 2 * N, "camera": 0, "imu": 9, "altimeter": 1, "flow": 5}
 SPREADS = (

@@ -174,7 +174,7 @@ def test_a_descent_never_asks_to_climb(z: float, v_z: float) -> None:
 # --- the world ---------------------------------------------------------------------------------------------------
 
 
-def make_flight(*options: str, name: str = "imu_uwb") -> tuple[Diagram, Simulator]:
+def make_flight(*options: str, name: str = "nominal_imu_uwb") -> tuple[Diagram, Simulator]:
     scenario = load_scenario(name, options)
     world = make_world(scenario, DT)
     simulator = Simulator(world)
@@ -255,11 +255,11 @@ def test_the_scenario_says_when_it_takes_over(timeout: float) -> None:
 @pytest.mark.parametrize("setting", ["failsafe.timeout=0", "failsafe.descent_rate=-1", "failsafe.max_tilt=1"])
 def test_settings_it_cannot_fly_are_refused_by_name(setting: str) -> None:
     with pytest.raises(InputError, match=setting.partition("=")[0]):
-        load_scenario("imu_uwb", (setting,))
+        load_scenario("nominal_imu_uwb", (setting,))
 
 
 def test_without_a_command_period_the_world_has_none_of_this() -> None:
-    world = make_world(load_scenario("imu_uwb"))
+    world = make_world(load_scenario("nominal_imu_uwb"))
     assert not world.HasSubsystemNamed("failsafe")
     assert world.HasInputPort("control")
     assert not world.HasInputPort("command")
@@ -267,4 +267,4 @@ def test_without_a_command_period_the_world_has_none_of_this() -> None:
 
 def test_a_simulated_command_link_is_refused_where_commands_come_from_outside() -> None:
     with pytest.raises(InputError, match="command_link"):
-        make_world(load_scenario("imu_uwb", ("command_link.delay=1",)), DT)
+        make_world(load_scenario("nominal_imu_uwb", ("command_link.delay=1",)), DT)

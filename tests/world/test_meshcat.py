@@ -102,7 +102,7 @@ def test_every_part_of_the_mesh_is_closed_with_outward_faces():
 
 
 def test_a_hexarotor_is_drawn_with_its_own_arms():
-    firefly = load_scenario("imu_uwb", (f"vehicle={EXAMPLES / 'hexarotor.yaml'}",)).vehicle
+    firefly = load_scenario("nominal_imu_uwb", (f"vehicle={EXAMPLES / 'hexarotor.yaml'}",)).vehicle
     parts = parts_of(vehicle_obj(firefly))
     assert len(parts) == 5 + 6 * 6
     points = np.vstack([points[np.unique(faces)] for points, faces in parts.values()])
@@ -116,7 +116,7 @@ def test_a_hexarotor_is_drawn_with_its_own_arms():
 
 
 def test_the_ghost_and_the_vehicle_have_the_same_arms(meshcat):
-    firefly = load_scenario("imu_uwb", (f"vehicle={EXAMPLES / 'hexarotor.yaml'}",)).vehicle
+    firefly = load_scenario("nominal_imu_uwb", (f"vehicle={EXAMPLES / 'hexarotor.yaml'}",)).vehicle
     draw_vehicle(meshcat, firefly)
     points = vertices(meshcat, "/flight/estimate")
     assert np.hypot(*points[:, :2].T).max() == pytest.approx(firefly.radius, abs=1e-4)

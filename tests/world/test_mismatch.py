@@ -27,7 +27,7 @@ CONTINUOUS = ("world.plant=continuous",)
 ROTORS = (*CONTINUOUS, "world.rotors={kind: first_order}")
 
 
-def scenario_of(*settings: str, name: str = "imu_uwb_yolo") -> Scenario:
+def scenario_of(*settings: str, name: str = "nominal_imu_uwb_yolo") -> Scenario:
     return load_scenario(name, (*QUIET, *settings))
 
 
@@ -224,7 +224,7 @@ def test_a_turned_rendered_camera_draws_as_one_on_a_turned_body() -> None:
     rpy, width = [0.02, -0.03, 0.15], "camera.width=160"
 
     def labels(x: np.ndarray, *settings: str) -> Any:
-        world = make_world(load_scenario("imu_uwb_yolo", ("camera.kind=rendered", width, *settings)))
+        world = make_world(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered", width, *settings)))
         context = world.CreateDefaultContext()
         world.SetSeed(context, 0)
         plant = world.GetSubsystemByName("quadrotor")
@@ -232,7 +232,7 @@ def test_a_turned_rendered_camera_draws_as_one_on_a_turned_body() -> None:
         return world.GetOutputPort("label_image").Eval(context).data.copy()
 
     x = np.array([*START, *[0.0] * 9])
-    p_BC = np.array(load_scenario("imu_uwb_yolo").load_room().camera.position)
+    p_BC = np.array(load_scenario("nominal_imu_uwb_yolo").load_room().camera.position)
     turned = labels(x, f"truth.camera.angles={rpy}")
     expected = labels(body_that_looks_ahead(x, p_BC, np.array(rpy)))
     assert np.mean(turned == expected) > 0.999

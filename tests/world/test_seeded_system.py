@@ -23,7 +23,7 @@ SEEDS = st.integers(min_value=0, max_value=2**63 - 1)
 
 
 def scenario(seed: int = 0) -> Scenario:
-    return load_scenario("imu_uwb_yolo", SETTINGS, seed)
+    return load_scenario("nominal_imu_uwb_yolo", SETTINGS, seed)
 
 
 def sources(world: Diagram) -> list[Seeded]:

@@ -20,7 +20,7 @@ from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
 from ortilo_drake.world.vehicle.wrench_error import WrenchError_
 
 H = 1.0 / 30.0
-ROOM = load_scenario("imu_uwb").load_room()
+ROOM = load_scenario("nominal_imu_uwb").load_room()
 X = np.array([4.0, -1.0, 1.4, 0.1, -0.2, 0.6, 0.3, -0.4, 0.2, 0.5, -0.3, 0.4])
 U, D = np.array([27.0, 0.1, -0.2, 0.05]), np.array([0.3, -0.2, 0.1, 0.01, 0.02, -0.03])
 NOISY_IMU = Imu(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05)

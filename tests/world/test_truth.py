@@ -40,7 +40,7 @@ def flown(scenario: Scenario, change: Callable[[Diagram, Context], None] = lambd
 
 
 def world_of(*settings: str, vehicle: Vehicle = M100) -> Scenario:
-    return load_scenario("imu_uwb_yolo", (*LIGHT, *settings)).model_copy(update={"vehicle": vehicle})
+    return load_scenario("nominal_imu_uwb_yolo", (*LIGHT, *settings)).model_copy(update={"vehicle": vehicle})
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def pictures(scenario: Scenario, change: Callable[[Diagram, Context], None] | No
 
 @pytest.mark.egl
 def test_landmarks_and_a_camera_that_are_set_are_drawn_as_those_built(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=rendered", "camera.width=160"))
+    scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered", "camera.width=160"))
     room = scenario.load_room()
     p_BC = np.array(room.camera.position) + [0.0, 0.1, 0.2]
     landmarks = room.landmark_positions + [0.15, -0.1, 0.0]
@@ -139,6 +139,6 @@ def test_landmarks_and_a_camera_that_are_set_are_drawn_as_those_built(tmp_path: 
 
     moved, plain = pictures(scenario, change), pictures(scenario)
     size = "camera.kind=rendered", "camera.width=160"
-    built = pictures(load_scenario("imu_uwb_yolo", (*size, room_file(tmp_path, build))))
+    built = pictures(load_scenario("nominal_imu_uwb_yolo", (*size, room_file(tmp_path, build))))
     np.testing.assert_array_equal(moved[..., 0], built[..., 0])
     assert np.mean(moved[..., 0] == plain[..., 0]) < 0.97

@@ -28,8 +28,8 @@ from ortilo_drake.scenario import Belief
 def imu_variances(scenario: Belief) -> np.ndarray | None:
     """Return the variances of v_a [m^2/s^4], and after them those of v_g [rad^2/s^2], that a scenario's filter takes.
 
-    They are 3, or 6 with the gyroscope's; None where the filter takes neither. Of an imu faster than the tick the filter
-    gets the mean of a tick's samples.
+    They are 3, or 6 with the gyroscope's; None where the filter takes neither. Of an imu faster than the tick the
+    filter gets the mean of a tick's samples.
     """
     settings = scenario.estimator
     if settings.force != "measured":

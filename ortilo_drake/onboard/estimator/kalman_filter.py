@@ -60,9 +60,7 @@ class Predictor:
         self._n, self._imu_variances = len(P_0), imu_variances
         self._model, self._layout, self._h = tuple(model), tuple(measurement.layout), h  # plain, see filter_loops.py
         functions = known_part, extra_part, with_imu_rows
-        self._known_part, self._extra_part, self._with_imu_rows = (
-            f if T is float else f.py_func for f in functions
-        )
+        self._known_part, self._extra_part, self._with_imu_rows = (f if T is float else f.py_func for f in functions)
         self._hover = np.array([hover_thrust, 0.0, 0.0, 0.0])
         self._measurement = [self.DeclareVectorInputPort(name, size) for name, size in handed_over(measurement).items()]
         if imu_variances is not None:

@@ -53,7 +53,7 @@ class Tables:
     """The tables of an ensemble, as `ortilo tables --json` writes them; each field by scenario, but for a few.
 
     Attributes:
-        preset: 'tuned', 'paper' or 'robust'.
+        preset: 'tuned', 'nominal' or 'paper'.
         flights: of each scenario.
         lost: how many were lost; they are not averaged.
         touched: how many of the others touched furniture.
@@ -188,7 +188,7 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
     Lost flights are counted, not averaged.
 
     Args:
-        preset: 'tuned', 'paper' or 'robust'.
+        preset: 'tuned', 'nominal' or 'paper'.
         summaries: the flights' summaries by scenario: 'imu_uwb', 'imu_uwb_yolo' and any others to stand beside them.
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}

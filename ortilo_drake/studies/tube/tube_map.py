@@ -176,7 +176,7 @@ def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.nda
     It is that of the mixture over the arrivals of the seeds (studies/tube/tube_tails.py), the same seeds everywhere.
     Its level THREE_SIGMA is the boundary that the Gaussian tube's level 0 stands for, with the mixture's tails.
     Such a chance is made by the few longest gaps, so it takes hundreds of histories: with 20 in place of 200 the
-    boundary of imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088.
+    boundary of nominal_imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088.
 
     Args:
         scenario: the scenario whose nominal flight all cases share.

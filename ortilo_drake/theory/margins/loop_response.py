@@ -3,8 +3,8 @@
 A loop is (A, B, C): z s = A s + B a, v = C s, closed by a = -v. Frequencies omega are in rad a tick, 0 < omega <= pi.
 
 python-control's stability_margins (0.10.2) is not used. Its polynomials of order 27 have roots crowded about 1: half of
-the margins of imu_uwb_yolo's 26 single-channel loops come out wrong by more than 1e-6, some by a factor of 10. On
-frequency data it leaves out omega = pi, where loops with true velocities have their gain margin.
+the margins of nominal_imu_uwb_yolo's 26 single-channel loops come out wrong by more than 1e-6, some by a factor of 10.
+On frequency data it leaves out omega = pi, where loops with true velocities have their gain margin.
 """
 
 import math

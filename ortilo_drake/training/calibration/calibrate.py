@@ -23,7 +23,7 @@ from ortilo_drake.training.calibration.persistence import persistence
 from ortilo_drake.training.calibration.sightings import Sightings, detect_in_flight, sightings
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
 
-SCENARIO, GIVEN_ERRORS = "imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric")
+SCENARIO, GIVEN_ERRORS = "nominal_imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric")
 OWN_DETECTOR = Detector()
 LEAST_FOUND = 500  # landmarks found; fewer are too few for a calibration
 HEADER = """\

@@ -1,4 +1,4 @@
-"""The preset `robust` in a world where all that it does not know is wrong at once."""
+"""The filter that flies by default in a world where all that it does not know is wrong at once."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ WRONG = (
 
 @pytest.mark.long
 def test_with_the_camera_it_flies_as_well_as_the_paper_did() -> None:
-    simulator = FlightSimulator(load_scenario("robust_imu_uwb_yolo", ("camera.kind=projected", *WRONG)))
+    simulator = FlightSimulator(load_scenario("imu_uwb_yolo", ("camera.kind=projected", *WRONG)))
     flown = [summary(simulator.fly(seed)) for seed in range(3)]
     assert [s.lost for s in flown] == [None] * 3
     paper = PAPER.estimation["imu_uwb_yolo"]
@@ -31,5 +31,5 @@ def test_with_the_camera_it_flies_as_well_as_the_paper_did() -> None:
 
 
 def test_the_papers_filter_is_lost_there() -> None:
-    flight = FlightSimulator(load_scenario("imu_uwb_yolo", ("camera.kind=projected", *WRONG))).fly(0)
+    flight = FlightSimulator(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected", *WRONG))).fly(0)
     assert summary(flight).lost is not None
