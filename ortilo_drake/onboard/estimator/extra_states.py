@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
-from ortilo_drake.model.measurement import CAMERA, IMU, UWB, Measurement, Row, Rows
+from ortilo_drake.model.measurement import CAMERA, IMU, UWB, Measurement, Row, Rows, row
 from ortilo_drake.model.signals import N_U, N_X, STATE_NAMES
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import Biases, Walks
@@ -34,8 +34,8 @@ from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 D, F, B, N, C = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfbnc")
 # Sensors whose rows the filter makes of the imu's message, the states that come with them, and the rows.
 IMU_ROWS = {
-    "accelerometer": (F, ("a_x", "a_y", "a_z")),
-    "gyroscope": (C, ("phi_dot_imu", "theta_dot_imu", "psi_dot_imu")),
+    "accelerometer": (F, tuple(Row(f"a_{axis}", ()) for axis in "xyz")),
+    "gyroscope": (C, tuple(row(f"{rate}_imu", **{rate: 1.0}) for rate in STATE_NAMES[9:])),
 }
 PAPERS_ROWS = tuple(row.name for row in (*UWB, *CAMERA, *IMU))
 
@@ -96,6 +96,10 @@ def _each(rows: tuple[str, ...], states: tuple[str, ...], coefficient: float = 1
     return tuple((row, state, coefficient) for row, state in zip(rows, states, strict=True))
 
 
+def _names_of_rows(sensor: str) -> tuple[str, ...]:
+    return tuple(its.name for its in IMU_ROWS[sensor][1])
+
+
 def _force(walks: Walks, vehicle: Vehicle, h: float) -> Extra:
     _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
     return _slow(D, Walk(walks.force_sd, walks.force_rate * np.sqrt(h)), (), Gamma_d[:, :3])
@@ -111,14 +115,14 @@ def _torque(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
 def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
     e_z = np.zeros((3, N_U))
     e_z[2, 0] = 1.0
-    _, rows = IMU_ROWS["accelerometer"]
+    rows = _names_of_rows("accelerometer")
     f = Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), _each(rows, F, 1.0 / vehicle.mass))
     return [f, _slow(B, Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h)), _each(rows, B))]
 
 
 def _gyroscope(walks: Walks, h: float) -> Extra:
-    _, rows = IMU_ROWS["gyroscope"]
-    return _slow(C, Walk(walks.gyroscope_sd, walks.gyroscope_rate * np.sqrt(h)), _each(rows, C))
+    walk = Walk(walks.gyroscope_sd, walks.gyroscope_rate * np.sqrt(h))
+    return _slow(C, walk, _each(_names_of_rows("gyroscope"), C))
 
 
 def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
@@ -161,10 +165,7 @@ def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:
 def augmented_rows(rows: Rows, extras: tuple[Extra, ...]) -> Measurement:
     """Return the measurement that the filter gets: rows over [x; e], and those of IMU_ROWS whose states are there."""
     names = names_of(extras)
-    for sensor, (states, own) in IMU_ROWS.items():
-        if set(states) <= set(names):
-            rates = zip(own, STATE_NAMES[9:], strict=True) if sensor == "gyroscope" else ((name, None) for name in own)
-            rows = (*rows, (sensor, tuple(Row(name, ((rate, 1.0),) if rate else ()) for name, rate in rates)))
+    rows = (*rows, *((sensor, its) for sensor, (states, its) in IMU_ROWS.items() if set(states) <= set(names)))
 
     def widened(r: Row) -> Row:
         return Row(r.name, (*r.sees, *((state, c) for e in extras for name, state, c in e.sees if name == r.name)))
