@@ -17,8 +17,8 @@ BATCH: Final = 5  # flights
 WIDE: Final = 1.5  # of an interval: the factor from its low to its high end at which the search ends
 LEAST: Final = 1.0 / 32.0  # of the careful value: below it none is flown
 STEP: Final = 2.0**0.25  # from one level of the ladder to the next, as a factor
-_SLOPES: Final = np.geomspace(1.0, 40.0, 8)
-_POINTS: Final = 100  # values of v*
+_SLOPES: Final = np.geomspace(1.0, 40.0, 6)
+_POINTS: Final = 64  # values of v*
 
 
 def ladder(careful: float, largest: float) -> np.ndarray:
