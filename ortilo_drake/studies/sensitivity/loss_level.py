@@ -45,7 +45,7 @@ class LossLevel(NamedTuple):
 NO_LEVEL: Final = LossLevel(0.0, (0.0, 0.0))  # more is lost without any mismatch
 
 
-def loss_level(without: Flown, flown: list[Flown], share: float) -> LossLevel:
+def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossLevel:
     """Return the level at which that share of the flights is lost.
 
     Args:
