@@ -14,7 +14,7 @@ from scipy.special import comb
 from ortilo_drake.studies.sensitivity.loss_level import Flown, LossLevel, log_likelihood, loss_chance
 
 BATCH: Final = 5  # flights
-WIDE: Final = 1.5  # of an interval: the factor from its low to its high end at which the search ends
+WIDE: Final = 2.0  # of an interval: the factor from its low to its high end at which the search ends
 LEAST: Final = 1.0 / 32.0  # of the careful value: below it none is flown
 STEP: Final = 2.0**0.25  # from one level of the ladder to the next, as a factor
 _SLOPES: Final = np.geomspace(1.0, 40.0, 6)
