@@ -17,7 +17,7 @@ from ortilo_drake.studies.sensitivity.sequential_test import loses_more
 
 LOST_SHARE: Final = 0.05
 NONE: Final = "none"
-WITHOUT: Final = 5  # at most so many times the flights of a row fly without mismatch
+WITHOUT: Final = 7  # times the flights of a row fly without mismatch, unless too much is lost then
 SEARCH: Final = 3  # at most so many times the flights of a row search for a limit
 
 
@@ -113,17 +113,22 @@ def sensitivity(
     without = _without(fly, flights, calm)
     searched = [mismatch for mismatch in mismatches if mismatch.largest is not None]
     limits = dict.fromkeys((mismatch.name for mismatch in searched), NO_LEVEL)
-    if not loses_more(without.flights, without.lost, LOST_SHARE):
+    if without is not None:
         known = {m.name: [Flown(r.value, r.flights, r.lost) for r in rows if r.mismatch == m.name] for m in searched}
         limits = search(fly, searched, without, known, range(flights, (1 + SEARCH) * flights), say)
     return Sensitivity(scenario.name, rows, [Limit(name, *level) for name, level in limits.items()])
 
 
-def _without(fly: Callable[[Sequence[Want]], list[list[Outcome]]], flights: int, calm: list[Outcome]) -> Flown:
-    """Fly without mismatch until it is decided whether more than LOST_SHARE is lost, or often enough."""
-    while loses_more(len(calm), _lost(calm), LOST_SHARE) is None and len(calm) < WITHOUT * flights:
-        (calm,) = fly([((), range(min(len(calm) + 2 * BATCH, WITHOUT * flights)))])
-    return Flown(0.0, len(calm), _lost(calm))
+def _without(fly: Callable[[Sequence[Want]], list[list[Outcome]]], flights: int, calm: list[Outcome]) -> Flown | None:
+    """Fly without mismatch, as all searches want to know what is lost then; None if that is more than LOST_SHARE."""
+    most, decided = WITHOUT * flights, loses_more(len(calm), _lost(calm), LOST_SHARE)
+    while decided is None and len(calm) < most:
+        (calm,) = fly([((), range(min(len(calm) + 2 * BATCH, most)))])
+        decided = loses_more(len(calm), _lost(calm), LOST_SHARE)
+    if decided:
+        return None
+    (calm,) = fly([((), range(most))])
+    return Flown(0.0, most, _lost(calm))
 
 
 def search(
