@@ -13,7 +13,7 @@ from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladde
 
 SHARE = 0.05
 LEVELS = ladder(1.0, 64.0)
-NONE_LOST = Flown(0.0, 36, 0)
+NONE_LOST = Flown(0.0, 70, 0)
 
 
 def searched(chance: Callable[[float], float], seed: int, most: int = 40) -> tuple[LossLevel, dict[float, Flown]]:

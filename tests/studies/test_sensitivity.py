@@ -40,7 +40,7 @@ def test_all_searches_share_rounds_and_fly_each_seed_at_one_level() -> None:
     asked: list[list[tuple[Settings, list[int]]]] = []
     given = {m.name: [Flown(m.given[0], 10, 0)] for m in mismatches}
     fly = made_up(thresholds, asked)
-    found = search(fly, mismatches, Flown(0.0, 36, 0), given, range(10, 60), lambda _: None)
+    found = search(fly, mismatches, Flown(0.0, 70, 0), given, range(10, 60), lambda _: None)
     for level, threshold in zip(found.values(), (0.4, 10.0), strict=True):
         low, high = level.interval
         assert low is not None
@@ -60,7 +60,7 @@ def test_what_is_searched_depends_on_what_was_lost_alone() -> None:
     given = {mismatches[0].name: [Flown(0.5, 10, 0)]}
     for rounds in asked:
         fly = made_up({"truth.vehicle.mass_factor": 1.1}, rounds)
-        search(fly, mismatches, Flown(0.0, 36, 0), given, range(40), lambda _: None)
+        search(fly, mismatches, Flown(0.0, 70, 0), given, range(40), lambda _: None)
     assert asked[0] == asked[1]
 
 
