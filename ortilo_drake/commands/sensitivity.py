@@ -21,7 +21,7 @@ from ortilo_drake.scenario import Scenario, load_scenario
 
 def sensitivity(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
-    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 20,
+    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 10,
     workers: WorkersOption = None,
     settings: SetOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, report and figure.")] = Path(
@@ -56,7 +56,7 @@ def sensitivity(
             progress.update(task, description=part)
             err.print(f"{part} ...", markup=False, highlight=False)
 
-        found = study(vary, range(flights), out_folder / "flights", count, say, lambda n: progress.advance(task, n))
+        found = study(vary, flights, out_folder / "flights", count, say, lambda n: progress.advance(task, n))
     text = sensitivity_text(found)
     write_text(report, text)
     sensitivity_figure(found, figure)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from ortilo_drake.flight.summaries import fly_summaries
+from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.flight.metrics import summary
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.paper_tables.tables import bootstrap_interval
 
@@ -24,9 +25,10 @@ def published(title: str) -> dict[str, str]:
 
 @pytest.mark.long
 @pytest.mark.parametrize(("scenario", "title"), ROWS.items())
-def test_readme_says_what_flies(scenario: str, title: str, tmp_path: Path) -> None:
+def test_readme_says_what_flies(scenario: str, title: str) -> None:
     row = published(title)
-    summaries = fly_summaries(load_scenario(scenario, ("camera.kind=projected",)), range(20), tmp_path)
+    simulator = FlightSimulator(load_scenario(scenario, ("camera.kind=projected",)))
+    summaries = [summary(simulator.fly(seed)) for seed in range(20)]
     kept = [s for s in summaries if s.lost is None]
     assert row["lost"] == f"{len(summaries) - len(kept)} of {len(summaries)}"
     for column in ("x", "y", "z", "path"):

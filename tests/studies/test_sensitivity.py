@@ -1,38 +1,67 @@
-"""The study of mismatches: its ladder, its settings, and a small one flown."""
+"""The study of mismatches: its searches, its settings, its report, and a small one flown."""
 
 import json
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import pytest
 
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.studies.sensitivity import sensitivity_flights
+from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown
 from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, Settings, all_together, mismatches_of
-from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Row, Sensitivity, climb, sensitivity
+from ortilo_drake.studies.sensitivity.outcomes import Outcome
+from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Row, Sensitivity, search, sensitivity
 from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 
 SHORT = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
 
 
-@pytest.mark.parametrize("threshold", [0.02, 0.7, 1.0, 3.3, 40.0, 1e9])
-def test_the_ladder_brackets_the_limit(threshold: float) -> None:
-    flown: dict[float, int] = {}
+def made_up(
+    thresholds: dict[str, float], asked: list[list[tuple[Settings, list[int]]]]
+) -> Callable[[Sequence[tuple[Settings, Iterable[int]]]], list[list[Outcome]]]:
+    """Return a stand-in for flights that are lost above a threshold of the setting, and note what was asked."""
 
-    def lost_at(value: float) -> int:
-        flown[value] = 0 if value <= threshold else 20
-        return flown[value]
+    def fly(wanted: Sequence[tuple[Settings, Iterable[int]]]) -> list[list[Outcome]]:
+        known = [(settings, list(seeds)) for settings, seeds in wanted]
+        asked.append(known)
+        return [
+            [Outcome(seed, settings[0][1] > thresholds[settings[0][0]], {}, 3.0) for seed in seeds]
+            for settings, seeds in known
+        ]
 
-    climb(lost_at, 1.0, 64.0, 20)
-    below, above = [v for v, lost in flown.items() if not lost], [v for v, lost in flown.items() if lost]
-    if threshold > 64.0:
-        assert not above
-        assert max(below) == 64.0
-    elif threshold < 1.0 / 32.0:
-        assert not below
-        assert min(above) == 1.0 / 32.0
-    else:
-        assert min(above) <= 2.0 * max(below)  # at most a step between, and its middle was flown
-        assert len(flown) <= 9
+    return fly
+
+
+def test_all_searches_share_rounds_and_fly_each_seed_at_one_level() -> None:
+    mismatches = [m for m in MISMATCHES if m.name.startswith(("gusts", "range biases"))]
+    thresholds = {"truth.force.gust_sd": 0.4, "truth.uwb.bias_sd": 0.1}
+    asked: list[list[tuple[Settings, list[int]]]] = []
+    given = {m.name: [Flown(m.given[0], 10, 0)] for m in mismatches}
+    fly = made_up(thresholds, asked)
+    found = search(fly, mismatches, Flown(0.0, 70, 0), given, range(10, 60), lambda _: None)
+    for level, threshold in zip(found.values(), (0.4, 10.0), strict=True):
+        low, high = level.interval
+        assert low is not None
+        assert high is not None
+        assert 0.5 * threshold < low < 1.01 * threshold < 1.3 * high
+        assert high <= 2.0 * low
+    for key in thresholds:
+        seeds = [seed for batch in asked for settings, flown in batch if settings[0][0] == key for seed in flown]
+        assert seeds == sorted(set(seeds))
+    assert len(asked[0]) == 2  # both in one round
+    assert len(asked) <= 8
+
+
+def test_what_is_searched_depends_on_what_was_lost_alone() -> None:
+    mismatches = [MISMATCHES[0]]
+    asked: list[list[list[tuple[Settings, list[int]]]]] = [[], []]
+    given = {mismatches[0].name: [Flown(0.5, 10, 0)]}
+    for rounds in asked:
+        fly = made_up({"truth.vehicle.mass_factor": 1.1}, rounds)
+        search(fly, mismatches, Flown(0.0, 70, 0), given, range(40), lambda _: None)
+    assert asked[0] == asked[1]
 
 
 @pytest.mark.parametrize("mismatch", MISMATCHES, ids=lambda m: m.name)
@@ -62,7 +91,7 @@ def test_a_study_flies_each_mismatch_and_goes_on_where_it_stopped(tmp_path: Path
     def vary(settings: Settings) -> Scenario:
         return load_scenario("nominal_imu_uwb", (*SHORT, *settings))
 
-    found = sensitivity(vary, range(2), tmp_path, progress=came.append)
+    found = sensitivity(vary, 2, tmp_path, progress=came.append)
     mismatches = mismatches_of(vary(()))
     assert [row.mismatch for row in found.rows[:1]] == ["none"]
     assert {row.mismatch for row in found.rows[1:]} == {m.name for m in (*mismatches, all_together(mismatches))}
@@ -74,8 +103,8 @@ def test_a_study_flies_each_mismatch_and_goes_on_where_it_stopped(tmp_path: Path
     assert heavy.nees is not None
     assert heavy.nees > plain.nees  # 1 m/s^2 that the filter does not know of
     files = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.jsonl")}
-    assert sum(came) >= 2 * len(files)
-    assert sensitivity(vary, range(2), tmp_path) == found
+    assert sum(came) >= 2 * len(found.rows)
+    assert sensitivity(vary, 2, tmp_path, workers=2) == found
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.jsonl")} == files
 
 
@@ -91,4 +120,40 @@ def test_the_report_says_what_is_known(tmp_path: Path) -> None:
     assert f"| {mass} | 4.2 | 3 to 6.1 | 3 |" in text
     assert f"| {force} | beyond what was flown | 5 to ? | 0.1 |" in text
     assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
+    assert "No mismatch" not in text
     assert set(json.loads(json.dumps(as_data(found)))) == {"scenario", "rows", "limits"}
+
+
+def test_the_report_says_in_a_sentence_that_all_is_lost_without_mismatch(tmp_path: Path) -> None:
+    found = Sensitivity(
+        "nominal_imu_uwb",
+        [Row("none", 0.0, 10, 10, None, None), Row(MISMATCHES[0].name, 10.0, 10, 10, None, None)],
+        [Limit(m.name, *NO_LEVEL) for m in MISMATCHES if m.largest],
+    )
+    text = sensitivity_text(found)
+    assert "More than 5% of the flights are lost without any mismatch" in text
+    assert "95 % interval" not in text
+    assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
+
+
+def test_the_report_says_in_a_sentence_that_nothing_in_range_loses_flights(tmp_path: Path) -> None:
+    limits = [Limit(m.name, None, (m.largest / 1.2, None)) for m in MISMATCHES if m.largest]
+    found = Sensitivity("nominal_imu_uwb", [Row("none", 0.0, 10, 0, {"x": 0.01, "y": 0.02, "z": 0.03}, 3.1)], limits)
+    text = sensitivity_text(found)
+    assert "No mismatch was found to lose 5% of the flights at any value up to the largest flown." in text
+    assert text.count("beyond what was flown") == len(limits)
+    assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
+
+
+def lost_flights(wanted: Sequence[tuple[Scenario, Iterable[int]]], *_: object) -> list[list[Outcome]]:
+    """Stand in for fly_outcomes: every flight is lost."""
+    return [[Outcome(seed, True, {"x": 1.0, "y": 1.0, "z": 1.0}, 9.0) for seed in seeds] for _, seeds in wanted]
+
+
+def test_a_filter_that_loses_everything_has_no_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensitivity_flights, "fly_outcomes", lost_flights)
+    said: list[str] = []
+    found = sensitivity(lambda settings: load_scenario("nominal_imu_uwb", settings), 10, tmp_path, say=said.append)
+    assert all(row.lost == 10 and row.mse is None for row in found.rows)
+    assert all(limit.value == 0.0 for limit in found.limits)
+    assert not any("search" in part for part in said)

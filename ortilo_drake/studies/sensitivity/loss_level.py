@@ -1,11 +1,13 @@
 """The level of a mismatch at which a share of the flights is lost, from flights at several levels.
 
-The chance of losing a flight is taken to rise with the level v > 0 by a logistic curve in its logarithm,
+The chance of losing a flight is taken to rise with the level v > 0 by a curve in its logarithm,
 
-    P(v) = p_0 + (1 - p_0) / (1 + exp(-(a + b ln v))),   b > 0,
+    P(v) = p_0 + (1 - p_0) F(a + b ln v),   b > 0,
 
-p_0 the chance without any mismatch. The level v* with P(v*) = share is found by maximum likelihood, its 95 % interval
-by the profile likelihood: where twice the log-likelihood is within 3.84 of its greatest, the best p_0 and b at each v*.
+p_0 the chance without any mismatch, F either the logistic 1 / (1 + exp(-z)) or Weibull's 1 - exp(-exp(z)), for which of
+the two holds is not known. The level v* with P(v*) = share is found by maximum likelihood, its 95 % interval by the
+profile likelihood: where twice the log-likelihood is within 3.84 of its greatest, the best F, p_0 and b at each v*. The
+likelihood is the same whether levels were chosen beforehand or by what was lost before, as next_level.py does.
 """
 
 from typing import Final, NamedTuple
@@ -14,8 +16,10 @@ import numpy as np
 
 WITHIN: Final = 3.84  # 95 % quantile of chi-square with one degree of freedom
 SLOPES: Final = np.geomspace(1.0, 40.0, 60)  # b; at 40 half a percent of the flights become all within 30 % of v
-BEYOND: Final = 10.0  # how far beyond the levels flown v* is looked for, as a factor
-POINTS: Final = 800  # values of v* that are tried
+BEYOND: Final = 3.0  # how far beyond the levels flown v* is looked for, as a factor
+POINTS: Final = 400  # values of v* that are tried
+FRACTIONS: Final = np.array([0.0, 0.3, 0.6, 0.9])  # of the share: values of p_0 that are tried
+_LARGE: Final = 500.0  # of an exponent
 
 
 class Flown(NamedTuple):
@@ -30,12 +34,15 @@ class LossLevel(NamedTuple):
     """The level at which a share is lost.
 
     Attributes:
-        value: None if it is beyond all levels flown; 0 if more is lost without any mismatch.
-        interval: its 95 % interval; None at an end that is beyond all levels flown.
+        value: None if it is beyond all levels flown; 0 if it is below them, or more is lost without any mismatch.
+        interval: its 95 % interval; 0 or None at an end that is below or beyond all levels flown.
     """
 
     value: float | None
     interval: tuple[float | None, float | None]
+
+
+NO_LEVEL: Final = LossLevel(0.0, (0.0, 0.0))  # more is lost without any mismatch
 
 
 def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossLevel:
@@ -46,28 +53,47 @@ def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossL
         flown: the flights at levels above 0.
         share: of the flights.
     """
-    level, flights, lost = (np.array(column, dtype=float) for column in zip(*flown, strict=True))
+    level = np.array([row.level for row in flown])
     low, high = level.min() / BEYOND, level.max() * BEYOND
     at = np.geomspace(low, high, POINTS)
-    p_0 = share * np.array([0.0, 0.3, 0.6, 0.9])
-    excess = (share - p_0) / (1.0 - p_0)  # of the logistic curve at v*
-    a = np.log(excess / (1.0 - excess))
-    # Axes: v*, p_0, b, levels.
-    z = a[:, None, None] + SLOPES[:, None] * np.log(level / at[:, None, None, None])
-    P = p_0[:, None, None] + (1.0 - p_0[:, None, None]) / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
-    likelihood = _log_likelihood(P, flights, lost).sum(axis=-1)
-    likelihood += _log_likelihood(p_0, without.flights, without.lost)[:, None]
-    profile = likelihood.max(axis=(1, 2))
+    profile = log_likelihood(without, flown, at, SLOPES, share).max(axis=(1, 2))
     best, inside = int(profile.argmax()), np.flatnonzero(2.0 * (profile.max() - profile) <= WITHIN)
     first, last = float(at[inside[0]]), float(at[inside[-1]])
     interval = (first if first >= level.min() / 2.0 else 0.0, last if last <= level.max() else None)
-    if without.lost > share * without.flights:
-        return LossLevel(0.0, (0.0, interval[1]))
-    value = float(at[best]) if at[best] <= level.max() and np.any(lost > 0) else None
-    return LossLevel(value, interval)
+    if at[best] > level.max() or not any(row.lost for row in flown):
+        return LossLevel(None, interval)
+    return LossLevel(float(at[best]) if at[best] >= level.min() / 2.0 else 0.0, interval)
 
 
-def _log_likelihood(P: np.ndarray, flights: np.ndarray | int, lost: np.ndarray | int) -> np.ndarray:
+def log_likelihood(without: Flown, flown: list[Flown], at: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
+    """Return the log-likelihood of the flights, but for a constant, at all v* (n), F and p_0, b (m): (n, 8, m).
+
+    Args:
+        without: the flights without the mismatch.
+        flown: the flights at levels above 0.
+        at: v* (n).
+        slopes: b (m).
+        share: P(v*).
+    """
+    level, flights, lost = (np.array(column, dtype=float) for column in zip(*flown, strict=True))
+    total = binomial(loss_chance(level, at, slopes, share), flights, lost).sum(axis=-1)
+    start = binomial(np.tile(share * FRACTIONS, 2), without.flights, without.lost)
+    return np.asarray(total + start[:, np.newaxis])
+
+
+def loss_chance(level: np.ndarray, at: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
+    """Return P at the levels (k) of the curves with all v* (n), F and p_0, b (m): (n, 8, m, k)."""
+    p_0 = share * FRACTIONS
+    excess = (share - p_0) / (1.0 - p_0)  # F at v*
+    above = slopes[:, None] * np.log(level / at[:, None, None, None])
+    odds = np.exp(np.clip(np.log(excess / (1.0 - excess))[:, None, None] + above, -_LARGE, _LARGE))
+    hazard = np.exp(np.clip(np.log(-np.log1p(-excess))[:, None, None] + above, -_LARGE, _LARGE))
+    F = np.concatenate((odds / (1.0 + odds), -np.expm1(-hazard)), axis=1)
+    start = np.tile(p_0, 2)[:, None, None]
+    return np.asarray(start + (1.0 - start) * F)
+
+
+def binomial(P: np.ndarray, flights: np.ndarray | int, lost: np.ndarray | int) -> np.ndarray:
     """Return the binomial log-likelihood, but for a constant; 0 ln 0 is 0."""
     tiny = 1e-12
     P = np.clip(P, tiny, 1.0 - tiny)

@@ -1,6 +1,5 @@
-"""Flights under each mismatch: at given values, and at a ladder of values in search of the one that loses 5 %."""
+"""Flights under each mismatch: at given values, and at levels in search of the one that loses 5 %."""
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,16 +8,17 @@ from typing import Final
 import numpy as np
 
 from ortilo_drake.flight.flight import AXES
-from ortilo_drake.flight.summaries import fly_summaries
-from ortilo_drake.flight.summary import Summary
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.sensitivity.loss_level import Flown, loss_level
+from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown, LossLevel, loss_level
 from ortilo_drake.studies.sensitivity.mismatches import Mismatch, Settings, all_together, mismatches_of
+from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladder, next_level
+from ortilo_drake.studies.sensitivity.outcomes import Outcome, fly_outcomes
+from ortilo_drake.studies.sensitivity.sequential_test import loses_more
 
 LOST_SHARE: Final = 0.05
 NONE: Final = "none"
-STEP: Final = 2.0  # from one value of the ladder to the next, as a factor
-LEAST: Final = 1.0 / 32.0  # of the careful value: below it none is flown
+WITHOUT: Final = 7  # times the flights of a row fly without mismatch, unless too much is lost then
+SEARCH: Final = 3  # at most so many times the flights of a row search for a limit
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,12 @@ class Sensitivity:
     limits: list[Limit]
 
 
+Want = tuple[Settings, Iterable[int]]
+
+
 def sensitivity(
     vary: Callable[[Settings], Scenario],
-    seeds: Iterable[int],
+    flights: int,
     out: Path,
     workers: int = 1,
     say: Callable[[str], None] = lambda part: None,
@@ -82,70 +85,100 @@ def sensitivity(
 ) -> Sensitivity:
     """Fly a scenario under each mismatch that changes anything for it.
 
+    Rows fly the same seeds. A search flies each further seed at one level, so that its flights are independent.
+
     Args:
         vary: returns the scenario with settings laid over it; its cameras are flown projected.
-        seeds: the same for every value.
-        out: folder for the summaries of the flights.
+        flights: of each row, seeds from 0; a search flies at most SEARCH times as many.
+        out: folder for the outcomes of the flights.
         workers: worker processes.
-        say: called with each mismatch's name as it begins.
+        say: called with what is flown as it begins.
         progress: called with the number of flights that came in.
     """
-    seeds = list(seeds)
 
-    def fly(settings: Settings) -> list[Summary]:
-        return fly_summaries(vary(settings).projected(), seeds, out, workers, progress)
+    def fly(wanted: Sequence[Want]) -> list[list[Outcome]]:
+        return fly_outcomes([(vary(under).projected(), seeds) for under, seeds in wanted], out, workers, progress)
 
-    say(NONE)
-    scenario, calm = vary(()), fly(())
+    scenario = vary(())
     mismatches = mismatches_of(scenario)
-    rows, limits = [_row(NONE, 0.0, calm)], []
-    for mismatch in (*mismatches, all_together(mismatches)):
-        say(mismatch.name)
-        flown: dict[float, list[Summary]] = {}
-
-        def lost_at(value: float, mismatch: Mismatch = mismatch, flown: dict[float, list[Summary]] = flown) -> int:
-            if value not in flown:
-                flown[value] = fly(mismatch.settings(value))
-            return _lost(flown[value])
-
-        for value in mismatch.given:
-            lost_at(value)
-        rows += [_row(mismatch.name, value, flown[value]) for value in mismatch.given]
-        if mismatch.largest is not None:
-            climb(lost_at, mismatch.careful, mismatch.largest, len(seeds))
-            at = [Flown(value, len(seeds), _lost(found)) for value, found in sorted(flown.items()) if value > 0.0]
-            limits.append(Limit(mismatch.name, *loss_level(Flown(0.0, len(seeds), _lost(calm)), at, LOST_SHARE)))
-    return Sensitivity(scenario.name, rows, limits)
+    mismatches = (*mismatches, all_together(mismatches))
+    at = [(mismatch, value) for mismatch in mismatches for value in mismatch.given]
+    say("at given values")
+    calm, *outcomes = fly([((), range(flights)), *((m.settings(value), range(flights)) for m, value in at)])
+    rows = [
+        _row(NONE, 0.0, calm),
+        *(_row(m.name, value, found) for (m, value), found in zip(at, outcomes, strict=True)),
+    ]
+    say("without mismatch")
+    without = _without(fly, flights, calm)
+    searched = [mismatch for mismatch in mismatches if mismatch.largest is not None]
+    limits = dict.fromkeys((mismatch.name for mismatch in searched), NO_LEVEL)
+    if without is not None:
+        known = {m.name: [Flown(r.value, r.flights, r.lost) for r in rows if r.mismatch == m.name] for m in searched}
+        limits = search(fly, searched, without, known, range(flights, (1 + SEARCH) * flights), say)
+    return Sensitivity(scenario.name, rows, [Limit(name, *level) for name, level in limits.items()])
 
 
-def climb(lost_at: Callable[[float], int], careful: float, largest: float, flights: int) -> None:
-    """Fly a ladder of values from where none is lost to where at least half are, then the middle of the step between.
+def _without(fly: Callable[[Sequence[Want]], list[list[Outcome]]], flights: int, calm: list[Outcome]) -> Flown | None:
+    """Fly without mismatch, as all searches want to know what is lost then; None if that is more than LOST_SHARE."""
+    most, decided = WITHOUT * flights, loses_more(len(calm), _lost(calm), LOST_SHARE)
+    while decided is None and len(calm) < most:
+        (calm,) = fly([((), range(min(len(calm) + 2 * BATCH, most)))])
+        decided = loses_more(len(calm), _lost(calm), LOST_SHARE)
+    if decided:
+        return None
+    (calm,) = fly([((), range(most))])
+    return Flown(0.0, most, _lost(calm))
+
+
+def search(
+    fly: Callable[[Sequence[Want]], list[list[Outcome]]],
+    mismatches: Sequence[Mismatch],
+    without: Flown,
+    given: dict[str, list[Flown]],
+    seeds: Sequence[int],
+    say: Callable[[str], None],
+) -> dict[str, LossLevel]:
+    """Return the level at which LOST_SHARE is lost for each mismatch.
+
+    All searches go on together: a round flies a batch of each that is not settled, with the same seeds. So the
+    workers share the flights of a round, and what is flown does not depend on how many there are.
 
     Args:
-        lost_at: flies a value and returns how many flights were lost.
-        careful: where the ladder begins.
-        largest: its upper end.
-        flights: how many are flown at each value.
+        fly: flies settings with seeds.
+        mismatches: those that have a largest value.
+        without: the flights without mismatch.
+        given: the flights at given values by mismatch.
+        seeds: of all rounds; each is flown at one level of each mismatch.
+        say: called with the number of searches as a round begins.
     """
-    value = careful
-    while lost_at(value) < flights / 2.0 and value * STEP <= largest:
-        value *= STEP
-    above = value
-    value = careful
-    while lost_at(value) > 0 and value / STEP >= LEAST * careful:
-        value /= STEP
-    while value * STEP < above and lost_at(value * STEP) == 0:
-        value *= STEP
-    if value < above:
-        lost_at(math.sqrt(value * min(value * STEP, above)))
+    flown = {m.name: {row.level: row for row in given[m.name] if row.level > 0.0} for m in mismatches}
+    levels = {m.name: ladder(m.careful, m.largest or m.careful) for m in mismatches}
+
+    def found(name: str) -> LossLevel:
+        return loss_level(without, list(flown[name].values()), LOST_SHARE)
+
+    for start in range(0, len(seeds), BATCH):
+        batch = seeds[start : start + BATCH]
+        going = [m for m in mismatches if not is_settled(found(m.name), levels[m.name])]
+        if not going:
+            break
+        say(f"search for {len(going)} limits")
+        at = [next_level(without, list(flown[m.name].values()), levels[m.name], LOST_SHARE) for m in going]
+        outcomes = fly([(m.settings(value), batch) for m, value in zip(going, at, strict=True)])
+        for mismatch, value, came in zip(going, at, outcomes, strict=True):
+            before = flown[mismatch.name].get(value, Flown(value, 0, 0))
+            now = Flown(value, before.flights + len(came), before.lost + _lost(came))
+            flown[mismatch.name][value] = now
+    return {m.name: found(m.name) for m in mismatches}
 
 
-def _lost(summaries: Sequence[Summary]) -> int:
-    return sum(s.lost is not None for s in summaries)
+def _lost(outcomes: Sequence[Outcome]) -> int:
+    return sum(flown.lost for flown in outcomes)
 
 
-def _row(mismatch: str, value: float, summaries: Sequence[Summary]) -> Row:
-    kept = [s for s in summaries if s.lost is None]
-    mse = {axis: float(np.median([s.mse[axis] for s in kept])) for axis in AXES} if kept else None
-    nees = float(np.mean([s.nees for s in kept])) if kept else None
-    return Row(mismatch, value, len(summaries), _lost(summaries), mse, nees)
+def _row(mismatch: str, value: float, outcomes: Sequence[Outcome]) -> Row:
+    kept = [flown for flown in outcomes if not flown.lost]
+    mse = {axis: float(np.median([flown.mse[axis] for flown in kept])) for axis in AXES} if kept else None
+    nees = float(np.mean([flown.nees for flown in kept])) if kept else None
+    return Row(mismatch, value, len(outcomes), _lost(outcomes), mse, nees)

@@ -1,6 +1,7 @@
 """The report of a sensitivity study: a table, what must be known and how well, and a bar chart."""
 
 from pathlib import Path
+from textwrap import fill
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -8,11 +9,17 @@ from matplotlib.figure import Figure
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, all_together
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
+from ortilo_drake.studies.sensitivity.sequential_test import ERROR
 from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.pictures import save_picture
 
 _CAREFUL = {m.name: m.careful for m in (*MISMATCHES, all_together(MISMATCHES))}
+NO_LIMITS = (
+    f"More than {LOST_SHARE:.0%} of the flights are lost without any mismatch (Wald's sequential test, error "
+    f"{ERROR:.0%}): no mismatch has a value that loses just {LOST_SHARE:.0%}, so none was searched."
+)
+ALL_BEYOND = f"No mismatch was found to lose {LOST_SHARE:.0%} of the flights at any value up to the largest flown."
 _BAR, _UNKNOWN = "#0072B2", "#999999"
 
 
@@ -21,12 +28,21 @@ def sensitivity_text(found: Sensitivity) -> str:
     header = ["what the filter does not know", "value", "lost", *(f"MSE {axis} [m²]" for axis in AXES), "NEES"]
     lines = [f"# What must you know, how well: {found.scenario}", ""]
     lines += table(header, [_cells(row) for row in found.rows])
+    if is_lost_without(found):
+        return "\n".join([*lines, NO_LIMITS, ""])
+    if all(limit.value is None for limit in found.limits):
+        lines += [ALL_BEYOND, ""]
     lines += [f"{LOST_SHARE:.0%} of the flights are lost where a mismatch alone is", ""]
     lines += table(
         ["mismatch", "value", "95 % interval", "a careful team's"],
         [[limit.mismatch, _value(limit), _interval(limit), f"{_CAREFUL[limit.mismatch]:g}"] for limit in found.limits],
     )
     return "\n".join(lines)
+
+
+def is_lost_without(found: Sensitivity) -> bool:
+    """Return whether the study found that too much is lost without any mismatch, so that no limit was searched."""
+    return all((limit.value, *limit.interval) == (0.0, 0.0, 0.0) for limit in found.limits)
 
 
 def _cells(row: Row) -> list[str]:
@@ -37,7 +53,7 @@ def _cells(row: Row) -> list[str]:
 
 def _value(limit: Limit) -> str:
     if limit.value == 0.0:
-        return "0: as many are lost without"
+        return "below what was flown"
     return "beyond what was flown" if limit.value is None else f"{limit.value:.3g}"
 
 
@@ -63,6 +79,7 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
             axes.barh(i, limit.value / careful if limit.value is not None else low, color=_BAR if known else _UNKNOWN)
             axes.plot([low, high], [i, i], color="k", lw=1.2)
             text = f"{limit.value:.3g}" if limit.value is not None else "beyond"
+            text = "below" if limit.value == 0.0 else text
             axes.text(1.01, i, f"{text}  ({_interval(limit)})", va="center", transform=axes.get_yaxis_transform())
         axes.axvline(1.0, color="#D55E00", lw=1.2)
         axes.text(
@@ -72,5 +89,8 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
         axes.set_xlim(least, most)
         axes.set_yticks(range(len(limits)), [limit.mismatch for limit in limits])
         axes.set_xlabel(f"value at which {LOST_SHARE:.0%} of the flights are lost, over a careful team's")
+        if is_lost_without(found):
+            note = fill(NO_LIMITS, 60)
+            axes.text(0.5, 0.5, note, ha="center", va="center", transform=axes.transAxes, bbox={"color": "white"})
         figure.suptitle(f"What must you know, how well: {found.scenario}")
         return save_picture(figure, path)
