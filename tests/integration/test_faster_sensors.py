@@ -80,7 +80,7 @@ def test_each_sample_has_the_noise_of_its_number_and_the_first_tick_has_one() ->
     _, samples = imu_messages(load_scenario("nominal_imu_uwb", (*changes, FAST)), 4, u)
     _, exact = imu_messages(load_scenario("nominal_imu_uwb", (*changes, EXACT)), 4, u)
     assert not samples[0, :-1].any()
-    sd, seed = np.repeat([0.01, 0.01, 0.05], 3), load_scenario("nominal_imu_uwb").seed
+    sd, seed = np.repeat([0.01, 0.001, 0.05], 3), load_scenario("nominal_imu_uwb").seed
     for k in range(4):
         for i in range(N) if k else (N - 1,):
             v = normals(seed, stream_id("imu"), N * (k - 1) + i + 1, 9)

@@ -58,7 +58,7 @@ def test_the_overlay_loads_as_the_tuned_scenario(tuning: Tuning, tmp_path: Path)
     path.write_text(overlay_text(tuning))
     loaded = load_scenario(path)
     assert loaded == tuning.fit.scenario
-    assert loaded.name == "imu_uwb_tuned"
+    assert loaded.name == "nominal_imu_uwb_tuned"
     assert loaded.planner == load_scenario("nominal_imu_uwb", (SHORT,)).planner
 
 
@@ -113,7 +113,7 @@ def test_the_command_writes_what_it_is_asked_for(
     assert run("tune", str(folder), *words) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert "imu_uwb_tuned, fitted to 2 flights" in printed.out
+    assert "nominal_imu_uwb_tuned, fitted to 2 flights" in printed.out
     assert "flown anew, seeds 2 to 2" in printed.out
     assert load_scenario(overlay) == tuning.fit.scenario
     found = json.loads(data.read_text())
