@@ -21,7 +21,7 @@ from ortilo_drake.scenario import Scenario, load_scenario
 
 def sensitivity(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
-    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 10,
+    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 8,
     workers: WorkersOption = None,
     settings: SetOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, report and figure.")] = Path(
