@@ -75,8 +75,8 @@ def test_a_mismatch_changes_the_world_or_its_shapes_and_nothing_else(mismatch) -
     assert value <= (mismatch.largest or value)
 
 
-def test_without_a_camera_nothing_is_asked_about_it() -> None:
-    without, with_camera = (mismatches_of(load_scenario(name)) for name in ("nominal_imu_uwb", "nominal_imu_uwb_yolo"))
+def test_without_a_camera_or_a_gyroscope_nothing_is_asked_about_it() -> None:
+    without, with_camera = (mismatches_of(load_scenario(name)) for name in ("nominal_imu_uwb", "imu_uwb_yolo"))
     assert {m.sensor for m in without} == {None, "uwb"}
     assert with_camera == MISMATCHES
     settings = dict(all_together(without).settings(2.0))

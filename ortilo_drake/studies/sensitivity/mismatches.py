@@ -22,7 +22,7 @@ class Mismatch(NamedTuple):
         careful: the value that a careful team leaves.
         given: values that are flown.
         largest: value up to which a limit is searched; None for what is there or not.
-        sensor: without which it changes nothing; None if it always does.
+        sensor: without which it changes nothing (the gyroscope: unless the filter reads it); None if it always does.
     """
 
     name: str
@@ -57,6 +57,14 @@ MISMATCHES: Final = (
         10.0,
     ),
     Mismatch("yaw of the IMU [deg]", _set("imu.yaw", radians(1.0)), 1.0, (2.0,), 64.0),
+    Mismatch(
+        "gyroscope biased by [mrad/s] about each axis",
+        lambda value: (("truth.imu.rates", (1e-3 * value,) * 3),),
+        0.3,
+        (1.0,),
+        100.0,
+        "gyroscope",
+    ),
     Mismatch("range biases of sd [cm]", _set("uwb.bias_sd", 0.01), 5.0, (5.0,), 160.0, "uwb"),
     Mismatch("anchors surveyed to sd [cm]", _set("survey.anchors_sd", 0.01), 3.0, (5.0,), 160.0, "uwb"),
     Mismatch("landmarks surveyed to sd [cm]", _set("survey.landmarks_sd", 0.01), 3.0, (5.0,), 160.0, "camera"),
@@ -75,7 +83,9 @@ MISMATCHES: Final = (
 
 def mismatches_of(scenario: Scenario) -> tuple[Mismatch, ...]:
     """Return the mismatches that change anything with the sensors of a scenario."""
-    return tuple(m for m in MISMATCHES if m.sensor is None or m.sensor in scenario.sensors)
+    reads_rates = getattr(scenario.estimator, "rates", "none") == "measured"
+    sensors = (None, *scenario.sensors, *(["gyroscope"] if reads_rates else []))
+    return tuple(m for m in MISMATCHES if m.sensor in sensors)
 
 
 def all_together(mismatches: tuple[Mismatch, ...]) -> Mismatch:
