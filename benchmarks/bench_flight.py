@@ -40,10 +40,17 @@ MEASUREMENT = make_measurement()
 DELTA = np.array([1.0, 0.0, 1.0])  # uwb and imu there, the camera not
 
 
-def flight_speeds(name: str, flights: int) -> list[float]:
-    """Return the real-time factors of that many flights."""
-    scenario = load_scenario(name, ("camera.kind=projected",))  # the rendered one: bench_camera.py
-    return [float(fly(with_seed(scenario, seed)).attrs["real_time_factor"]) for seed in range(flights)]
+SCENARIOS = ("nominal_imu_uwb", "imu_uwb", "nominal_imu_uwb_yolo", "imu_uwb_yolo")
+
+
+def flight_speeds(flights: int) -> dict[str, list[float]]:
+    """Return the real-time factors of that many flights of each scenario, flown in turn."""
+    chosen = [load_scenario(name, ("camera.kind=projected",)) for name in SCENARIOS]  # rendered: bench_camera.py
+    speeds: dict[str, list[float]] = {name: [] for name in SCENARIOS}
+    for seed in range(flights):
+        for scenario in chosen:
+            speeds[scenario.name].append(float(fly(with_seed(scenario, seed)).attrs["real_time_factor"]))
+    return speeds
 
 
 def numba_step() -> object:
@@ -134,7 +141,7 @@ def main() -> None:
     parser.add_argument("--smoke", action="store_true", help="few flights, few rounds")
     smoke = parser.parse_args().smoke
     flights, rounds, calls = (1, 2, 200) if smoke else (7, 9, 3000)
-    speeds = {name: flight_speeds(name, flights) for name in ("nominal_imu_uwb", "nominal_imu_uwb_yolo")}
+    speeds = flight_speeds(flights)
     step = step_times(rounds, calls)
     print(
         json.dumps(
@@ -142,6 +149,9 @@ def main() -> None:
                 "python": platform.python_version(),
                 "simulated_s_per_s": {
                     n: {"median": round(float(np.median(v))), "max": round(max(v))} for n, v in speeds.items()
+                },
+                "speed_over_nominal": {
+                    n: round(max(speeds[n]) / max(speeds[f"nominal_{n}"]), 2) for n in ("imu_uwb", "imu_uwb_yolo")
                 },
                 "log_writing_share": round(log_share(rounds), 4),
                 "filter_step_us": {name: round(value, 2) for name, value in step.items()},
