@@ -23,10 +23,12 @@ Every approximation adds information, so it lowers the floor:
 - a late measurement counts from the tick in which it was taken;
 - the disturbance is taken not to act between the samples of a sensor faster than the tick;
 - the landmark of each box, the excess of a range behind walls, and the control that acted count as known;
-- messages that gave no fix, or were refused, count.
-Data that the paper's filter does not use is left out: body rates and specific force of the imu message, the sizes of
-boxes, boxes cut by the border, and the absence of a landmark or a message. So the floor holds for estimators from
-ranges, box centres and angles. Phi is that of hover, also for a vehicle that flies nonlinearly.
+- messages that gave no fix, or were refused, count;
+- a specific force counts from the start of the step that it is measured in, and in ticks without an imu message too.
+Data that no filter here uses is left out: the sizes of boxes, boxes cut by the border, and the absence of a landmark or
+a message. So are body rates and specific force unless the scenario's filter reads them (estimator.rates, force). Force,
+torque and biases count as known, which a filter that estimates them does not have. Phi is that of hover, also for a
+vehicle that flies nonlinearly.
 """
 
 import numpy as np
@@ -37,9 +39,9 @@ from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.information_ranges import range_rows
 from ortilo_drake.floor.information_rows import ROW_SIZE, by_tick, rows_of
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
-from ortilo_drake.model.measurement import rows_matrix, seen_earlier
+from ortilo_drake.model.measurement import row, rows_matrix, seen_earlier
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
 
@@ -68,9 +70,30 @@ def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np
     i, j = np.nonzero(np.isfinite(sd))
     parts = []
     for age in scenario.h * np.arange(samples) / samples:
-        C = rows_matrix([seen_earlier(row, age) for row in sensor.rows])
+        C = rows_matrix([seen_earlier(its, age) for its in sensor.rows])
         parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2))
     return np.concatenate(parts)
+
+
+def rate_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
+    """Return the rows of the imu's body rates at true states (n, 12), to first order the Euler-angle rates."""
+    n, ticks = scenario.samples("imu"), np.flatnonzero(arrived(scenario, "imu", truth))
+    parts = []
+    for age in scenario.h * np.arange(n) / n:
+        for C in rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age) for rate in STATE_NAMES[9:]]):
+            parts.append(rows_of(ticks, np.tile(C, (len(ticks), 1)), np.full(len(ticks), scenario.imu.rate_sd**2)))
+    return np.concatenate(parts)
+
+
+def unmeasured_force(scenario: Scenario) -> float:
+    """Return what stays unknown of the disturbance force [N] once the specific force is measured.
+
+    That is sigma_f s / sqrt(sigma_f^2 + s^2), s = m sigma_a / sqrt(n) of n samples a tick: the standard deviation of w
+    given w + m v_a, both normal and white.
+    """
+    sigma, s = scenario.world.disturbance.force_sd, scenario.vehicle.mass * scenario.imu.specific_force_sd
+    s /= np.sqrt(scenario.samples("imu"))
+    return float(sigma * s / np.hypot(sigma, s)) if sigma > 0.0 else 0.0
 
 
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
@@ -83,12 +106,15 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
         camera = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
         spacing = int(tables.slow[0, 1])
     own = (name for name in scenario.sensors if name not in SENSORS)
+    reads = {name: getattr(scenario.estimator, name, "none") == "measured" for name in ("force", "rates")}
     rows = by_tick(
+        *([rate_rows(scenario, truth)] if reads["rates"] else []),
         range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth)),
         camera,
         *(own_rows(name, scenario, room, truth) for name in ("imu", *own)),
     )
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     disturbance = scenario.world.disturbance
-    W = disturbance_W(scenario.vehicle, scenario.h, disturbance.force_sd, disturbance.torque_sd)
+    force_sd = unmeasured_force(scenario) if reads["force"] else disturbance.force_sd
+    W = disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd)
     return np.asarray(predicted_bound(rows, len(truth), Phi, W, np.zeros((N_X, N_X)), max(spacing, 1)))

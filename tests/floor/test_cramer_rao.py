@@ -425,6 +425,34 @@ def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
     np.testing.assert_array_equal(position_floor(scenario, truth), np.diagonal(expected, axis1=1, axis2=2)[:, :3])
 
 
+def test_with_specific_force_and_rates_it_is_a_dense_filter_of_the_force_as_well() -> None:
+    """A Kalman filter of [x; force of the step just flown], of angles, rates and that force, everything else known."""
+    ticks = 300
+    noise = ("imu.angle_sd=0.01", "imu.rate_sd=0.002", "imu.specific_force_sd=0.05", "sensors=[imu]")
+    scenario, truth = load_scenario("imu_uwb", noise), np.zeros((ticks, 12))
+    truth[:, :3] = [8.0, 1.0, 1.5]
+    bound = state_bound(scenario, truth)
+    assert bound is not None
+    m, o = scenario.vehicle.mass, np.zeros((3, 3))
+    Phi = np.block([[PHI, np.zeros((12, 3))], [np.zeros((3, 15))]])
+    by_noise = np.vstack([B, np.hstack([scenario.world.disturbance.force_sd * np.eye(3), o])])
+    C = np.zeros((9, 15))
+    C[:3, 3:6], C[3:6, 9:12], C[6:, 12:] = np.eye(3), np.eye(3), np.eye(3) / m
+    V = np.diag(np.repeat([0.01**2, 0.002**2, 0.05**2], 3))
+    P = np.zeros((15, 15))
+    exact = np.empty((ticks, 12, 12))
+    for k in range(ticks):
+        exact[k] = P[:12, :12]
+        K = P @ C.T @ np.linalg.inv(C @ P @ C.T + V)
+        P = Phi @ (P - K @ C @ P) @ Phi.T + by_noise @ by_noise.T
+    sd, exact_sd = (np.sqrt(np.diagonal(each, axis1=1, axis2=2)) for each in (bound, exact))
+    assert np.all(sd <= exact_sd * (1.0 + 1e-9))
+    np.testing.assert_allclose(sd[-1, :6], exact_sd[-1, :6], rtol=0.01)
+    nominal = state_bound(load_scenario("nominal_imu_uwb", noise), truth)
+    assert nominal is not None
+    assert np.all(sd[-1, :3] < 0.7 * np.sqrt(np.diag(nominal[-1])[:3]))
+
+
 def test_without_a_sensor_the_bound_is_the_disturbances_alone() -> None:
     scenario = load_scenario("nominal_imu_uwb", ("imu.link.loss.kind=bernoulli", "imu.link.loss.probability=1.0"))
     truth = flown_along(np.random.default_rng(0), 30)
