@@ -89,13 +89,14 @@ def transposed_gain(
             state, c = states[rows[a], w], weights[rows[a], w]
             for j in range(n):
                 HP[a, j] += c * P[state, j]
+    for i in range(n):
+        for j in range(n):
+            if Phibar[i, j] != 0.0:
+                for a in range(m):
+                    KT[a, i] += Phibar[i, j] * HP[a, j]
     for a in range(m):
         s = sensors[a]
         start = block[s] + (rows[a] - first[s]) * (first[s + 1] - first[s])
-        for i in range(n):
-            for j in range(n):
-                if Phibar[i, j] != 0.0:
-                    KT[a, i] += Phibar[i, j] * HP[a, j]
         if s == chosen:
             for i in range(3):
                 KT[a, n - 3 + i] -= V2[start + i]
