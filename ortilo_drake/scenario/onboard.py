@@ -19,10 +19,13 @@ class Multilateration(Frozen):
         method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
             'least_squares' is weighted nonlinear least squares over all ranges.
         noise: what the solver believes of the ranges.
+        survey_sd: standard deviation of the anchors' surveyed positions [m]. Ranges may disagree by so much more before
+            'least_squares' looks for another position that fits them; it does not enter the fix's covariance.
     """
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
     noise: RangeNoise = ProportionalNoise()
+    survey_sd: NonNegativeFloat = 0.0
 
     @model_validator(mode="after")
     def _believes_in_noise(self) -> "Multilateration":

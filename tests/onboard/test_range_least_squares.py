@@ -88,3 +88,30 @@ def test_anchors_that_are_nearly_in_one_plane_give_no_start(spread: float, possi
     assert found == possible
     if possible:
         np.testing.assert_allclose(start, p, atol=1e-6)
+
+
+def test_ranges_to_misplaced_anchors_do_not_lead_to_the_mirror_image() -> None:
+    """3000 surveys of 5 cm, an anchor overhead at 0.8 m: its range alone is off by many of its own deviations."""
+    rng, p = np.random.default_rng(0), np.array([0.17, 0.11, 1.5])
+    wrong = {0.0: 0, 0.05: 0}
+    for _ in range(3000):
+        true = ANCHORS + 0.05 * rng.normal(size=ANCHORS.shape)
+        ranges = np.linalg.norm(true - p, axis=1) * (1.0 + 0.0075 * rng.normal(size=len(ANCHORS)))
+        start = p + 0.05 * rng.normal(size=3)
+        for survey_sd in wrong:
+            found, q, _ = least_squares(ranges, ALL, ANCHORS, np.array([0.0, 0.0075, survey_sd]), start)
+            wrong[survey_sd] += not found or np.linalg.norm(q - p) > 0.5
+    assert wrong[0.0] > 0
+    assert wrong[0.05] == 0
+
+
+def test_from_a_wrong_start_the_mirror_image_is_left_with_a_survey_that_is_not_exact_too() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        p = rng.uniform([0.0, -3.5, 0.2], [21.0, 3.5, 1.0])
+        true = ANCHORS + 0.05 * rng.normal(size=ANCHORS.shape)
+        ranges = np.linalg.norm(true - p, axis=1) * (1.0 + 0.0075 * rng.normal(size=len(ANCHORS)))
+        start = np.array([p[0], p[1], 6.0])
+        found, q, _ = least_squares(ranges, ALL, ANCHORS, np.array([0.0, 0.0075, 0.05]), start)
+        assert found
+        assert np.linalg.norm(q - p) < 1.0

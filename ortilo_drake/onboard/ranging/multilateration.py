@@ -98,7 +98,8 @@ def Multilateration_(T: type) -> type:
             self._arguments = {"settings": settings, "anchors": anchors}
             self._fix_message = fix_message if T is float else differentiable_fix_message
             noise = settings.noise
-            self._noise = np.array([noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction])
+            sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
+            self._noise = np.array([*sd, settings.survey_sd])
             self._anchors = np.ascontiguousarray(anchors, dtype=float)
             self._three = settings.method == "nearest_three"
             self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))

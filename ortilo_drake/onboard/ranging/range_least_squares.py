@@ -83,18 +83,27 @@ def least_squares(
     """Fit p to all ranges there are, minimising sum_i (r_i - |p - a_i|)^2 / sd_i^2, from the last estimate.
 
     The cost has other minima, near mirror images of p. A fit worse than POOR is tried again from
-    linear_start, and that second fit is taken if it has less than half the cost. Arguments and returns as
-    nearest_three.
+    linear_start, and that second fit is taken if it has less than half the cost. Both are judged with what the survey
+    of the anchors may be off by as well: ranges to misplaced anchors disagree at p itself, and often less at its mirror
+    image.
+
+    Arguments and returns as nearest_three, but for noise: s_0 [m], s_1, and where the anchors' survey is not exact its
+    standard deviation [m] (2 or 3).
     """
     count = np.sum(there)
     if count < 3.0:
         return False, p_last, np.zeros((3, 3))
+    judged_by = np.array([noise[0] + noise[2], noise[1]]) if noise.size > 2 else noise
     cost, p, N = descend(ranges, there, anchors, noise, p_last)
-    if not cost <= POOR * count:
+    judged = normal_equations(p, ranges, there, anchors, judged_by)[0] if cost < np.inf else cost
+    if not judged <= POOR * count:
         possible, p_start = linear_start(ranges, there, anchors)
         if possible:
             new_cost, new_p, new_N = descend(ranges, there, anchors, noise, p_start)
-            if new_cost < cost / 2.0:
+            new_judged = (
+                normal_equations(new_p, ranges, there, anchors, judged_by)[0] if new_cost < np.inf else new_cost
+            )
+            if new_judged < judged / 2.0:
                 cost, p, N = new_cost, new_p, new_N
     if not cost < np.inf:
         return False, p_last, np.zeros((3, 3))
