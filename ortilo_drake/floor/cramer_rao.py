@@ -7,12 +7,13 @@ for discrete-time nonlinear filtering", IEEE Trans. Signal Processing 46, 1998; 
 
 for the one-step prediction of x_k from the measurements before tick k. It is in covariance form because W has rank 6:
 
-    P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W,   P_0 = 0.
+    P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W.
 
 J_k is the information of the measurements that were taken in tick k and reached the vehicle. W is the covariance of the
-world's disturbance, not the filter's. Flights start exactly at the filter's first estimate, hence P_0 = 0. The part of
-a camera's errors that persists from picture to picture is estimated as well (information_filter.py), so it is not
-counted as new in every picture.
+world's disturbance, not the filter's. P_0 is 0 unless ``truth.start`` differs: flights start at the filter's first
+estimate. The part of a camera's errors that persists from picture to picture is estimated as well
+(information_filter.py), so it is not counted as new in every picture. So is what the scenario's ``truth`` leaves
+unknown (unknown_errors.py): such a floor is what physics allows to one who knows how large the errors may be.
 
 Kind of bound. J_k is taken at each flight's true trajectory and arrivals, and the bounds are averaged over ticks and
 flights. This is the covariance of an estimator that knows all Jacobians. With linear measurements it is the posterior
@@ -26,22 +27,23 @@ Every approximation adds information, so it lowers the floor:
 - messages that gave no fix, or were refused, count;
 - a specific force counts from the start of the step that it is measured in, and in ticks without an imu message too.
 Data that no filter here uses is left out: the sizes of boxes, boxes cut by the border, and the absence of a landmark or
-a message. So are body rates and specific force unless the scenario's filter reads them (estimator.rates, force). Force,
-torque and biases count as known, which a filter that estimates them does not have. Phi is that of hover, also for a
-vehicle that flies nonlinearly.
+a message. So are body rates and specific force unless the scenario's filter reads them (estimator.rates, force). Phi
+is that of hover, also for a vehicle that flies nonlinearly.
 """
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.floor.information_camera import camera_rows, camera_tables
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import ROW_SIZE, by_tick, rows_of
+from ortilo_drake.floor.information_rows import by_tick, rows_of
+from ortilo_drake.floor.unknown_errors import start_covariance, unknown_errors
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import row, rows_matrix, seen_earlier
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
+from ortilo_drake.model.signals import N_X, STATE_NAMES
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
 
@@ -71,50 +73,73 @@ def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np
     parts = []
     for age in scenario.h * np.arange(samples) / samples:
         C = rows_matrix([seen_earlier(its, age) for its in sensor.rows])
-        parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2))
+        parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2, j))
     return np.concatenate(parts)
 
 
 def rate_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     """Return the rows of the imu's body rates at true states (n, 12), to first order the Euler-angle rates."""
     n, ticks = scenario.samples("imu"), np.flatnonzero(arrived(scenario, "imu", truth))
-    parts = []
+    parts, variances = [], np.full(len(ticks), scenario.imu.rate_sd**2)
     for age in scenario.h * np.arange(n) / n:
-        for C in rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age) for rate in STATE_NAMES[9:]]):
-            parts.append(rows_of(ticks, np.tile(C, (len(ticks), 1)), np.full(len(ticks), scenario.imu.rate_sd**2)))
+        for j, rate in enumerate(STATE_NAMES[9:]):
+            C = rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age)])
+            parts.append(rows_of(ticks, np.tile(C, (len(ticks), 1)), variances, j))
     return np.concatenate(parts)
 
 
-def unmeasured_force(scenario: Scenario) -> float:
-    """Return what stays unknown of the disturbance force [N] once the specific force is measured.
+def specific_force_sd(scenario: Scenario) -> float:
+    """Return the standard deviation of a tick's mean specific force, as a force [N]."""
+    return scenario.vehicle.mass * scenario.imu.specific_force_sd / float(np.sqrt(scenario.samples("imu")))
 
-    That is sigma_f s / sqrt(sigma_f^2 + s^2), s = m sigma_a / sqrt(n) of n samples a tick: the standard deviation of w
-    given w + m v_a, both normal and white.
-    """
-    sigma, s = scenario.world.disturbance.force_sd, scenario.vehicle.mass * scenario.imu.specific_force_sd
-    s /= np.sqrt(scenario.samples("imu"))
-    return float(sigma * s / np.hypot(sigma, s)) if sigma > 0.0 else 0.0
+
+def measured_share(scenario: Scenario) -> float:
+    """Return k of unknown_errors.py: the share of the specific force in what is known of a step's white force."""
+    sigma = scenario.world.disturbance.force_sd
+    return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2) if sigma > 0.0 else 0.0
+
+
+def force_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
+    """Return the rows of what specific force tells of the force that lasts and of its own bias, and not of x."""
+    ticks = np.repeat(np.flatnonzero(arrived(scenario, "imu", truth)), 3)
+    variance = scenario.world.disturbance.force_sd**2 + specific_force_sd(scenario) ** 2
+    return rows_of(ticks, np.zeros((len(ticks), N_X)), np.full(len(ticks), variance), np.arange(len(ticks)) % 3)
 
 
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
-    room, camera, spacing = scenario.load_room(), np.empty((0, ROW_SIZE)), 1
+    room, spacing = scenario.load_room(), 1
+    reads = {name: getattr(scenario.estimator, name, "none") == "measured" for name in ("force", "rates")}
+    rows: dict[str, np.ndarray] = {"uwb": range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth))}
     if "camera" in scenario.sensors:
         tables = camera_tables(scenario, room)
         if tables is None:
             return None
-        camera = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
+        rows["camera"] = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
         spacing = int(tables.slow[0, 1])
-    own = (name for name in scenario.sensors if name not in SENSORS)
-    reads = {name: getattr(scenario.estimator, name, "none") == "measured" for name in ("force", "rates")}
-    rows = by_tick(
-        *([rate_rows(scenario, truth)] if reads["rates"] else []),
-        range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth)),
-        camera,
-        *(own_rows(name, scenario, room, truth) for name in ("imu", *own)),
-    )
+    for name in scenario.sensors:
+        if name not in rows:
+            rows[name] = own_rows(name, scenario, room, truth)
+    if reads["rates"]:
+        rows["rates"] = rate_rows(scenario, truth)
+    if reads["force"]:
+        rows["force"] = force_rows(scenario, truth)
+    k = measured_share(scenario) if reads["force"] else 0.0
+    disturbance, errors = scenario.world.disturbance, unknown_errors(scenario, room, k)
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    disturbance = scenario.world.disturbance
-    force_sd = unmeasured_force(scenario) if reads["force"] else disturbance.force_sd
-    W = disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd)
-    return np.asarray(predicted_bound(rows, len(truth), Phi, W, np.zeros((N_X, N_X)), max(spacing, 1)))
+    W = disturbance_W(scenario.vehicle, scenario.h, disturbance.force_sd * np.sqrt(1.0 - k), disturbance.torque_sd)
+    e = len(errors.sd)
+
+    def seen(kind: str, rows: np.ndarray) -> np.ndarray:
+        return np.hstack([rows, errors.sees[kind](rows) if kind in errors.sees else np.zeros((len(rows), e))])
+
+    return np.asarray(
+        predicted_bound(
+            by_tick(*(seen(kind, its) for kind, its in rows.items())),
+            len(truth),
+            np.block([[Phi, errors.G], [np.zeros((e, N_X)), np.diag(errors.keeps)]]),
+            block_diag(W, np.diag(errors.step_sd**2)),
+            block_diag(start_covariance(scenario), np.diag(errors.sd**2)),
+            max(spacing, 1),
+        )
+    )

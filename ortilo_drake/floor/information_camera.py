@@ -25,7 +25,7 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import PchipInterpolator
 
-from ortilo_drake.floor.information_rows import ROW_SIZE
+from ortilo_drake.floor.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.model.room import Room
@@ -87,7 +87,7 @@ def box_rows(
     tables: Tables,
     errors: CenterErrors,
 ) -> np.ndarray:
-    """Return the rows of the landmarks' box centres in those ticks (m, 16).
+    """Return the rows of the landmarks' box centres in those ticks (m, 17).
 
     The slow error of landmark i is number 2 i in u and 2 i + 1 in v.
 
@@ -118,11 +118,14 @@ def box_rows(
             for axis in range(2):
                 size = growth * look_up(tables.errors, 1, views[k, 4 + axis] - views[k, 2 + axis])
                 sd, extra, w = size / errors.gain[axis], errors.extra[axis], errors.share
-                rows[m, 0], rows[m, 1:7], rows[m, 13] = tick, J[axis], (1.0 - w) * sd**2 / rate
-                rows[m, 14], rows[m, 15] = (2 * i + axis if w > 0.0 else -1), np.sqrt(w) * sd
+                number = 2 * i + axis
+                rows[m, TICK], rows[m, GRADIENT][:6], rows[m, VARIANCE] = tick, J[axis], (1.0 - w) * sd**2 / rate
+                rows[m, SLOW], rows[m, AMPLITUDE] = (number if w > 0.0 else -1), np.sqrt(w) * sd
+                rows[m, SOURCE] = number
                 m += 1
                 if extra > 0.0:
-                    rows[m, 0], rows[m, 1:7], rows[m, 13], rows[m, 14] = tick, J[axis], size**2 / (extra * rate), -1.0
+                    rows[m, TICK], rows[m, GRADIENT][:6], rows[m, SLOW] = tick, J[axis], -1.0
+                    rows[m, VARIANCE], rows[m, SOURCE] = size**2 / (extra * rate), number
                     m += 1
     return rows[:m].copy()
 

@@ -16,22 +16,25 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.floor.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
+from ortilo_drake.model.signals import N_X
+
 
 @register_jitable
 def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: float, k: np.ndarray) -> None:
     """Update the leading n x n of P by a row, whose slow error is a n_j + b n_{j+1}, nodes at before and before + 1."""
     k[:n] = 0.0
-    for j in range(12):
-        g = row[1 + j]
-        if g != 0.0:
+    gradient = row[GRADIENT]
+    for j in range(gradient.size):
+        if gradient[j] != 0.0:
             for i in range(n):
-                k[i] += g * P[j, i]
+                k[i] += gradient[j] * P[j, i]
     if before >= 0:
         for i in range(n):
             k[i] += a * P[before, i] + b * P[before + 1, i]
-    s = row[13]
-    for j in range(12):
-        s += row[1 + j] * k[j]
+    s = row[VARIANCE]
+    for j in range(gradient.size):
+        s += gradient[j] * k[j]
     if before >= 0:
         s += a * k[before] + b * k[before + 1]
     if s <= 0.0:
@@ -45,23 +48,44 @@ def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: fl
 
 
 @register_jitable
-def _predict(P: np.ndarray, n: int, Phi: np.ndarray, W: np.ndarray, work: np.ndarray) -> None:
-    """Overwrite P by Phi P Phi^T + W, the nodes of slow errors staying as they are."""
+def _predict(P: np.ndarray, n: int, Phi: np.ndarray, W: np.ndarray, at: np.ndarray, work: np.ndarray) -> None:
+    """Overwrite P by Phi P Phi^T + W, the nodes of slow errors staying as they are.
+
+    at (m, a) are the columns in which a row of Phi is not 0, -1 after the last.
+    """
     m = Phi.shape[0]
     work[:m, :n] = 0.0
     for i in range(m):
-        for l in range(m):  # noqa: E741 - i, j, l are indices
-            if Phi[i, l] != 0.0:
-                for j in range(n):
-                    work[i, j] += Phi[i, l] * P[l, j]
+        for l in at[i]:  # noqa: E741 - i, j, l are indices
+            if l < 0:
+                break
+            for j in range(n):
+                work[i, j] += Phi[i, l] * P[l, j]
     for i in range(m):
         for j in range(m, n):
             P[i, j] = P[j, i] = work[i, j]
         for j in range(i + 1):
             total = W[i, j]
-            for l in range(m):  # noqa: E741
+            for l in at[j]:  # noqa: E741
+                if l < 0:
+                    break
                 total += work[i, l] * Phi[j, l]
             P[i, j] = P[j, i] = total
+
+
+@register_jitable
+def _columns_at(Phi: np.ndarray) -> np.ndarray:
+    """Return the columns in which each row of Phi is not 0, -1 after the last (m, a)."""
+    m, most = Phi.shape[0], 0
+    at = np.full((m, m), -1)
+    for i in range(m):
+        a = 0
+        for j in range(m):
+            if Phi[i, j] != 0.0:
+                at[i, a] = j
+                a += 1
+        most = max(most, a)
+    return at[:, :most]
 
 
 @register_jitable
@@ -96,28 +120,28 @@ def _new_nodes(P: np.ndarray, m: int, number: np.ndarray, used: np.ndarray, coun
 def predicted_bound(
     rows: np.ndarray, ticks: int, Phi: np.ndarray, W: np.ndarray, P_0: np.ndarray, spacing: int
 ) -> np.ndarray:
-    """Return P_k of each tick, the bound on the error covariance of x_{k|k-1} (ticks, m, m).
+    """Return P_k of the vehicle's twelve states at each tick, the bound on the covariance of x_{k|k-1} (ticks, 12, 12).
 
     Args:
-        rows: the measurements (l, 16), in the order of ticks, see information_rows.py.
+        rows: the measurements (l, 5 + m), in the order of ticks, see information_rows.py.
         ticks: number of ticks.
-        Phi: dynamics (m, m), position and angles the first six states.
+        Phi: dynamics (m, m), the vehicle's states the first twelve.
         W: covariance of the process noise of a tick (m, m).
         P_0: covariance of x_0 (m, m).
         spacing: ticks between the nodes of slow errors.
     """
     m, most = Phi.shape[0], 0
     for row in rows:
-        most = max(most, int(row[14]) + 1)
+        most = max(most, int(row[SLOW]) + 1)
     size = m + 2 * most
     P, work, k = np.zeros((size, size)), np.empty((m, size)), np.empty(size)
     P[:m, :m] = P_0
-    bounds = np.empty((ticks, m, m))
+    bounds, columns = np.empty((ticks, N_X, N_X)), _columns_at(Phi)
     number, used, count = np.empty(most, dtype=np.int64), np.zeros(most, dtype=np.bool_), 0
     place = np.full(most, -1)  # where each slow error is among those in the state
     at = 0
     for tick in range(ticks):
-        bounds[tick] = P[:m, :m]
+        bounds[tick] = P[:N_X, :N_X]
         if count > 0 and tick % spacing == 0:
             place[:] = -1
             count = _new_nodes(P, m, number, used, count)
@@ -125,8 +149,8 @@ def predicted_bound(
                 place[number[c]] = c
         after = (tick % spacing) / spacing
         scale = 1.0 / np.sqrt((1.0 - after) ** 2 + after**2)
-        while at < rows.shape[0] and rows[at, 0] <= tick:
-            slow, before = int(rows[at, 14]), -1
+        while at < rows.shape[0] and rows[at, TICK] <= tick:
+            slow, before = int(rows[at, SLOW]), -1
             if slow >= 0:
                 c = place[slow]
                 if c < 0:
@@ -136,8 +160,8 @@ def predicted_bound(
                     count += 1
                 used[c] = True
                 before = m + 2 * c
-            amplitude = rows[at, 15] * scale
+            amplitude = rows[at, AMPLITUDE] * scale
             _update(P, m + 2 * count, rows[at], before, amplitude * (1.0 - after), amplitude * after, k)
             at += 1
-        _predict(P, m + 2 * count, Phi, W, work)
+        _predict(P, m + 2 * count, Phi, W, columns, work)
     return bounds

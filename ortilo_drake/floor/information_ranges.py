@@ -39,4 +39,4 @@ def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -
     k, i = np.nonzero(there)
     gradients = np.zeros((len(k), N_X))
     gradients[:, :3] = p_AB[k, i] / d[k, i, np.newaxis]
-    return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2))
+    return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2), i)

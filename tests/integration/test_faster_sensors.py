@@ -15,6 +15,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.floor.cramer_rao import own_rows
+from ortilo_drake.floor.information_rows import information
 from ortilo_drake.hil import sessions
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket
@@ -137,7 +138,7 @@ def test_the_floor_counts_every_sample_at_its_age() -> None:
     scenario = load_scenario("nominal_imu_uwb", (FAST,))
     rows = own_rows("imu", scenario, scenario.load_room(), np.zeros((1, 12)))
     assert len(rows) == 3 * N
-    J = (rows[:, 1:13].T / rows[:, 13]) @ rows[:, 1:13]
+    J = information(rows)
     ages = H * np.arange(N) / N
     for angle, rate in ((3, 9), (4, 10), (5, 11)):
         block = J[np.ix_([angle, rate], [angle, rate])]

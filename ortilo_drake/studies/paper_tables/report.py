@@ -97,9 +97,10 @@ def table_text(tables: Tables) -> str:
     lines += ["## Efficiency: estimation error over the Cramer-Rao floor", ""]
     lines += [
         "No estimator from the same ranges, box centres and angles, and specific force and body rates where the "
-        "filter reads them, has a mean squared error below the floor, on average over flights. The floor knows mass, "
-        "force, torque and biases, which a filter that estimates them does not. All flights: their mean error over "
-        "their mean floor, at best 1. Tick by tick: the mean of squared error over floor, where the blackouts count no "
+        "filter reads them, has a mean squared error below the floor, on average over flights. What the scenario's "
+        "truth lets differ counts as unknown; where it lets nothing differ the floor knows mass, force, torque and "
+        "biases, which a filter that estimates them does not. All flights: their mean error over their mean floor, "
+        "at best 1. Tick by tick: the mean of squared error over floor, where the blackouts count no "
         "more than the rest. Below: over single flights, whose errors come from a few blackouts, so that some are "
         "below 1.",
         "",
