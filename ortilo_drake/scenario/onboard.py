@@ -19,13 +19,14 @@ class Multilateration(Frozen):
         method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
             'least_squares' is weighted nonlinear least squares over all ranges.
         noise: what the solver believes of the ranges.
-        survey_sd: standard deviation of the anchors' surveyed positions [m]. Ranges may disagree by so much more before
-            'least_squares' looks for another position that fits them; it does not enter the fix's covariance.
+        bias_sd: standard deviation of what lasts of a range's error [m]: its bias, the survey of its anchor. It counts
+            in the weights of 'least_squares' and in whether ranges fit a position, and not in the fix's covariance:
+            what lasts of a fix's error is for estimator.biases.uwb_sd.
     """
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
     noise: RangeNoise = ProportionalNoise()
-    survey_sd: NonNegativeFloat = 0.0
+    bias_sd: NonNegativeFloat = 0.0
 
     @model_validator(mode="after")
     def _believes_in_noise(self) -> "Multilateration":

@@ -31,9 +31,10 @@ def differences(system: System, name: str, at: np.ndarray, size: float, **others
     return np.column_stack([(after - before) / (2.0 * size) for after, before in ends])
 
 
-@pytest.mark.parametrize("method", ["least_squares", "nearest_three"])
-def test_a_fix_follows_the_ranges_as_the_geometry_says(method: str) -> None:
-    system: Any = Multilateration_[float](Multilateration.model_validate({"method": method}), ANCHORS)
+@pytest.mark.parametrize(("method", "bias_sd"), [("least_squares", 0.0), ("least_squares", 0.05), ("nearest_three", 0)])
+def test_a_fix_follows_the_ranges_as_the_geometry_says(method: str, bias_sd: float) -> None:
+    settings = Multilateration.model_validate({"method": method, "bias_sd": bias_sd})
+    system: Any = Multilateration_[float](settings, ANCHORS)
     away = P_WB - ANCHORS
     d = np.linalg.norm(away, axis=1)
     uwb, estimate = np.concatenate([[1.0, 0.1], d, np.ones(5)]), np.concatenate([P_WB + 0.1, np.zeros(12)])
@@ -43,7 +44,8 @@ def test_a_fix_follows_the_ranges_as_the_geometry_says(method: str) -> None:
     slopes = ExtractGradient(found)
     # dp/dr = (J^T R^-1 J)^-1 J^T R^-1 over the ranges used, J = u_i^T; for three of them J^-1.
     used = np.argsort(d)[:3] if method == "nearest_three" else np.arange(5)
-    J, weights = (away / d[:, None])[used], d[used] ** -2.0
+    fraction = getattr(settings.noise, "fraction", 0.0)
+    J, weights = (away / d[:, None])[used], 1.0 / ((fraction * d[used]) ** 2 + bias_sd**2)
     expected = np.zeros((3, 5))
     expected[:, used] = np.linalg.solve(J.T @ (weights[:, None] * J), J.T * weights)
     np.testing.assert_allclose(slopes[2:5, ranges], expected, atol=1e-10)

@@ -83,13 +83,33 @@ def test_what_is_not_positive_definite_has_no_inverse(N: np.ndarray) -> None:
     assert not inverse(tuple(N[UPPER]))[0]
 
 
-def test_a_position_is_a_fix_if_it_is_known_to_ten_metres() -> None:
-    p = np.array([1.0, 2.0, 3.0])
+@pytest.mark.parametrize("lasts", [0.0, 0.3, 20.0])
+def test_a_position_is_a_fix_if_it_is_known_to_ten_metres(lasts: float) -> None:
+    """Three anchors ahead, to the left and above: J = -I, and C = s^2 I whatever lasts of the ranges' errors."""
+    p, there = np.array([1.0, 2.0, 3.0]), np.ones(3)
+    anchors, ranges = p + 4.0 * np.eye(3), np.full(3, 4.0)
     for share, found in [(0.99, True), (1.01, False)]:
-        C = symmetric(4)
-        C *= share * MAX_SD**2 / np.trace(C)
-        answer, q, covariance = fix_with_covariance(p, tuple(np.linalg.inv(C)[UPPER]))
+        sd = share * MAX_SD / np.sqrt(3.0)
+        answer, q, C = fix_with_covariance(p, ranges, there, anchors, np.array([sd, 0.0, lasts]))
         assert answer == found
         np.testing.assert_array_equal(q, p)
-        np.testing.assert_allclose(covariance, C if found else np.zeros((3, 3)), rtol=1e-9)
-    assert not fix_with_covariance(p, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))[0]
+        np.testing.assert_allclose(C, sd**2 * np.eye(3) if found else np.zeros((3, 3)), rtol=1e-9)
+    assert not fix_with_covariance(p, ranges, np.array([1.0, 1.0, 0.0]), anchors, np.array([0.1, 0.0, lasts]))[0]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_with_errors_that_last_the_weights_are_of_both_and_the_covariance_of_what_is_new(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    anchors, p, noise = 5.0 * rng.normal(size=(7, 3)), rng.normal(size=3), np.array([0.02, 0.03, 0.2])
+    there = np.array([1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    ranges = np.linalg.norm(p - anchors, axis=1)
+    used = there == 1.0
+    J = (p - anchors[used]) / ranges[used, None]
+    new = np.diag((noise[0] + noise[1] * ranges[used]) ** 2)
+    weights = np.linalg.inv(new + noise[2] ** 2 * np.eye(6))
+    _, N, _ = normal_equations(p, ranges, there, anchors, noise)
+    np.testing.assert_allclose(dense(N), J.T @ weights @ J, rtol=1e-10)
+    by_ranges = np.linalg.solve(J.T @ weights @ J, J.T @ weights)
+    found, _, C = fix_with_covariance(p, ranges, there, anchors, noise)
+    assert found
+    np.testing.assert_allclose(C, by_ranges @ new @ by_ranges.T, rtol=1e-9)

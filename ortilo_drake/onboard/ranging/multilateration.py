@@ -17,7 +17,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
-from ortilo_drake.onboard.ranging.range_equations import inverse, normal_equations, product
+from ortilo_drake.onboard.ranging.range_equations import covariance_of_the_new, inverse, normal_equations, product
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
@@ -69,7 +69,10 @@ def differentiable_fix_message(
     _, C = inverse.py_func(N)
     message[1], p[:] = uwb[1], p + product.py_func(C, g)
     _, N, _ = normal_equations.py_func(p, ranges, used, anchors, noise)
-    _, (xx, xy, xz, yy, yz, zz) = inverse.py_func(N)
+    _, C = inverse.py_func(N)
+    if noise[2] > 0.0:
+        C = covariance_of_the_new.py_func(p, ranges, used, anchors, noise, C)
+    xx, xy, xz, yy, yz, zz = C
     message[5:14] = [xx, xy, xz, xy, yy, yz, xz, yz, zz]
     return message
 
@@ -99,7 +102,7 @@ def Multilateration_(T: type) -> type:
             self._fix_message = fix_message if T is float else differentiable_fix_message
             noise = settings.noise
             sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
-            self._noise = np.array([*sd, settings.survey_sd])
+            self._noise = np.array([*sd, settings.bias_sd])
             self._anchors = np.ascontiguousarray(anchors, dtype=float)
             self._three = settings.method == "nearest_three"
             self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))

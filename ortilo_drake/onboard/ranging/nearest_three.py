@@ -7,7 +7,7 @@ all three lies in the plane of their anchors, and across that plane J says nothi
 import numpy as np
 from numba import njit
 
-from ortilo_drake.onboard.ranging.range_equations import fix_with_covariance, normal_equations
+from ortilo_drake.onboard.ranging.range_equations import fix_with_covariance
 
 COLLINEAR = 1e-3  # sine of the angle between two anchors seen from a third, below which they are on one line
 
@@ -26,7 +26,7 @@ def nearest_three(
         ranges: r_i [m] (n); nearest means the smallest.
         there: 1 where a range is there, else 0 (n).
         anchors: a_i in W (n, 3).
-        noise: s_0 [m] and s_1 (2).
+        noise: s_0 [m] and s_1, and s_2 [m] where it is not 0 (2 or 3), see range_equations.py.
         p_last: the last estimate of p_WB, which picks between the two points (3).
 
     Returns:
@@ -65,5 +65,4 @@ def nearest_three(
     up = np.cross(e_x, e_y)
     z = np.sqrt(z_squared)
     p = foot + z * up if np.sum((p_last - foot) * up) >= 0.0 else foot - z * up
-    N = normal_equations(p, ranges, used, anchors, noise)[1]
-    return fix_with_covariance(p, N)
+    return fix_with_covariance(p, ranges, used, anchors, noise)

@@ -6,6 +6,10 @@ u_i = (p - a_i) / |p - a_i| as the rows of J and R = diag(sd_i^2), the covarianc
     C = (J^T R^-1 J)^-1,
 
 which for three ranges is J^-1 R J^-T.
+
+What lasts of a range's error, its bias and its anchor's survey, is of standard deviation s_2 besides. The weights of a
+fit have both in R. Of the fit's error C is the part that is new in every fix, with R_v of v_i alone: it is
+N^-1 (J^T R^-1 R_v R^-1 J) N^-1, N = J^T R^-1 J. The part that lasts is for the filter (estimator.biases.uwb_sd).
 """
 
 import numpy as np
@@ -21,14 +25,18 @@ Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, y
 def normal_equations(
     p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[float, Symmetric, np.ndarray]:
-    """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|."""
+    """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|.
+
+    noise is s_0 [m], s_1 and, where it is not 0, s_2 [m] (2 or 3).
+    """
+    lasts = noise[2] if noise.size > 2 else 0.0
     cost = gx = gy = gz = xx = xy = xz = yy = yz = zz = 0.0
     for i in range(anchors.shape[0]):
         if there[i] == 0.0:
             continue
         x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
         d = np.sqrt(x * x + y * y + z * z) + 1e-300  # at an anchor u = 0, not 0 / 0
-        w = 1.0 / max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
+        w = 1.0 / (max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2 + lasts**2)
         e = ranges[i] - d
         x, y, z = x / d, y / d, z / d
         cost += w * e * e
@@ -70,9 +78,32 @@ def product(C: Symmetric, g: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def fix_with_covariance(p: np.ndarray, N: Symmetric) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether N makes p a fix, p and C = N^-1 (3, 3)."""
-    definite, C = inverse(N)
+def covariance_of_the_new(
+    p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
+) -> Symmetric:
+    """Return N^-1 (J^T R^-1 R_v R^-1 J) N^-1 at p, C = N^-1; arguments as normal_equations, with s_2."""
+    xx = xy = xz = yy = yz = zz = 0.0
+    for i in range(anchors.shape[0]):
+        if there[i] == 0.0:
+            continue
+        x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
+        d = np.sqrt(x * x + y * y + z * z) + 1e-300
+        new = max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
+        w = new / ((new + noise[2] ** 2) * d) ** 2
+        x, y, z = C[0] * x + C[1] * y + C[2] * z, C[1] * x + C[3] * y + C[4] * z, C[2] * x + C[4] * y + C[5] * z
+        xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
+        yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
+    return xx, xy, xz, yy, yz, zz
+
+
+@njit(cache=True)
+def fix_with_covariance(
+    p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return whether the ranges make p a fix, p and C (3, 3); arguments as normal_equations."""
+    definite, C = inverse(normal_equations(p, ranges, there, anchors, noise)[1])
+    if definite and noise.size > 2 and noise[2] > 0.0:
+        C = covariance_of_the_new(p, ranges, there, anchors, noise, C)
     if not (definite and C[0] + C[3] + C[5] <= MAX_SD**2):
         return False, p, np.zeros((3, 3))
     return True, p, np.array([[C[0], C[1], C[2]], [C[1], C[3], C[4]], [C[2], C[4], C[5]]])

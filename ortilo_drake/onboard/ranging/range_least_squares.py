@@ -7,7 +7,6 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.onboard.ranging.range_equations import (
-    Symmetric,
     fix_with_covariance,
     inverse,
     normal_equations,
@@ -50,8 +49,8 @@ def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> 
 @njit(cache=True)
 def descend(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_start: np.ndarray
-) -> tuple[float, np.ndarray, Symmetric]:
-    """Return the least cost reached from p_start, where, and N there; cost inf without convergence.
+) -> tuple[float, np.ndarray]:
+    """Return the least cost reached from p_start, and where; cost inf without convergence.
 
     Gauss-Newton, damped (Levenberg) only where a step would raise the cost or N is singular; the cost never
     rises, so the descent cannot run away.
@@ -69,11 +68,11 @@ def descend(
             if new_cost <= cost or short:
                 p, cost, N, g = p + s, new_cost, new_N, new_g
                 if short:
-                    return cost, p, N
+                    return cost, p
                 damping = damping / 10.0 if damping > 1e-6 else 0.0
                 continue
         damping = max(10.0 * damping, 1e-3)
-    return np.inf, p, N
+    return np.inf, p
 
 
 @njit(cache=True)
@@ -83,28 +82,20 @@ def least_squares(
     """Fit p to all ranges there are, minimising sum_i (r_i - |p - a_i|)^2 / sd_i^2, from the last estimate.
 
     The cost has other minima, near mirror images of p. A fit worse than POOR is tried again from
-    linear_start, and that second fit is taken if it has less than half the cost. Both are judged with what the survey
-    of the anchors may be off by as well: ranges to misplaced anchors disagree at p itself, and often less at its mirror
-    image.
+    linear_start, and that second fit is taken if it has less than half the cost.
 
-    Arguments and returns as nearest_three, but for noise: s_0 [m], s_1, and where the anchors' survey is not exact its
-    standard deviation [m] (2 or 3).
+    Arguments and returns as nearest_three.
     """
     count = np.sum(there)
     if count < 3.0:
         return False, p_last, np.zeros((3, 3))
-    judged_by = np.array([noise[0] + noise[2], noise[1]]) if noise.size > 2 else noise
-    cost, p, N = descend(ranges, there, anchors, noise, p_last)
-    judged = normal_equations(p, ranges, there, anchors, judged_by)[0] if cost < np.inf else cost
-    if not judged <= POOR * count:
+    cost, p = descend(ranges, there, anchors, noise, p_last)
+    if not cost <= POOR * count:
         possible, p_start = linear_start(ranges, there, anchors)
         if possible:
-            new_cost, new_p, new_N = descend(ranges, there, anchors, noise, p_start)
-            new_judged = (
-                normal_equations(new_p, ranges, there, anchors, judged_by)[0] if new_cost < np.inf else new_cost
-            )
-            if new_judged < judged / 2.0:
-                cost, p, N = new_cost, new_p, new_N
+            new_cost, new_p = descend(ranges, there, anchors, noise, p_start)
+            if new_cost < cost / 2.0:
+                cost, p = new_cost, new_p
     if not cost < np.inf:
         return False, p_last, np.zeros((3, 3))
-    return fix_with_covariance(p, N)
+    return fix_with_covariance(p, ranges, there, anchors, noise)
