@@ -24,7 +24,7 @@ from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.shutter import Shutter
 from ortilo_drake.world.sensors.true_velocity import TrueVelocity_
 from ortilo_drake.world.slow_error import SlowError_
-from ortilo_drake.world.truth import set_truth
+from ortilo_drake.world.truth import set_body, set_lasting_force, set_truth
 
 
 class World(Diagram):
@@ -112,6 +112,19 @@ class World(Diagram):
         set_seed(self, context, seed)
         if self._truth != Truth():
             set_truth(self, context, self._vehicle, self._room, self.Drawn(context), self._payloads)
+
+    def ChangeBody(self, context: Context, heavier: float, push: np.ndarray) -> None:
+        """Have the vehicle be heavier and pushed, beside how this world differs anyway; the context is the root's.
+
+        Args:
+            context: the root's.
+            heavier: true over the world's own mass, less 1 [1].
+            push: a force in W beside the world's own mean force (3) [N]; felt only where truth.force is set.
+        """
+        drawn = self.Drawn(context)
+        drawn["vehicle.mass_factor"] = drawn["vehicle.mass_factor"] * (1.0 + heavier)
+        set_body(self, context, self._vehicle, drawn)
+        set_lasting_force(self, context, drawn["force.mean"] + push)
 
     def Drawn(self, context: Context) -> Drawn:
         """Return how the world of the context's seed differs from what is believed; the context is the root's."""

@@ -76,6 +76,10 @@ class WorldHalf:
         mode = self._diagram.GetOutputPort("failsafe_mode").Eval(self._simulator.get_context())
         return MODES[int(mode[0])]
 
+    def change_body(self, heavier: float, push: np.ndarray) -> None:
+        """Have the vehicle be heavier and pushed from now on, see World.ChangeBody."""
+        self._diagram.ChangeBody(self._simulator.get_mutable_context(), heavier, push)
+
     def sample(self) -> Signals:
         """Return the messages of this tick."""
         context = self._simulator.get_context()

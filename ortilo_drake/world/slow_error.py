@@ -98,8 +98,12 @@ def SlowError_(T: type) -> type:
         def start_in(self, context: Any, bias: np.ndarray) -> None:
             """Set b (n), and x to the seed's x_0, in a context of this system."""
             first = normals(self.seed_in(context), self._stream, 0, len(bias))
-            context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
+            self.set_bias_in(context, bias)
             context.get_mutable_discrete_state(self._x).SetFromVector(self._noise.start * first)
+
+        def set_bias_in(self, context: Any, bias: np.ndarray) -> None:
+            """Set b (n) alone in a context of this system."""
+            context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
 
         def _calc_error(self, context: Any, output: Any) -> None:
             bias = context.get_numeric_parameter(self._bias).CopyToVector()

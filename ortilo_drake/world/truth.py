@@ -31,10 +31,7 @@ def set_truth(
         drawn: the differences, see drawn_truth.py.
         payloads: size of each sensor's payload, of those that fly.
     """
-    inertia = tuple(float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia)
-    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
-    imu_bias = np.array([*drawn["imu.level"], drawn["imu.yaw"], *drawn["imu.rates"], *drawn["imu.specific_force"]])
-    set_vehicle(world, context, vehicle.model_copy(update={"mass": mass, "inertia": inertia}), imu_bias)
+    set_body(world, context, vehicle, drawn)
     set_anchors(world, context, room.anchor_positions + drawn["survey.anchors"], drawn["uwb.bias"])
     set_landmarks(world, context, room.landmark_positions + drawn["survey.landmarks"])
     p_BC = np.array(room.camera.position) + drawn["camera.position"]
@@ -74,6 +71,20 @@ def set_vehicle(world: Diagram, context: Context, vehicle: Vehicle, imu_bias: np
         imu = world.GetSubsystemByName("imu")
         bias = np.zeros(9) if imu_bias is None else imu_bias
         imu.set_truth_in(imu.GetMyMutableContextFromRoot(context), vehicle.mass, bias)
+
+
+def set_body(world: Diagram, context: Context, vehicle: Vehicle, drawn: Drawn) -> None:
+    """Set mass, moments of inertia and the imu's biases as drawn, beside the vehicle as it is believed to be."""
+    inertia = tuple(float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia)
+    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
+    imu_bias = np.array([*drawn["imu.level"], drawn["imu.yaw"], *drawn["imu.rates"], *drawn["imu.specific_force"]])
+    set_vehicle(world, context, vehicle.model_copy(update={"mass": mass, "inertia": inertia}), imu_bias)
+
+
+def set_lasting_force(world: Diagram, context: Context, force: np.ndarray) -> None:
+    """Set the mean force in W (3) [N] of a world that has one, its gusts left as they are."""
+    for lasting, its in _named(world, context, "lasting_force"):
+        lasting.set_bias_in(its, np.concatenate((force, np.zeros(3))))
 
 
 def set_anchors(world: Diagram, context: Context, p_WA: np.ndarray, bias: np.ndarray) -> None:

@@ -1,0 +1,67 @@
+"""The command `ortilo live`: a flight whose user changes the world."""
+
+import contextlib
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import (
+    DEFAULT_SCENARIO,
+    CameraOption,
+    DetectorOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    quiet_drake,
+    with_camera,
+)
+from ortilo_drake.commands.terminal import err, out
+from ortilo_drake.scenario import load_scenario
+
+
+def live(
+    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    camera: CameraOption = None,
+    detector: DetectorOption = None,
+    port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; a free one.")] = None,
+) -> None:
+    """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals; pause, tick by tick, speed.
+
+    It goes on until the page's button "stop", or Ctrl-C. The page can be opened on this machine only.
+    """
+    chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
+    from pydrake.trajectories import Trajectory
+    from rich.live import Live
+    from rich.text import Text
+
+    from ortilo_drake.flight.flyable import check_flyable
+    from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+    from ortilo_drake.hil.live.controls import Controls
+    from ortilo_drake.hil.live.scene import Scene
+    from ortilo_drake.hil.live.session import Status, fly_live
+    from ortilo_drake.onboard.planner.planned import planned
+    from ortilo_drake.world.scenery.meshcat_room import make_meshcat
+
+    quiet_drake()
+    path = planned(chosen)
+    check_flyable(chosen, path)
+    room, meshcat = chosen.load_room(), make_meshcat(port)
+    goal = path.value(path.end_time())[:2, 0] if isinstance(path, Trajectory) else room.interior.min[:2]
+    controls = Controls(meshcat, room, chosen.sensors, (float(goal[0]), float(goal[1])))
+    lamps = tuple(sensor for sensor in chosen.sensors if sensor != "imu")
+    scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
+    out.print(f"open {meshcat.web_url()}", soft_wrap=True)
+    out.print(f"the lamps above the vehicle, from west to east: {', '.join(lamps)}; Ctrl-C ends")
+    status = Status()
+    with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
+
+        def show(now: Status) -> None:
+            nonlocal status
+            status = now
+            shown.update(Text(now.line()))
+
+        with contextlib.suppress(KeyboardInterrupt):
+            fly_live(chosen, planner, controls, scene, show)
+    out.print(status.line(), markup=False, soft_wrap=True)

@@ -1,0 +1,122 @@
+"""A flight whose world its user changes while it lasts, tick by tick.
+
+The two halves are those of flight/stepped_halves.py. What changes is the world's alone: messages that are lost on their
+way, a force that pushes, the mass. The onboard half learns of it as it would in reality, by what its sensors say. Only
+a goal is told to it (hil/goals/goals.py).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial, Trajectory
+
+from ortilo_drake.flight.lost import Lost, find_loss
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+from ortilo_drake.hil.goals.goals import Goals
+from ortilo_drake.hil.live.wishes import Wishes
+from ortilo_drake.hil.wire.packets import Goal
+from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.truth import ForceTruth
+
+MESSAGES = {"uwb": ("uwb",), "camera": ("detections", "shutter", "image")}  # of others the port has the sensor's name
+
+
+class Seen(NamedTuple):
+    """What a tick shows.
+
+    Attributes:
+        time: of the tick [s].
+        x: the true state (12).
+        xhat: the estimate (15).
+        P: its covariance (15, 15).
+        arrived: sensors of which the filter took a message.
+        sent: sensors that sent one.
+        path: a new path that the vehicle flies from now on; None if it is the same.
+        answers: to goals, in a line each.
+        lost: when and why the flight is lost; it then goes no further.
+    """
+
+    time: float
+    x: np.ndarray
+    xhat: np.ndarray
+    P: np.ndarray
+    arrived: tuple[str, ...]
+    sent: tuple[str, ...]
+    path: PiecewisePolynomial | None
+    answers: tuple[str, ...]
+    lost: Lost | None
+
+
+def with_a_force(scenario: Scenario) -> Scenario:
+    """Return the scenario with a lasting force in its world, of 0 N where it has none."""
+    if scenario.truth.force != ForceTruth():
+        return scenario
+    force = ForceTruth(gust_time=2.0 * ForceTruth().gust_time)  # differs, so that the world has the system; of sd 0
+    return scenario.model_copy(update={"truth": scenario.truth.model_copy(update={"force": force})})
+
+
+class LiveFlight:
+    """One flight of a scenario that goes on for as long as it is stepped.
+
+    Args:
+        scenario: the scenario.
+        planner: plans ways to goals; its context is the caller's.
+    """
+
+    def __init__(self, scenario: Scenario, planner: GoalPlanner):
+        self._scenario, self._room = with_a_force(scenario), scenario.load_room()
+        self._world, self._onboard = WorldHalf(self._scenario), OnboardHalf(self._scenario)
+        self._goals, self._asked = Goals(scenario, planner), 0
+        self._rng = np.random.default_rng(scenario.seed)
+        self._k, self._set = 0, (0.0, 0.0, 0.0)
+
+    @property
+    def path(self) -> Trajectory | None:
+        """The path that the vehicle flies, p_WB(t) (3 rows) [m]; None where its planner is a System."""
+        return self._onboard.path
+
+    def step(self, wishes: Wishes) -> Seen:
+        """Fly a tick and return what it showed.
+
+        Args:
+            wishes: of its losses, push and mass those of this tick are taken, and a goal where there is a new one.
+        """
+        self._change_the_world(wishes)
+        time = self._k * self._scenario.h
+        if wishes.goes:
+            self._asked += 1
+            self._goals.hear(Goal(0, self._k, self._asked, "user", *wishes.goal))
+        said = self._goals.step(time, self._onboard.path)
+        if said.path is not None:
+            self._onboard.fly_path(said.path)
+        x, messages = self._world.state, self._world.sample()
+        sensors = self._scenario.measurement.sensors
+        names: dict[str, tuple[str, ...]] = {
+            sensor: MESSAGES.get(sensor, (sensor,)) for sensor in self._scenario.sensors
+        }
+        sent = tuple(sensor for sensor in sensors if any(name in messages for name in names.get(sensor, ())))
+        for sensor in sent:
+            if self._rng.random() < wishes.lost.get(sensor, 0.0):
+                for name in names[sensor]:
+                    messages.pop(name, None)
+        self._onboard.take(messages)
+        outputs = self._onboard.outputs()
+        arrived = tuple(sensor for sensor, delta in zip(sensors, outputs["delta"], strict=False) if delta > 0.0)
+        lost = find_loss(x[np.newaxis], self._scenario.h, self._room, self._scenario.vehicle)
+        if lost is None:
+            self._world.advance(outputs["control"])
+            self._onboard.advance()
+            self._k += 1
+        answers = tuple(
+            f"goal ({answer.x:g}, {answer.y:g}): {answer.reason or 'on the way'}" for answer in said.answers
+        )
+        P = outputs["covariance"].reshape(N_XBAR, N_XBAR)
+        return Seen(time, x, outputs["estimate"], P, arrived, sent, said.path, answers, lost)
+
+    def _change_the_world(self, wishes: Wishes) -> None:
+        wanted = (*wishes.push, wishes.heavier)
+        if wanted != self._set:
+            self._world.change_body(wishes.heavier, np.array([*wishes.push, 0.0]))
+            self._set = wanted

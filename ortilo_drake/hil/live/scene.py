@@ -1,0 +1,82 @@
+"""What a live flight shows in Meshcat's page."""
+
+from collections import deque
+from typing import Final
+
+import numpy as np
+from pydrake.geometry import Meshcat, Rgba, Sphere
+from pydrake.math import RigidTransform
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.hil.live.live_flight import Seen
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.world.scenery.meshcat_draw import PLANNED_PATH, draw_flown, draw_plan, draw_vehicle, show_pose
+from ortilo_drake.world.scenery.meshcat_room import draw_room
+
+GOAL: Final = "/flight/goal"
+LAMPS: Final = "/flight/lamps"
+LIT_FOR: Final = 0.2  # a lamp stays lit after a message [s]
+TRAIL: Final = 20.0  # how much of what was flown is shown [s]
+LIT, DARK = (0.15, 0.85, 0.25, 1.0), (0.75, 0.1, 0.1, 1.0)
+
+
+class Scene:
+    """The room, the vehicle, its estimate, a lamp above it for each sensor, and the goal.
+
+    Args:
+        meshcat: where to draw.
+        room: the room.
+        vehicle: the vehicle.
+        sensors: those with a lamp, side by side, the first in the west.
+        h: tick [s].
+    """
+
+    def __init__(self, meshcat: Meshcat, room: Room, vehicle: Vehicle, sensors: tuple[str, ...], h: float):
+        self._meshcat, self._vehicle, self._sensors, self._h = meshcat, vehicle, sensors, h
+        draw_room(meshcat, room)
+        meshcat.SetObject(GOAL, Sphere(0.12), Rgba(0.95, 0.6, 0.05, 0.8))
+        for i, sensor in enumerate(sensors):
+            meshcat.SetObject(f"{LAMPS}/{sensor}", Sphere(0.08), Rgba(*DARK))
+            meshcat.SetTransform(f"{LAMPS}/{sensor}", RigidTransform([0.25 * (i - (len(sensors) - 1) / 2.0), 0.0, 0.0]))
+
+    def begin(self, path: Trajectory | None) -> None:
+        """Show a new flight."""
+        self._lit, self._until = dict.fromkeys(self._sensors, False), dict.fromkeys(self._sensors, -1.0)
+        self._flown: deque[np.ndarray] = deque(maxlen=round(TRAIL / self._h))
+        draw_vehicle(self._meshcat, self._vehicle)
+        self.show_path(path)
+        for sensor in self._sensors:
+            self._meshcat.SetProperty(f"{LAMPS}/{sensor}", "color", list(DARK))
+
+    def lit(self, sensor: str) -> bool:
+        """Return whether a sensor's lamp is lit."""
+        return self._lit[sensor]
+
+    def show_path(self, path: Trajectory | None) -> None:
+        """Show the path that is flown from now on."""
+        if path is None:
+            self._meshcat.Delete(PLANNED_PATH)
+        else:
+            draw_plan(self._meshcat, path)
+
+    def show_goal(self, x: float, y: float, z: float) -> None:
+        """Show the goal at a place in W [m]."""
+        self._meshcat.SetTransform(GOAL, RigidTransform([x, y, z]))
+
+    def show(self, seen: Seen, draws: bool) -> None:
+        """Show a tick; the vehicle and what it flew only if it draws."""
+        for sensor in self._sensors:
+            if sensor in seen.arrived:
+                self._until[sensor] = seen.time + LIT_FOR
+            lit = seen.time < self._until[sensor]
+            if lit != self._lit[sensor]:
+                self._lit[sensor] = lit
+                self._meshcat.SetProperty(f"{LAMPS}/{sensor}", "color", list(LIT if lit else DARK))
+        self._flown.append(np.concatenate([seen.x[:3], seen.xhat[:3]]))
+        if seen.path is not None:
+            self.show_path(seen.path)
+        if draws:
+            show_pose(self._meshcat, seen.x, seen.xhat, seen.P[:3, :3], np.eye(3), seen.time)
+            self._meshcat.SetTransform(LAMPS, RigidTransform(seen.x[:3] + [0.0, 0.0, 0.45]))
+            draw_flown(self._meshcat, np.array(self._flown))

@@ -1,0 +1,141 @@
+"""A live flight from its first tick until its user has had enough."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+from ortilo_drake.hil.live.live_flight import LiveFlight, Seen
+from ortilo_drake.hil.live.scene import Scene
+from ortilo_drake.hil.live.wishes import Wishes
+from ortilo_drake.scenario import Scenario
+
+DRAWN_EVERY: Final = 1.0 / 15.0  # a picture of the page [s of wall time]
+RECENT: Final = 5.0  # over which shares of arrivals are counted [s]
+_REST: Final = 0.02  # between two looks at the controls of a flight that stands still [s]
+
+
+class SaysWishes(Protocol):
+    """The controls."""
+
+    def wishes(self) -> Wishes:
+        """Return what is wanted now."""
+
+
+@dataclass
+class Status:
+    """A live flight so far.
+
+    Attributes:
+        time: of its last tick [s].
+        error: distance of the estimate from the truth [m].
+        sd: three standard deviations of it, root of the covariance's trace [m].
+        arrivals: share of each sensor's due messages that arrived in the last RECENT seconds; None where none was due.
+        is_paused: whether time stands still.
+        note: the last thing that happened, such as an answer to a goal; empty if nothing did.
+    """
+
+    time: float = 0.0
+    error: float = 0.0
+    sd: float = 0.0
+    arrivals: dict[str, float | None] = field(default_factory=dict)
+    is_paused: bool = False
+    note: str = ""
+
+    def line(self) -> str:
+        """Return it in a line."""
+        shares = (f"{name} {'-' if share is None else f'{share:.0%}'}" for name, share in self.arrivals.items())
+        line = f"{self.time:6.1f} s  error {100.0 * self.error:5.1f} cm, 3 sigma {100.0 * self.sd:5.1f} cm"
+        line += f"  arrived of late: {', '.join(shares) or '-'}"
+        return line + ("  paused" if self.is_paused else "") + (f"  {self.note}" if self.note else "")
+
+
+class Shares:
+    """The share of each sensor's messages that arrived of late.
+
+    Args:
+        due: a sensor has a message due every so many ticks.
+        ticks: over which shares are counted.
+    """
+
+    def __init__(self, due: dict[str, int], ticks: int):
+        self._due, self._k = due, 0
+        self._arrived = {sensor: deque[bool](maxlen=max(ticks // every, 1)) for sensor, every in due.items()}
+
+    def count(self, seen: Seen) -> None:
+        """Count a tick's arrivals."""
+        for sensor, every in self._due.items():
+            if self._k % every == 0:
+                self._arrived[sensor].append(sensor in seen.arrived)
+        self._k += 1
+
+    def now(self) -> dict[str, float | None]:
+        """Return the shares."""
+        return {sensor: sum(its) / len(its) if its else None for sensor, its in self._arrived.items()}
+
+
+def fly_live(
+    scenario: Scenario,
+    planner: GoalPlanner,
+    controls: SaysWishes,
+    scene: Scene | None,
+    show: Callable[[Status], None],
+    clock: Any = time,
+) -> Status:
+    """Fly until the controls want no more; return how it stood then.
+
+    A flight that is lost stands still until it is flown anew.
+
+    Args:
+        scenario: the scenario.
+        planner: plans ways to goals.
+        controls: say what is wanted.
+        scene: shows the flight; None shows nothing.
+        show: called now and then with how it stands.
+        clock: has monotonic() and sleep().
+    """
+    due: dict[str, int] = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
+    status, drawn_at, anew = Status(), -np.inf, True
+    while True:
+        wishes = controls.wishes()
+        if wishes.ends:
+            return status
+        if anew or wishes.restarts:
+            flight, shares, anew = LiveFlight(scenario, planner), Shares(due, round(RECENT / scenario.h)), False
+            status, is_lost, next_at = Status(), False, clock.monotonic()
+            if scene:
+                scene.begin(flight.path)
+        status.is_paused = wishes.pauses and not is_lost
+        if is_lost or (wishes.pauses and not wishes.steps):
+            if scene:
+                scene.show_goal(*wishes.goal, 0.3)
+            show(status)
+            clock.sleep(_REST)
+            next_at = clock.monotonic()
+            continue
+        for _ in range(max(wishes.steps, 1) if wishes.pauses else 1):
+            seen = flight.step(wishes)
+            wishes = wishes._replace(goes=False)
+            shares.count(seen)
+            is_lost = seen.lost is not None
+        now = clock.monotonic()
+        draws = now - drawn_at >= DRAWN_EVERY or wishes.pauses or is_lost
+        drawn_at = now if draws else drawn_at
+        status.time, status.arrivals = seen.time, shares.now()
+        status.error = float(np.linalg.norm(seen.xhat[:3] - seen.x[:3]))
+        status.sd = 3.0 * float(np.sqrt(np.trace(seen.P[:3, :3])))
+        status.note = seen.answers[-1] if seen.answers else status.note
+        if seen.lost:
+            status.note = f"lost at {seen.lost.time:.1f} s: {seen.lost.cause}"
+        if scene:
+            scene.show(seen, draws)
+            scene.show_goal(*wishes.goal, float(seen.x[2]))
+        if draws:
+            show(status)
+        # A flight that falls behind, as of a slow renderer, does not hurry afterwards.
+        next_at = max(next_at + scenario.h / wishes.speed, now - 0.1)
+        clock.sleep(max(next_at - clock.monotonic(), 0.0))

@@ -1,0 +1,212 @@
+"""A live flight: what the controls change, what they do not, and goals; the page's own controls."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.hil.goals.goal_planner import GoalPlanner, Plan, goal_settings, reason_of
+from ortilo_drake.hil.live.controls import GOAL, HEAVIER, LOST, PUSH, SPEED, Controls
+from ortilo_drake.hil.live.live_flight import LiveFlight, Seen, with_a_force
+from ortilo_drake.hil.live.scene import Scene
+from ortilo_drake.hil.live.session import Shares, Status, fly_live
+from ortilo_drake.hil.live.wishes import Wishes
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.goal_path import knots
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import Scenario, load_scenario
+
+HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 5}", "camera.kind=projected")
+HOVERING = load_scenario("imu_uwb_yolo", HOVER)
+NOTHING = Wishes()
+
+
+class AtOnce(GoalPlanner):
+    """Plans in this process, when it is asked for the plan."""
+
+    def __init__(self, scenario: Scenario):
+        self._scenario, self._job = scenario, None
+
+    def ask(self, number: int, p: np.ndarray, goal: np.ndarray) -> None:
+        self._job: Any = (number, p, goal)
+
+    def poll(self) -> Plan | None:
+        if self._job is None:
+            return None
+        (number, p, goal), self._job = self._job, None
+        x, y, height = p.tolist()
+        wanted = goal_settings(self._scenario).model_copy(
+            update={"start": (x, y), "goal": tuple(goal.tolist()), "height": height}
+        )
+        try:
+            return Plan(number, knots(plan(wanted, self._scenario.load_room(), self._scenario.vehicle)), "")
+        except InputError as error:
+            return Plan(number, None, reason_of(error))
+
+
+def flight(scenario: Scenario = HOVERING) -> LiveFlight:
+    return LiveFlight(scenario, AtOnce(scenario))
+
+
+def fly(live: LiveFlight, ticks: int, wishes: Wishes = NOTHING) -> list[Seen]:
+    return [live.step(wishes) for _ in range(ticks)]
+
+
+def test_left_alone_it_is_the_flight_that_is_flown_anyway() -> None:
+    scenario = load_scenario("imu_uwb_yolo", (*HOVER, "planner.duration=2", "settle=0"))
+    seen = fly(flight(scenario), 61)
+    data = fly_lockstep(scenario, in_this_process(scenario))
+    np.testing.assert_array_equal([s.x for s in seen], data["truth"].values)
+    np.testing.assert_array_equal([s.xhat for s in seen], data["estimate"].values)
+    assert [s.time for s in seen] == pytest.approx(data["time"].values)
+
+
+def test_arrivals_follow_the_loss_of_their_own_sensor() -> None:
+    live = flight()
+    for loss in (0.0, 0.7, 1.0):
+        seen = fly(live, 300, Wishes(lost={"uwb": loss}))
+        sent = [s for s in seen if "uwb" in s.sent]
+        share = np.mean(["uwb" in s.arrived for s in sent])
+        assert share == pytest.approx(1.0 - loss, abs=3.5 * np.sqrt(loss * (1.0 - loss) / len(sent)))
+        pictures = [s for s in seen if "camera" in s.sent]
+        assert np.mean(["camera" in s.arrived for s in pictures]) > 0.8
+
+
+def test_a_push_is_the_force_that_the_filter_finds_and_the_vehicle_stays_where_it_is() -> None:
+    live = flight()
+    fly(live, 150)
+    seen = fly(live, 600, Wishes(push=(0.6, -0.4)))
+    tilt = np.mean([s.x[3:5] for s in seen[300:]], axis=0)  # against the push: m g tan(theta) = -F_x
+    weight = HOVERING.vehicle.mass * 9.81
+    np.testing.assert_allclose(tilt, [-0.4 / weight, -0.6 / weight], rtol=0.15)
+    assert np.abs(np.mean([s.x[:3] for s in seen[300:]], axis=0) - [8.0, 1.0, 1.5]).max() < 0.1
+
+
+def test_a_heavier_vehicle_first_sinks_as_gravity_says() -> None:
+    light, heavy = flight(), flight()
+    fly(light, 60), fly(heavy, 60)
+    n, m = 6, 1.1
+    fall = fly(light, n)[-1].x[2] - fly(heavy, n, Wishes(heavier=m - 1.0))[-1].x[2]
+    t = (n - 1) * HOVERING.h
+    assert fall == pytest.approx((1.0 - 1.0 / m) * 9.81 * t**2 / 2.0, rel=0.25)  # before the servo answers
+    assert flight().step(Wishes(heavier=0.1)).lost is None
+
+
+def test_a_world_of_its_own_truth_keeps_it() -> None:
+    scenario = load_scenario("realistic", HOVER)
+    assert with_a_force(scenario) is scenario
+    one, other = flight(scenario), flight(scenario)
+    fly(one, 10)
+    fly(other, 5)
+    fly(other, 4, Wishes(push=(0.0, 0.0), heavier=0.0))
+    np.testing.assert_array_equal(one.step(NOTHING).x, fly(other, 2)[-1].x)
+
+
+def test_a_goal_is_flown_and_one_in_a_wall_is_refused() -> None:
+    live = flight(load_scenario("nominal_imu_uwb_yolo", HOVER))
+    fly(live, 30)
+    refused = fly(live, 2, Wishes(goal=(5.5, -1.5), goes=True))
+    assert any("wall" in answer for s in refused for answer in s.answers)
+    seen = [live.step(Wishes(goal=(9.5, 1.8), goes=True)), *fly(live, 450)]
+    assert any(s.path is not None for s in seen)
+    assert any("on the way" in answer for s in seen for answer in s.answers)
+    np.testing.assert_allclose(seen[-1].x[:2], [9.5, 1.8], atol=0.25)
+
+
+class Clock:
+    """Time that passes only by sleeping."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+class Script:
+    """Wishes one after the other, then the end."""
+
+    def __init__(self, wishes: Iterator[Wishes]):
+        self._wishes = wishes
+
+    def wishes(self) -> Wishes:
+        return next(self._wishes, Wishes(ends=True))
+
+
+def session(wishes: list[Wishes], scenario: Scenario = HOVERING) -> tuple[Status, Clock, list[Status]]:
+    clock, shown = Clock(), list[Status]()
+    show: Callable[[Status], None] = lambda status: shown.append(Status(**vars(status)))  # noqa: E731
+    last = fly_live(scenario, AtOnce(scenario), Script(iter(wishes)), None, show, clock)
+    return last, clock, shown
+
+
+def test_pause_holds_the_time_and_single_ticks_go_on() -> None:
+    flown = [NOTHING] * 10
+    last, _, _ = session(flown + [Wishes(pauses=True)] * 50)
+    assert last.time == pytest.approx(9 * HOVERING.h)
+    assert last.is_paused
+    last, _, _ = session([*flown, Wishes(pauses=True), Wishes(pauses=True, steps=3), Wishes(pauses=True)])
+    assert last.time == pytest.approx(12 * HOVERING.h)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_it_is_as_fast_as_asked(speed: float) -> None:
+    last, clock, _ = session([Wishes(speed=speed)] * 91)
+    assert last.time == pytest.approx(3.0)
+    assert clock.now == pytest.approx(91 * HOVERING.h / speed)
+
+
+def test_a_lost_flight_stands_still_until_it_is_flown_anew() -> None:
+    fast = load_scenario("nominal_imu_uwb", HOVER[:1])
+    dropped = [Wishes(heavier=0.3, push=(2.0, 2.0), lost={"uwb": 1.0})] * 1200
+    last, _, shown = session(dropped, fast)
+    assert "lost at" in last.note
+    assert shown[-1].time == last.time
+    assert last.time < 1199 * fast.h
+    last, _, _ = session([*dropped, Wishes(restarts=True), NOTHING, NOTHING], fast)
+    assert last.time == pytest.approx(2 * fast.h)
+    assert last.note == ""
+
+
+def test_shares_count_what_was_due_of_late() -> None:
+    shares = Shares({"uwb": 2, "imu": 1}, 8)
+    assert shares.now() == {"uwb": None, "imu": None}
+    nothing = flight().step(NOTHING)
+    for k in range(40):
+        shares.count(nothing._replace(arrived=("imu", "uwb") if k < 36 else ("imu",)))
+    assert shares.now() == {"uwb": 0.5, "imu": 1.0}
+
+
+def test_the_pages_sliders_and_buttons_are_the_wishes(monkeypatch: pytest.MonkeyPatch) -> None:
+    meshcat = Meshcat()
+    room = HOVERING.load_room()
+    controls = Controls(meshcat, room, HOVERING.sensors, (1.0, 2.0))
+    first = controls.wishes()
+    assert first == Wishes(lost={"uwb": 0.0, "camera": 0.0}, goal=(1.0, 2.0), speed=1.0)
+    sets = {LOST.format("uwb"): 70.0, PUSH[1]: 0.5, HEAVIER: 10.0, SPEED: 2.0, GOAL[0]: 4.0}
+    for name, value in sets.items():
+        meshcat.SetSliderValue(name, value)
+    wishes = controls.wishes()
+    assert wishes.lost == {"uwb": pytest.approx(0.7), "camera": 0.0}
+    assert (wishes.push, wishes.speed) == ((0.0, pytest.approx(0.5)), pytest.approx(2.0))
+    assert wishes.heavier == pytest.approx(0.1)
+    assert wishes.goal == (pytest.approx(4.0, abs=0.03), 2.0)
+
+
+def test_the_scene_shows_a_flight_and_its_lamps() -> None:
+    meshcat = Meshcat()
+    scene = Scene(meshcat, HOVERING.load_room(), HOVERING.vehicle, ("uwb", "camera"), HOVERING.h)
+    live = flight()
+    scene.begin(live.path)
+    for _ in range(20):
+        scene.show(live.step(Wishes(lost={"camera": 1.0})), draws=True)
+    scene.show_goal(1.0, 2.0, 1.5)
+    assert (scene.lit("uwb"), scene.lit("camera")) == (True, False)
+    for path in ("/flight/vehicle", "/flight/goal", "/flight/lamps/uwb", "/flight/true_path"):
+        assert meshcat.HasPath(path)
