@@ -3,12 +3,8 @@
 import typer
 
 from ortilo_drake.commands.room.check import check
+from ortilo_drake.commands.room.new import new
 
 room_app = typer.Typer(no_args_is_help=True, help="Design a room of your own: make, check, show and judge it.")
-for command in (check,):
+for command in (new, check):
     room_app.command()(command)
-
-
-@room_app.callback()
-def _group() -> None:
-    """Keep the commands' names, also where there is only one."""
