@@ -4,7 +4,8 @@ import typer
 
 from ortilo_drake.commands.room.check import check
 from ortilo_drake.commands.room.new import new
+from ortilo_drake.commands.room.show import show
 
 room_app = typer.Typer(no_args_is_help=True, help="Design a room of your own: make, check, show and judge it.")
-for command in (new, check):
+for command in (new, check, show):
     room_app.command()(command)
