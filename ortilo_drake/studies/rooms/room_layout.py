@@ -73,10 +73,15 @@ def place_anchors(size: tuple[float, float, float], count: int) -> np.ndarray:
     return np.array(rows) + MARGIN
 
 
-def place_landmarks(size: tuple[float, float, float]) -> list[Placed]:
-    """Return landmarks of a room: on both sides of the way by turns, and in a row at the wall beyond its end."""
+def place_landmarks(size: tuple[float, float, float], start: np.ndarray, goal: np.ndarray) -> list[Placed]:
+    """Return landmarks of a room: on both sides of the way by turns, and in a row at the wall beyond its end.
+
+    Args:
+        size: length, width and height of the room [m].
+        start: of the way, x and y [m].
+        goal: of the way, x and y [m].
+    """
     x, y, _ = size
-    start, goal = way(x, y)
     found = []
     direction = (goal - start) / np.linalg.norm(goal - start)
     step = max(min(x / 5.0, STEP), 1.5)
