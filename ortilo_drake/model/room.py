@@ -5,6 +5,7 @@ world also blocks rays with the walls and stands.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from itertools import product
@@ -37,7 +38,8 @@ MAX_HEIGHT = 8192  # of a picture [px]
 MAX_PIXELS = 2**24  # of a picture, 64 MiB
 
 Side = Annotated[int, Field(ge=1, le=100_000)]  # of a picture [px]
-Label = Annotated[str, Field(pattern=r"^\w[\w .+-]*$", max_length=64)]  # it names meshes and is printed
+_NAME, _LONGEST_NAME = r"^\w[\w .+-]*$", 64
+Label = Annotated[str, Field(pattern=_NAME, max_length=_LONGEST_NAME)]  # it names meshes and is printed
 
 
 class Interior(Frozen):
@@ -117,6 +119,7 @@ class Room(Frozen):
 
     A wall may have a size of its own, as three further numbers: [x, y, yaw, length, thickness, height]. A flight whose
     scenario names no start or goal takes the room's, x and y [m]. A landmark class of ortilo_room.yaml needs no size.
+    A room without a name is called as its file.
     """
 
     name: Label = "room"
@@ -247,4 +250,7 @@ def load_room(path: Path = ORTILO_ROOM) -> Room:
 
 @lru_cache(maxsize=8)
 def _room_of(text: str, source: str) -> Room:
-    return validate(Room, with_known_classes(parse_yaml(text, source)), source)
+    data, stem = with_known_classes(parse_yaml(text, source)), Path(source).stem
+    if isinstance(data, dict) and re.fullmatch(_NAME, stem) and len(stem) <= _LONGEST_NAME:
+        data = {"name": stem} | data
+    return validate(Room, data, source)

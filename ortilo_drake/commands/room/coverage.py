@@ -1,12 +1,16 @@
 """The command `ortilo room coverage`: where will this room lose you?"""
 
-from typing import Annotated
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ortilo_drake.commands.options import JsonOption, SetOption, quiet_drake
 from ortilo_drake.commands.room.show import PngOption
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+
+if TYPE_CHECKING:
+    from ortilo_drake.studies.rooms.coverage import Coverage
 
 
 def coverage(
@@ -45,14 +49,22 @@ def coverage(
         lost = "stays off the walls" if case.lost_at is None else f"reaches a wall at {case.lost_at:.1f} s"
         worst = f"floor at most {case.floor:.3g} m, at {case.distance:.1f} m ({case.time:.1f} s)"
         out.print(f"  {who:20}{worst}, {lost}", markup=False, soft_wrap=True)
-    along = found.along
-    out.print(f"  {'anchors in sight':20}{along.anchors.min()} to {along.anchors.max()} along the way")
-    finite = along.pdop[along.pdop < float("inf")]
-    spread = f"{finite.min():.2f} to {finite.max():.2f}" if len(finite) else "none"
-    none = "" if len(finite) == len(along.pdop) else f", none at {1 - len(finite) / len(along.pdop):.0%} of it"
-    out.print(f"  {'PDOP':20}{spread} along the way{none}")
-    out.print(f"  {'landmarks in view':20}{along.landmarks.min()} to {along.landmarks.max()} along the way")
+    for line in _along_the_way(found, scenario.sensors):
+        out.print(f"  {line} along the way", markup=False, soft_wrap=True)
     write_json(json_file, found)
     if png is not None:
         coverage_figure(found, scenario.load_room(), png)
     say_written(png, json_file)
+
+
+def _along_the_way(found: "Coverage", sensors: tuple[str, ...]) -> Iterator[str]:
+    """Yield the ranges of what there is for the sensors that fly."""
+    along = found.along
+    if "uwb" in sensors:
+        yield f"{'anchors in sight':20}{along.anchors.min()} to {along.anchors.max()}"
+        finite = along.pdop[along.pdop < float("inf")]
+        none = "" if len(finite) == len(along.pdop) else f", none at {1 - len(finite) / len(along.pdop):.0%}"
+        spread = f"{finite.min():.2f} to {finite.max():.2f}" if len(finite) else "none"
+        yield f"{'PDOP':20}{spread}{none if len(finite) else ''}"
+    if "camera" in sensors:
+        yield f"{'landmarks in view':20}{along.landmarks.min()} to {along.landmarks.max()}"

@@ -34,5 +34,6 @@ def trace(
     ends = traced.start, traced.goal
     write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends))
     sides = f"{size[0]:.2f} x {size[1]:.2f} m within"
-    out.print(f"{len(traced.walls)} walls, {sides}; they cover {traced.covered:.1%} of what is dark and thick enough")
+    covered = f"they cover {traced.covered:.1%} of what is dark and thick enough"
+    out.print(f"{len(traced.walls)} walls, {sides}; {covered}", markup=False, soft_wrap=True)
     say_next(file)

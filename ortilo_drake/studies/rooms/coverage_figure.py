@@ -6,7 +6,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -20,7 +20,7 @@ _WORST = "#D00000"
 _WITHOUT = {"uwb": "#0072B2", "camera": "#D55E00", "imu": "#009E73", "flow": "#CC79A7", "altimeter": "#E69F00"}
 _NOTHING = "#D9D9D9"  # where the ranges give no position, or nothing is in sight
 _PDOP = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
-_WIDE = 1.7  # a room longer than this many times its width has its maps one above another
+_WIDE = 2.5  # a room longer than this many times its width has its maps one above another
 _WIDTH, _ROW = 13.0, 3.0  # of the figure, and of its lower rows [in]
 
 
@@ -71,7 +71,7 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     for axes, (title, values, colors, levels) in zip(maps, shown, strict=True):
         axes.add_patch(Rectangle((low[0], low[1]), *(high - low)[:2], facecolor=_NOTHING, lw=0, zorder=0))
-        cmap = mpl.colormaps[colors].resampled(256)
+        cmap = ListedColormap(mpl.colormaps[colors](np.linspace(0.12, 1.0, 256)))
         norm = BoundaryNorm(np.asarray(levels, dtype=float), cmap.N, extend="max" if colors == "YlOrRd" else "neither")
         shade = np.ma.masked_invalid(np.where(over.free, values, np.nan))
         drawn = axes.imshow(
