@@ -13,6 +13,7 @@ from matplotlib.patches import Rectangle
 from ortilo_drake.model.room import Room
 from ortilo_drake.studies.rooms.coverage import Coverage
 from ortilo_drake.studies.rooms.planned_floor import ALL
+from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
 
@@ -44,7 +45,9 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
         floor, views = lower.subplots(2, 1, sharex=True)
         _draw_floor(floor, found)
         _draw_views(lower, views, found)
-        figure.suptitle(_wrapped(f"{found.room}, {found.scenario}: {found.answer}"), fontsize=10, x=0.01, ha="left")
+        of_scenario = "" if found.scenario == OF_A_ROOM else f"{found.scenario}: "
+        title = f"{of_scenario}where will {found.room} lose you? {found.answer}"
+        figure.suptitle(_wrapped(title[0].upper() + title[1:]), fontsize=10, x=0.01, ha="left")
         return figure
 
 

@@ -8,7 +8,8 @@ from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.load import Setting
 
 BASE = "imu_uwb_yolo"  # has every sensor of the paper
-_OF_A_ROOM = {"interior", "anchors", "landmarks"}  # no scenario has these keys
+OF_A_ROOM = "room"  # what the scenario is called
+_KEYS = {"interior", "anchors", "landmarks"}  # no scenario has these keys
 
 
 def is_room(path: Path) -> bool:
@@ -16,7 +17,7 @@ def is_room(path: Path) -> bool:
     if not exists(path):
         return False
     data = parse_yaml(read_text(path), str(path))
-    return isinstance(data, dict) and bool(_OF_A_ROOM & data.keys())
+    return isinstance(data, dict) and bool(_KEYS & data.keys())
 
 
 def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
@@ -32,7 +33,7 @@ def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
     if not exists(room):
         raise InputError(f"room: {room}: no such room file")
     of_room: tuple[Setting, ...] = (
-        ("name", "room"),
+        ("name", OF_A_ROOM),
         ("room", str(room.absolute())),
         ("camera.kind", "projected"),
         ("uwb.link.blackouts", []),
