@@ -46,8 +46,8 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
         _draw_floor(floor, found)
         _draw_views(lower, views, found)
         of_scenario = "" if found.scenario == OF_A_ROOM else f"{found.scenario}: "
-        title = f"{of_scenario}where will {found.room} lose you? {found.answer}"
-        figure.suptitle(_wrapped(title[0].upper() + title[1:]), fontsize=10, x=0.01, ha="left")
+        title = f"{of_scenario}Where will {found.room} lose you? {found.answer}"
+        figure.suptitle(_wrapped(title), fontsize=10, x=0.01, ha="left")
         return figure
 
 
@@ -141,7 +141,7 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
     axes.grid(alpha=0.25, which="both", lw=0.4)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_title("Cramér-Rao floor of the position along the way, with all sensors and with each lost", fontsize=9)
-    axes.legend(fontsize=8, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.02))
+    axes.legend(fontsize=8, ncols=8, loc="upper center", bbox_to_anchor=(0.5, -0.02))
 
 
 def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
