@@ -9,7 +9,7 @@ from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
 from ortilo_drake.scenario.old_keys import refuse_old_keys
-from ortilo_drake.scenario.planner import WaypointPlanner, read_waypoints
+from ortilo_drake.scenario.planner import GcsPlanner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
 SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
@@ -146,10 +146,9 @@ def load_scenario(name_or_file: str | Path, settings: tuple[Setting, ...] = (), 
     data.setdefault("name", path.stem)
     # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
     folder = Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent
-    scenario = _laid_over(validate(Scenario, data, source), settings, seed, source, folder)
-    scenario = _relative_to(folder, scenario)
-    scenario.load_room()
-    return scenario
+    found = validate(Scenario, data, source)
+    scenario = _relative_to(folder, _laid_over(found, settings, seed, source, folder))
+    return _along_the_rooms_way(scenario, _WAY & found.planner.model_fields_set | _set_of_way(settings))
 
 
 def _laid_over(
@@ -167,10 +166,33 @@ def _laid_over(
 
 
 def with_settings(scenario: Scenario, settings: tuple[Setting, ...], seed: int | None = None) -> Scenario:
-    """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario."""
-    scenario = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name, Path.cwd()))
-    scenario.load_room()
-    return scenario
+    """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario.
+
+    A start and a goal that another room has take the place of the scenario's own.
+    """
+    found = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name, Path.cwd()))
+    return _along_the_rooms_way(found, _WAY if found.room == scenario.room else _set_of_way(settings))
+
+
+_WAY = {"start", "goal"}
+
+
+def _set_of_way(settings: tuple[Setting, ...]) -> set[str]:
+    """Return which of start and goal settings give."""
+    given: set[str] = set()
+    for key, value, _ in map(_parsed, settings):
+        words = [key.removeprefix("planner.")] if key.startswith("planner.") else value if key == "planner" else ()
+        given |= _WAY & set(words) if isinstance(words, list | dict) else set()
+    return given
+
+
+def _along_the_rooms_way(scenario: Scenario, given: set[str]) -> Scenario:
+    """Return the scenario with the start and the goal of its room, where it has them and none is given otherwise."""
+    room = scenario.load_room()
+    if not isinstance(scenario.planner, GcsPlanner):
+        return scenario
+    own = {name: point for name in _WAY - given if (point := getattr(room, name)) is not None}
+    return scenario.model_copy(update={"planner": scenario.planner.model_copy(update=own)}) if own else scenario
 
 
 def _relative_to(folder: Path, scenario: Scenario) -> Scenario:

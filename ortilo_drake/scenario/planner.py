@@ -18,8 +18,9 @@ class GcsPlanner(Frozen):
 
     Attributes:
         kind: 'gcs'.
-        start: start of the path, x and y [m]; the flight starts hovering there.
-        goal: goal, x and y [m].
+        start: start of the path, x and y [m]; the flight starts hovering there. The room's, if its file has one and
+            none is given here.
+        goal: goal, x and y [m]; the room's likewise.
         height: flying height [m].
         speed: path speed [m/s].
         acceleration: largest acceleration [m/s^2].

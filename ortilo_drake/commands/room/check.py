@@ -1,0 +1,34 @@
+"""The command `ortilo room check`: is a room file right?"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import quiet_drake
+from ortilo_drake.commands.terminal import out, say_error
+from ortilo_drake.model.input_error import one_line
+
+RoomArgument = Annotated[Path, typer.Argument(metavar="ROOM", help="A room's .yaml file.")]
+
+
+def check(room: RoomArgument) -> None:
+    """Say all that is wrong with a room file at once, a line each, and end with exit code 2; or what is in it.
+
+    A room that loads may still be a bad one: lines that begin with `warning` say what looks like a mistake.
+    """
+    from ortilo_drake.studies.rooms.room_file import room_problems
+
+    problems = room_problems(room)
+    for line in problems:
+        say_error(f"ortilo: {line}")
+    if problems:
+        raise typer.Exit(2)
+    from ortilo_drake.studies.rooms.findings import look_into
+
+    quiet_drake()
+    found = look_into(room)
+    for line in found.facts:
+        out.print(f"OK       {one_line(line)}", markup=False, soft_wrap=True)
+    for line in found.warnings:
+        out.print(f"warning  {one_line(line)}", markup=False, soft_wrap=True)

@@ -1,0 +1,70 @@
+"""The command `ortilo room coverage`: where will this room lose you?"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ortilo_drake.commands.options import JsonOption, SetOption, quiet_drake
+from ortilo_drake.commands.room.show import PngOption
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+
+if TYPE_CHECKING:
+    from ortilo_drake.studies.rooms.coverage import Coverage
+
+
+def coverage(
+    what: Annotated[str, typer.Argument(metavar="SCENARIO_OR_ROOM", help="A scenario, or a room's .yaml file.")],
+    settings: SetOption = None,
+    png: PngOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Say where a room loses a vehicle, and map what can be seen and measured in it.
+
+    Of a room it flies imu, UWB that walls block and the projected camera, from start to goal. The floor is the least
+    error that any estimator of the position can have there (floor/cramer_rao.py). The JSON file holds: scenario; room;
+    answer; worst (first and last tick, floor [m], hangs_on, floor_without [m], silent sensors); cases, by 'all' and by
+    the sensor that is lost (greatest floor [m], its time [s] and distance [m], lost_at [s]); along the path at n places
+    time [s], distance [m], position [m], free [m] to the walls, anchors, pdop (null: no position), landmarks at the
+    heading flown, headings [rad], landmarks_by_heading (n, h), floor [m] by case; over_floor height [m], x and y [m],
+    and over (y, x) free, anchors, pdop, and landmarks over (heading, y, x).
+    """
+    from ortilo_drake.studies.rooms.room_scenario import scenario_of
+
+    scenario = scenario_of(what, tuple(settings or ()))
+    check_writable(png, json_file)
+    from ortilo_drake.studies.rooms.coverage import coverage as cover
+    from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
+    from ortilo_drake.views.pictures import check_picture
+
+    quiet_drake()
+    if png is not None:
+        check_picture(png)
+    with progress_bar() as bar:
+        task = bar.add_task("looking around", total=100)
+        found = cover(scenario, lambda share: bar.update(task, completed=round(100 * share)))
+    out.print(f"Where will {found.room} lose you? {found.answer}", markup=False, soft_wrap=True)
+    for name, case in found.cases.items():
+        who = "all sensors" if name == "all" else f"without {name}"
+        lost = "stays off the walls" if case.lost_at is None else f"reaches a wall at {case.lost_at:.1f} s"
+        worst = f"floor at most {case.floor:.3g} m, at {case.distance:.1f} m ({case.time:.1f} s)"
+        out.print(f"  {who:20}{worst}, {lost}", markup=False, soft_wrap=True)
+    for line in _along_the_way(found, scenario.sensors):
+        out.print(f"  {line} along the way", markup=False, soft_wrap=True)
+    write_json(json_file, found)
+    if png is not None:
+        coverage_figure(found, scenario.load_room(), png)
+    say_written(png, json_file)
+
+
+def _along_the_way(found: "Coverage", sensors: tuple[str, ...]) -> Iterator[str]:
+    """Yield the ranges of what there is for the sensors that fly."""
+    along = found.along
+    if "uwb" in sensors:
+        yield f"{'anchors in sight':20}{along.anchors.min()} to {along.anchors.max()}"
+        finite = along.pdop[along.pdop < float("inf")]
+        none = "" if len(finite) == len(along.pdop) else f", none at {1 - len(finite) / len(along.pdop):.0%}"
+        spread = f"{finite.min():.2f} to {finite.max():.2f}" if len(finite) else "none"
+        yield f"{'PDOP':20}{spread}{none if len(finite) else ''}"
+    if "camera" in sensors:
+        yield f"{'landmarks in view':20}{along.landmarks.min()} to {along.landmarks.max()}"

@@ -1,0 +1,52 @@
+"""The command `ortilo room new`: a first file of a room of your own."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.terminal import check_writable, out, say_written
+from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.typed_yaml import InputError
+
+ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that is there.")]
+AnchorsOption = Annotated[int, typer.Option(help="How many UWB anchors.")]
+
+
+def new(
+    file: Annotated[Path, typer.Argument(metavar="ROOM", help="The .yaml file to write.")],
+    size: Annotated[str, typer.Option(metavar="LxWxH", help="Length, width and height [m].")] = "8x6x3",
+    anchors: AnchorsOption = 5,
+    force: ForceOption = False,
+) -> None:
+    """Write the file of a new room, with anchors, landmarks, a start and a goal, to be changed by hand."""
+    check_new(file, force)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.studies.rooms.new_room import new_room, parse_size
+
+    write_text(file, new_room(room_name(file), parse_size(size), anchors))
+    say_next(file)
+
+
+def check_new(file: Path, force: bool) -> None:
+    """Refuse a file that is there, unless forced, or that cannot be written; InputError says which."""
+    if exists(file) and not force:
+        raise InputError(f"{file}: is there already; --force writes over it")
+    check_writable(file)
+
+
+def room_name(file: Path) -> str:
+    """Return what a room is called whose file that is."""
+    return re.sub(r"[^\w .+-]", "_", file.stem)[:64].lstrip(" .+-") or "room"
+
+
+def say_next(file: Path) -> None:
+    """Say that a room was written, and what to do with it."""
+    say_written(file)
+    out.print("  next: edit it, then", markup=False)
+    for words in (f"room check {file}", f"room show {file} --png room.png", f"fly imu_uwb --set room={file} {OPEN}"):
+        out.print(f"    ortilo {words}", markup=False, soft_wrap=True)
+
+
+OPEN = "--set uwb.link.blackouts=[]"  # the ready-made scenarios fly without UWB where the authors did

@@ -1,0 +1,39 @@
+"""The command `ortilo room trace`: a room from the picture of its floor plan."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import finite
+from ortilo_drake.commands.room.new import AnchorsOption, ForceOption, check_new, room_name, say_next
+from ortilo_drake.commands.terminal import out
+
+
+def trace(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN.png", help="The floor plan, dark walls on light paper.")],
+    scale: Annotated[float, typer.Option(min=1.0, callback=finite, help="Pixels a metre.")],
+    file: Annotated[Path, typer.Option("--out", metavar="ROOM", help="The .yaml file to write.")],
+    height: Annotated[float, typer.Option(min=2.0, max=20.0, callback=finite, help="Of the room [m].")] = 2.5,
+    dark: Annotated[int, typer.Option(min=1, max=255, help="Pixels darker than this are walls.")] = 128,
+    anchors: AnchorsOption = 5,
+    force: ForceOption = False,
+) -> None:
+    """Trace the walls of a floor plan, and write a room of them with anchors, landmarks, a start and a goal.
+
+    Walls along the picture's sides are found, as rectangles; those at an angle are not.
+    """
+    check_new(file, force)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.studies.rooms.new_room import check_size, new_room
+    from ortilo_drake.studies.rooms.trace_plan import read_plan, trace_plan
+
+    traced = trace_plan(read_plan(plan), scale, dark)
+    size = (float(traced.size[0]), float(traced.size[1]), height)
+    check_size(f"{plan}: at --scale {scale:g}", size)
+    ends = traced.start, traced.goal
+    write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends))
+    sides = f"{size[0]:.2f} x {size[1]:.2f} m within"
+    covered = f"they cover {traced.covered:.1%} of what is dark and thick enough"
+    out.print(f"{len(traced.walls)} walls, {sides}; {covered}", markup=False, soft_wrap=True)
+    say_next(file)

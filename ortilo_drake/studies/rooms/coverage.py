@@ -1,0 +1,227 @@
+"""Coverage: what a room lets a vehicle know of its position, along the planned path and over the floor."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.onboard.planner.free_cells import free_space
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.rooms.in_sight import Eyes, anchors_in_sight, dilution
+from ortilo_drake.studies.rooms.planned_floor import (
+    PlannedFlight,
+    Stretch,
+    first_lost,
+    floors,
+    heading,
+    planned_flight,
+    worst_stretch,
+)
+
+CELLS = 4000  # of the grid, about
+FINEST = 0.1  # side of a cell, at least [m]
+SAMPLES = 400  # of the path, at most
+HEADINGS = 8  # in which landmarks are looked for, over the floor
+HEADINGS_ALONG = 24  # and along the path
+
+
+@dataclass(frozen=True)
+class Along:
+    """What there is along the planned path, at n places.
+
+    Attributes:
+        time: since the start [s] (n).
+        distance: flown since the start [m] (n).
+        position: p_WB [m] (n, 3).
+        free: from the vehicle's outline to walls, floor and ceiling [m] (n).
+        anchors: how many are in sight (n).
+        pdop: position dilution of precision [1] (n); infinite where their ranges give no position.
+        landmarks: how many are in view at the heading that is flown (n).
+        headings: yaws [rad] (h).
+        landmarks_by_heading: how many are in view at each (n, h).
+        floor: least error of the position [m] (n) with 'all' sensors, and by name without each.
+    """
+
+    time: np.ndarray
+    distance: np.ndarray
+    position: np.ndarray
+    free: np.ndarray
+    anchors: np.ndarray
+    pdop: np.ndarray
+    landmarks: np.ndarray
+    headings: np.ndarray
+    landmarks_by_heading: np.ndarray
+    floor: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class OverFloor:
+    """What there is over the floor at one height, on a grid; rows are y, columns x.
+
+    Attributes:
+        height: of the grid [m].
+        x: of the cells' middles [m] (c).
+        y: of the cells' middles [m] (r).
+        free: whether nothing of that height stands there (r, c).
+        anchors: how many are in sight (r, c).
+        pdop: position dilution of precision [1] (r, c); infinite where their ranges give no position.
+        headings: yaws [rad], the first the one that is flown (h).
+        landmarks: how many are in view at each (h, r, c).
+    """
+
+    height: float
+    x: np.ndarray
+    y: np.ndarray
+    free: np.ndarray
+    anchors: np.ndarray
+    pdop: np.ndarray
+    headings: np.ndarray
+    landmarks: np.ndarray
+
+
+@dataclass(frozen=True)
+class Case:
+    """The floor with all sensors, or without one.
+
+    Attributes:
+        floor: greatest [m].
+        time: when [s].
+        distance: where on the way [m].
+        lost_at: when three sigma of the floor first reach a wall, floor or ceiling [s]; None if never.
+    """
+
+    floor: float
+    time: float
+    distance: float
+    lost_at: float | None
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What a room lets a vehicle know of its position.
+
+    Attributes:
+        scenario: its name.
+        room: its name.
+        answer: in a sentence or two, where the room loses the vehicle, and on which sensor that hangs.
+        worst: the worst stretch, ticks of the control clock.
+        worst_times: when it begins and ends [s].
+        cases: the floor with 'all' sensors, and by name without each.
+        along: along the planned path.
+        over_floor: over the floor at the flying height.
+    """
+
+    scenario: str
+    room: str
+    answer: str
+    worst: Stretch
+    worst_times: tuple[float, float]
+    cases: dict[str, Case]
+    along: Along
+    over_floor: OverFloor
+
+
+def coverage(scenario: Scenario, progress: Callable[[float], None] = lambda share: None) -> Coverage:
+    """Return the coverage of a scenario's room.
+
+    Walls take the sight of anchors unless the scenario has radio pass them (uwb.walls none); uwb.max_distance holds.
+
+    Args:
+        scenario: what is flown, along a path that is planned before the flight.
+        progress: told the share that is done.
+
+    Raises:
+        InputError: if there is no path, or the errors of the camera's detector have not been measured.
+    """
+    flight = planned_flight(scenario)
+    found = floors(scenario, flight.truth)
+    progress(0.3)
+    room, eyes, yaw = scenario.load_room(), Eyes(scenario), heading(scenario)
+    blocks = scenario.uwb.walls.kind != "none"
+    keep = np.unique(np.linspace(0, len(flight.time) - 1, min(SAMPLES, len(flight.time))).round().astype(int))
+    p = flight.truth[keep, :3]
+    seen = anchors_in_sight(p, room, scenario.uwb.max_distance, blocks)
+    headings = np.arange(HEADINGS_ALONG) * 2.0 * np.pi / HEADINGS_ALONG - np.pi
+    along = Along(
+        time=flight.time[keep],
+        distance=flight.distance[keep],
+        position=p,
+        free=flight.free[keep],
+        anchors=seen.sum(axis=1),
+        pdop=dilution(p, room.anchor_positions, seen),
+        landmarks=np.array([len(eyes.in_view(at, yaw)) for at in p]),
+        headings=headings,
+        landmarks_by_heading=np.array([[len(eyes.in_view(at, way)) for way in headings] for at in p]),
+        floor={name: rows[keep] for name, rows in found.items()},
+    )
+    progress(0.5)
+    worst = worst_stretch(found, _tells(scenario, flight, along))
+    cases = {}
+    for name, rows in found.items():
+        k, lost = int(np.argmax(rows)), first_lost(rows, flight.free)
+        lost_at = None if lost is None else float(flight.time[lost])
+        cases[name] = Case(float(rows[k]), float(flight.time[k]), float(flight.distance[k]), lost_at)
+    height = float(np.median(p[:, 2]))
+    over = over_floor(scenario, height, eyes, lambda share: progress(0.5 + 0.5 * share))
+    times = float(flight.time[worst.first]), float(flight.time[worst.last])
+    answer = _answer(scenario, worst, cases, flight.distance, flight.time)
+    return Coverage(scenario.name, room.name, answer, worst, times, cases, along, over)
+
+
+def over_floor(
+    scenario: Scenario, height: float, eyes: Eyes, progress: Callable[[float], None] = lambda share: None
+) -> OverFloor:
+    """Return what there is over the floor at a height [m]."""
+    room = scenario.load_room()
+    low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
+    sides = high - low
+    step = max(FINEST, float(np.sqrt(np.prod(sides) / CELLS)))
+    x, y = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, _cells(sides, step), strict=True))
+    free = free_space(room, height, 0.0, 0.0, 0.0).room_on_grid(x, y).T > 0.0
+    points = np.stack([*np.meshgrid(x, y), np.full(free.shape, height)], axis=-1)
+    inside = points[free]
+    seen = anchors_in_sight(inside, room, scenario.uwb.max_distance, scenario.uwb.walls.kind != "none")
+    anchors, pdop = np.zeros(free.shape, dtype=int), np.full(free.shape, np.inf)
+    anchors[free], pdop[free] = seen.sum(axis=1), dilution(inside, room.anchor_positions, seen)
+    headings = heading(scenario) + np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS
+    landmarks = np.zeros((HEADINGS, *free.shape), dtype=int)
+    for i, yaw in enumerate(headings):
+        landmarks[i][free] = [len(eyes.in_view(at, float(yaw))) for at in inside]
+        progress((i + 1) / HEADINGS)
+    return OverFloor(height, x, y, free, anchors, pdop, headings, landmarks)
+
+
+def _cells(sides: np.ndarray, step: float) -> np.ndarray:
+    return np.maximum(np.ceil(sides / step - 1e-9), 1).astype(int)
+
+
+def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance: np.ndarray, time: np.ndarray) -> str:
+    """Return where the room loses the vehicle, and on which sensor that hangs."""
+    metres = f"from {distance[worst.first]:.1f} to {distance[worst.last]:.1f} m of the way"
+    seconds = f"{time[worst.first]:.1f} to {time[worst.last]:.1f} s"
+    silent = (
+        f"{' and '.join(worst.silent)} {'tells' if len(worst.silent) == 1 else 'tell'} nothing there; "
+        if worst.silent
+        else ""
+    )
+    if worst.hangs_on is None:
+        hangs = "it hangs on no sensor alone"
+    else:
+        hangs = f"it hangs on {worst.hangs_on}, without which that is {worst.floor_without:.2g} m"
+    worst_is = f"{metres} ({seconds}), where even the best estimator errs by {worst.floor:.2g} m; {silent}{hangs}."
+    lost = cases["all"].lost_at
+    if lost is None:
+        sensors = ", ".join(scenario.sensors)
+        return f"Nowhere with {sensors}: three sigma of the floor stay off the walls. It is worst {worst_is}"
+    return f"It does {worst_is} From {lost:.1f} s on three sigma of the floor reach a wall."
+
+
+def _tells(scenario: Scenario, flight: PlannedFlight, along: Along) -> dict[str, np.ndarray]:
+    """Return for each sensor in which ticks a message arrives that tells something (n)."""
+    there = {"uwb": along.anchors > 0, "camera": along.landmarks > 0}
+    nearest = np.abs(flight.time[:, np.newaxis] - along.time).argmin(axis=1)
+    return {
+        sensor: arrived(scenario, sensor, flight.truth) & (there[sensor][nearest] if sensor in there else True)
+        for sensor in scenario.sensors
+    }

@@ -1,0 +1,164 @@
+"""The figure of a room's coverage: maps over the floor, and what there is along the path."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.studies.rooms.coverage import Coverage
+from ortilo_drake.studies.rooms.planned_floor import ALL
+from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
+from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.room_plan import STYLE, draw_fabric
+
+_WORST = "#D00000"
+_WITHOUT = {"uwb": "#0072B2", "camera": "#D55E00", "imu": "#009E73", "flow": "#CC79A7", "altimeter": "#E69F00"}
+_NOTHING = "#D9D9D9"  # where the ranges give no position, or nothing is in sight
+_PDOP = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
+_WIDE = 2.5  # a room longer than this many times its width has its maps one above another
+_WIDTH, _ROW = 13.0, 3.0  # of the figure, and of its lower rows [in]
+
+
+def coverage_figure(found: Coverage, room: Room, file: Path) -> Path:
+    """Draw a room's coverage to a file; see draw_coverage."""
+    return save_picture(draw_coverage(found, room), file)
+
+
+def draw_coverage(found: Coverage, room: Room) -> Figure:
+    """Return maps of anchors in sight, their dilution and landmarks in view, and the floor along the path."""
+    sides = np.subtract(room.interior.max, room.interior.min)[:2]
+    wide = sides[0] > _WIDE * sides[1]
+    rows, columns = (3, 1) if wide else (1, 3)
+    high = min(max((_WIDTH / columns - 0.7) * sides[1] / sides[0] + (0.4 if wide else 1.3), 1.8), 8.0)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(_WIDTH, rows * high + 2.2 * _ROW), layout="constrained")
+        parts: Any = figure.subfigures(2, 1, height_ratios=[rows * high, 2.0 * _ROW])
+        upper, lower = parts
+        maps = upper.subplots(rows, columns, sharex=True, sharey=True).ravel()
+        _draw_maps(upper, maps, found, room, wide)
+        floor, views = lower.subplots(2, 1, sharex=True)
+        _draw_floor(floor, found)
+        _draw_views(lower, views, found)
+        of_scenario = "" if found.scenario == OF_A_ROOM else f"{found.scenario}: "
+        title = f"{of_scenario}Where will {found.room} lose you? {found.answer}"
+        figure.suptitle(_wrapped(title), fontsize=10, x=0.01, ha="left")
+        return figure
+
+
+def _wrapped(text: str) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, 150)) + "\n"
+
+
+def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide: bool) -> None:
+    over, many = found.over_floor, max(int(found.over_floor.anchors.max()), 1)
+    yaw = np.degrees(over.headings[0])
+    most = max(int(over.landmarks[0].max()), 1)
+    shown = (
+        ("UWB anchors in sight", np.where(over.anchors > 0, over.anchors, np.nan), "Blues", np.arange(0.5, many + 1)),
+        ("dilution of precision, PDOP", np.where(np.isfinite(over.pdop), over.pdop, np.nan), "YlOrRd", _PDOP),
+        (
+            f"landmarks in view, heading {yaw:.0f}°",
+            np.where(over.landmarks[0] > 0, over.landmarks[0], np.nan),
+            "Purples",
+            np.arange(0.5, most + 1),
+        ),
+    )
+    low, high = np.array(room.interior.min), np.array(room.interior.max)
+    for axes, (title, values, colors, levels) in zip(maps, shown, strict=True):
+        axes.add_patch(Rectangle((low[0], low[1]), *(high - low)[:2], facecolor=_NOTHING, lw=0, zorder=0))
+        cmap = ListedColormap(mpl.colormaps[colors](np.linspace(0.12, 1.0, 256)))
+        norm = BoundaryNorm(np.asarray(levels, dtype=float), cmap.N, extend="max" if colors == "YlOrRd" else "neither")
+        shade = np.ma.masked_invalid(np.where(over.free, values, np.nan))
+        drawn = axes.imshow(
+            shade, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap=cmap, norm=norm, zorder=0.5,
+            interpolation="nearest",
+        )  # fmt: skip
+        draw_fabric(axes, room, floor=False)
+        axes.plot(*room.anchor_positions[:, :2].T, "^", ms=5, color="#0B3C6F", mec="white", mew=0.6, ls="", zorder=4)
+        if colors == "Purples" and len(room.landmarks):
+            axes.plot(
+                *room.landmark_positions[:, :2].T, "*", ms=7, color="#6A3D9A", mec="white", mew=0.5, ls="", zorder=4
+            )
+        _draw_way(axes, found)
+        axes.set_aspect("equal")
+        axes.spines[:].set_visible(False)
+        axes.set_xlim(low[0] - 0.2, high[0] + 0.2)
+        axes.set_ylim(low[1] - 0.2, high[1] + 0.2)
+        axes.set_title(f"{title}, {over.height:.2g} m high", fontsize=9)
+        axes.set_ylabel("y (north) [m]")
+        bar = figure.colorbar(drawn, ax=axes, pad=0.01, shrink=0.9, location="right" if wide else "bottom", aspect=25)
+        if colors != "YlOrRd":
+            whole = np.arange(1, (most if colors == "Purples" else many) + 1)
+            bar.set_ticks(whole[:: max(len(whole) // 8, 1)])
+    for axes in maps if not wide else maps[-1:]:
+        axes.set_xlabel("x (east) [m]")
+    for axes in maps[1:] if not wide else ():
+        axes.set_ylabel("")
+
+
+def _draw_way(axes: Axes, found: Coverage) -> None:
+    """Draw the path in white and black, its worst stretch in red."""
+    p, at = found.along.position, _in_worst(found)
+    axes.plot(p[:, 0], p[:, 1], color="white", lw=3.2, zorder=4.5)
+    axes.plot(p[:, 0], p[:, 1], color="k", lw=1.4, zorder=4.6)
+    axes.plot(p[at, 0], p[at, 1], color=_WORST, lw=3.0, zorder=4.7, solid_capstyle="round")
+    axes.plot(*p[0, :2], "o", ms=6, mfc="white", mec="k", mew=1.3, zorder=4.8)
+    axes.plot(*p[-1, :2], "o", ms=6, color="k", zorder=4.8)
+
+
+def _in_worst(found: Coverage) -> np.ndarray:
+    """Return which of the places along the path lie in the worst stretch, the nearest one at least (n)."""
+    first, last = found.worst_times
+    time = found.along.time
+    inside = (time >= first) & (time <= last)
+    inside[np.argmin(np.abs(time - 0.5 * (first + last)))] = True
+    return np.asarray(inside)
+
+
+def _draw_floor(axes: Axes, found: Coverage) -> None:
+    along = found.along
+    for name, rows in along.floor.items():
+        whole = name == ALL
+        label = "all sensors" if whole else f"without {name}"
+        color = "k" if whole else _WITHOUT.get(name, "#999999")
+        axes.plot(along.distance[1:], rows[1:], color=color, lw=2.0 if whole else 1.2, label=label, zorder=3 + whole)
+    axes.plot(
+        along.distance, along.free / 3.0, color="#8C7B6B", lw=1.0, ls=":", label="a third of the room to the walls"
+    )
+    at = np.flatnonzero(_in_worst(found))
+    axes.axvspan(along.distance[at[0]], along.distance[at[-1]], color=_WORST, alpha=0.15, lw=0, label="worst stretch")
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=0.5 * max(min(np.percentile(rows, 5) for rows in along.floor.values()), 1e-6))
+    axes.set_ylabel("least error [m]")
+    axes.grid(alpha=0.25, which="both", lw=0.4)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_title("Cramér-Rao floor of the position along the way, with all sensors and with each lost", fontsize=9)
+    axes.legend(fontsize=8, ncols=8, loc="upper center", bbox_to_anchor=(0.5, -0.02))
+
+
+def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
+    along = found.along
+    degrees = np.degrees(along.headings)
+    most = max(int(along.landmarks_by_heading.max()), 1)
+    half = 180.0 / len(degrees)
+    cmap = mpl.colormaps["Purples"].resampled(most + 1)
+    drawn = axes.pcolormesh(
+        along.distance, degrees, along.landmarks_by_heading.T, cmap=cmap, vmin=-0.5, vmax=most + 0.5, shading="nearest"
+    )
+    yaw = np.degrees(found.over_floor.headings[0])
+    axes.axhline(yaw, color="k", lw=1.0, ls="--")
+    axes.text(along.distance[-1], yaw, " flown", va="center", fontsize=8)
+    axes.set_yticks([-180, -90, 0, 90, 180])
+    axes.set_ylim(-180.0 - half, 180.0 - half)
+    axes.set_ylabel("heading [°]")
+    axes.set_xlabel("way flown [m]")
+    axes.set_title("landmarks in view by heading", fontsize=9)
+    figure.colorbar(drawn, ax=axes, pad=0.04, aspect=15)

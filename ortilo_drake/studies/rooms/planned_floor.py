@@ -1,0 +1,150 @@
+"""The Cramer-Rao floor along a planned path, with all sensors and with each of them lost in turn."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.floor.cramer_rao import position_floor
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.planner.free_cells import free_space
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.tube.nominal_flight import planned_reference
+
+ALL = "all"
+WORST = 0.8  # of the greatest floor: what is above this belongs to the worst stretch
+SIGMAS = 3.0  # of the floor that are to fit into the free room
+NEEDED = 1.1  # by which the loss of a sensor must raise the floor for a stretch to hang on it
+
+
+class PlannedFlight(NamedTuple):
+    """A path as it is planned, at every tick.
+
+    Attributes:
+        time: t_k [s] (n).
+        distance: flown since the start [m] (n).
+        truth: states, position and velocity the path's, roll and pitch as its acceleration needs (n, 12).
+        free: from the vehicle's outline to walls, floor and ceiling [m] (n).
+    """
+
+    time: np.ndarray
+    distance: np.ndarray
+    truth: np.ndarray
+    free: np.ndarray
+
+
+def planned_flight(scenario: Scenario) -> PlannedFlight:
+    """Return a scenario's path as a flight that follows it without error; InputError if there is none."""
+    time, reference = planned_reference(scenario)
+    ticks = max(len(time) - round(scenario.settle * scenario.control_rate), 2)
+    time, p, v, a = time[:ticks], *(reference[:ticks, 3 * i : 3 * i + 3] for i in range(3))
+    yaw = heading(scenario)
+    truth = np.zeros((ticks, N_X))
+    truth[:, 0:3], truth[:, 6:9] = p, v
+    truth[:, 3] = (a[:, 0] * np.sin(yaw) - a[:, 1] * np.cos(yaw)) / GRAVITY
+    truth[:, 4] = (a[:, 0] * np.cos(yaw) + a[:, 1] * np.sin(yaw)) / GRAVITY
+    truth[:, 5] = yaw
+    truth[:, 9:12] = np.gradient(truth[:, 3:6], scenario.h, axis=0)
+    steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
+    return PlannedFlight(time, np.concatenate([[0.0], np.cumsum(steps)]), truth, free_room(scenario, p))
+
+
+def heading(scenario: Scenario) -> float:
+    """Return the yaw at which a scenario's vehicle flies [rad]: its servo's, 0 in the paper's form."""
+    error_form = getattr(scenario.servo, "form", "error") == "error"
+    return float(getattr(scenario.servo, "yaw", 0.0)) if error_form else 0.0
+
+
+def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
+    """Return how far the vehicle's outline is from the walls, floor and ceiling at points p_WB (n, 3) [m] (n), or 0.
+
+    Those alone end a flight (flight/lost.py); furniture is flown around, but to touch it is not to be lost.
+    """
+    room, radius = scenario.load_room(), scenario.vehicle.radius
+    space = free_space(room, 0.0, radius, 0.0, 0.0)
+    ends = np.array(["wall" in name for name in space.names])
+    free = np.array([space.room(p[:2])[ends].min() for p in points])
+    above = np.minimum(points[:, 2] - room.interior.min[2], room.interior.max[2] - points[:, 2])
+    return np.asarray(np.maximum(np.minimum(free, above), 0.0))
+
+
+def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
+    """Return the scenario with none of a sensor's messages."""
+    changes: dict[str, object] = {"sensors": tuple(name for name in scenario.sensors if name != sensor)}
+    if sensor == "imu":  # what the filter reads of it goes too
+        reads = {name: "none" for name in ("force", "rates") if getattr(scenario.estimator, name, "none") == "measured"}
+        changes["estimator"] = scenario.estimator.model_copy(update=reads)
+    return scenario.model_copy(update=changes)
+
+
+def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the floor of the position's error at every tick [m] (n) with all sensors, and without each.
+
+    It is the root of the three axes' bounds together, sqrt(E |p_hat - p|^2) at best. See floor/cramer_rao.py.
+
+    Args:
+        scenario: what is flown.
+        truth: states (n, 12).
+
+    Raises:
+        InputError: if the errors of the camera's detector have not been measured.
+    """
+    cases = {ALL: scenario} | {sensor: without_sensor(scenario, sensor) for sensor in scenario.sensors}
+    found = {}
+    for name, case in cases.items():
+        bound = position_floor(case, truth)
+        if bound is None:
+            raise InputError(
+                f"detector.cfg: {scenario.detector.cfg}: its errors have not been measured; leave it out, or fly with "
+                "camera.kind projected and camera.errors"
+            )
+        found[name] = np.sqrt(bound.sum(axis=1))
+    return found
+
+
+class Stretch(NamedTuple):
+    """Where on the way the floor is worst.
+
+    Attributes:
+        first: tick at which it begins.
+        last: tick at which it ends.
+        floor: greatest floor in it [m].
+        hangs_on: the sensor whose loss raises that most; None if none does by much.
+        floor_without: greatest floor in it without that sensor [m].
+        silent: sensors that tell nothing in it.
+    """
+
+    first: int
+    last: int
+    floor: float
+    hangs_on: str | None
+    floor_without: float
+    silent: tuple[str, ...]
+
+
+def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) -> Stretch:
+    """Return the stretch about the greatest floor in which it is at least WORST of that.
+
+    Args:
+        found: the floors, see floors (n each).
+        tells: whether each sensor tells something, by name (n each).
+    """
+    floor = found[ALL]
+    peak = int(np.argmax(floor))
+    below = np.flatnonzero(floor < WORST * floor[peak])
+    first = int(np.max(below[below < peak], initial=-1)) + 1
+    last = int(np.min(below[below > peak], initial=len(floor))) - 1
+    without = {name: float(rows[first : last + 1].max()) for name, rows in found.items() if name != ALL}
+    # The floor is of what is known before a tick's own messages: the last tick's may end the stretch.
+    silent = tuple(sensor for sensor, rows in tells.items() if not rows[first : max(last, first + 1)].any())
+    name = max(without, key=lambda sensor: without[sensor], default=None)
+    if name is None or without[name] < NEEDED * floor[peak]:
+        return Stretch(first, last, float(floor[peak]), None, float(floor[peak]), silent)
+    return Stretch(first, last, float(floor[peak]), name, without[name], silent)
+
+
+def first_lost(floor: np.ndarray, free: np.ndarray) -> int | None:
+    """Return the first tick at which SIGMAS of the floor do not fit into the free room; None if there is none."""
+    lost = np.flatnonzero(SIGMAS * floor > free)
+    return int(lost[0]) if len(lost) else None

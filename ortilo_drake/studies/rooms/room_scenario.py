@@ -1,0 +1,50 @@
+"""The flight by which a room is judged, where no scenario is given."""
+
+from pathlib import Path
+
+from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.typed_yaml import InputError, parse_yaml
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario.load import Setting
+
+BASE = "imu_uwb_yolo"  # has every sensor of the paper
+OF_A_ROOM = "room"  # what the scenario is called
+_KEYS = {"interior", "anchors", "landmarks"}  # no scenario has these keys
+
+
+def is_room(path: Path) -> bool:
+    """Return whether a file is a room's rather than a scenario's."""
+    if not exists(path):
+        return False
+    data = parse_yaml(read_text(path), str(path))
+    return isinstance(data, dict) and bool(_KEYS & data.keys())
+
+
+def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
+    """Return the scenario in which a room is judged: imu, UWB that walls block, projected camera, from start to goal.
+
+    Args:
+        room: the room's file.
+        settings: changes.
+
+    Raises:
+        InputError: if the room's file is wrong.
+    """
+    if not exists(room):
+        raise InputError(f"room: {room}: no such room file")
+    of_room: tuple[Setting, ...] = (
+        ("name", OF_A_ROOM),
+        ("room", str(room.absolute())),
+        ("camera.kind", "projected"),
+        ("uwb.link.blackouts", []),
+        ("uwb.walls", {"kind": "block"}),
+    )
+    return load_scenario(BASE, (*of_room, *settings))
+
+
+def scenario_of(name_or_file: str, settings: tuple[str, ...] = ()) -> Scenario:
+    """Return the scenario of that name or in that file, or of a room in that file; InputError as load_scenario."""
+    path = Path(name_or_file)
+    if path.suffix in (".yaml", ".yml") and is_room(path):
+        return room_scenario(path, settings)
+    return load_scenario(name_or_file, settings)

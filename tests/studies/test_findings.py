@@ -1,0 +1,101 @@
+"""What `ortilo room check` says of rooms that load: a good one, and one for each mistake that it warns of."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from command_line import run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ortilo_drake.model.room import ORTILO_ROOM
+from ortilo_drake.studies.rooms.findings import anchor_spread, look_into
+from ortilo_drake.studies.rooms.new_room import new_room
+
+LEVEL = [[0.2, 0.2, 2.5], [7.8, 0.2, 2.5], [7.8, 5.8, 2.5], [0.2, 5.8, 2.5]]
+DOG = {"label": "dog", "position": [4.0, 5.5, 0.3]}
+
+
+def warnings(folder: Path, **changes: Any) -> list[str]:
+    data = yaml.safe_load(new_room("hall", (8.0, 6.0, 3.0), 5))
+    file = folder / "room.yaml"
+    file.write_text(yaml.safe_dump(data | changes))
+    return look_into(file).warnings
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, []),
+        ({"anchors": LEVEL}, ["anchors: 0.00 m RMS off one plane"]),
+        ({"anchors": LEVEL[:3]}, ["anchors: 3 given: a position and its mirror image"]),
+        ({"anchors": [*LEVEL, [4, 3, 0], [4, 3, 0]]}, ["anchors.5: (4, 3, 0): the same place as anchors.4"]),
+        ({"anchors": [*LEVEL, [4, 3, 0], [4, 6.5, 0]]}, ["anchors.5: (4, 6.5, 0): outside the interior, (0, 0, 0)"]),
+        ({"start": [-1.0, 2.0]}, ["start: (-1, 2, 1.5): outside the room"]),
+        ({"walls": [[1.2, 2.0, 0, 1, 1, 3]]}, ["start: (1.2, 2, 1.5): 0.00 m from 'wall'"]),
+        ({"walls": [[3.5, 3.0, 1.5708, 6, 0.1, 3]]}, ["goal: (5.5, 4.0): no free way leads there from (1.2, 2.0)"]),
+        ({"goal": None}, ["goal: not given; a scenario must have planner.goal of its own"]),
+        ({"landmarks": []}, ["landmarks: none"]),
+        (
+            {"landmarks": [DOG | {"position": [1.0, 5.5, 9.0]}]},
+            ["landmarks.0: (1, 5.5, 9): out", "landmarks.0: dog"],
+        ),
+        (  # a dog that four walls hide
+            {
+                "landmarks": [DOG],
+                "walls": [[4.0, y, 0.0, 1.6, 0.1, 2.9] for y in (4.9, 5.95)]
+                + [[x, 5.4, 1.5708, 1.1, 0.1, 2.9] for x in (3.2, 4.8)],
+            },
+            ["landmarks.0: dog at (4, 5.5, 0.3): the camera sees it from nowhere at 1.5 m height"],
+        ),
+        (
+            {"landmarks": [DOG], "walls": [[4.0, 5.5, 0.0, 1.0, 1.0, 1.0]]},
+            ["landmarks.0: dog at (4, 5.5, 0.3): its middle is in a wall"],
+        ),
+    ],
+)
+def test_a_mistake_is_warned_of_and_nothing_else(tmp_path: Path, changes: dict[str, Any], expected: list[str]) -> None:
+    found = warnings(tmp_path, **changes)
+    assert [line[: len(part)] for line, part in zip(found, expected, strict=True)] == expected, found
+
+
+def test_the_authors_room_is_as_it_was_published() -> None:
+    found = look_into(ORTILO_ROOM)
+    assert found.warnings == []
+    assert found.path is not None
+    assert "12" in found.facts[1]
+    assert "29: 5 person" in found.facts[2]
+    assert "37 walls, 25 stands, 51 pieces of furniture" in found.facts[3]
+
+
+@given(st.integers(0, 10**6), st.integers(3, 12), st.floats(0.0, 3.0))
+def test_the_spread_is_the_standard_deviation_along_the_main_axes(seed: int, n: int, thickness: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(n, 3)) * [9.0, 5.0, thickness]
+    Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    expected = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T, bias=True)), 0.0))[::-1]
+    np.testing.assert_allclose(anchor_spread(points @ Q.T + 7.0), expected, atol=1e-6)
+
+
+@settings(max_examples=10)
+@given(x=st.floats(4.0, 20.0), y=st.floats(4.0, 20.0), z=st.floats(2.2, 6.0), anchors=st.integers(4, 12))
+def test_new_rooms_have_nothing_against_them(
+    tmp_path_factory: pytest.TempPathFactory, x: float, y: float, z: float, anchors: int
+) -> None:
+    file = tmp_path_factory.mktemp("room") / "room.yaml"
+    file.write_text(new_room("hall", (x, y, z), anchors))
+    assert look_into(file).warnings == []
+
+
+def test_the_command_says_it_on_stdout_and_ends_with_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "room.yaml"
+    data = yaml.safe_load(new_room("hall", (8.0, 6.0, 3.0), 5))
+    file.write_text(yaml.safe_dump(data | {"anchors": LEVEL}))
+    assert run("room", "check", str(file)) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in said] == ["OK"] * 5 + ["warning"]
+    assert "8 x 6 x 3 m" in said[0]
+    assert run("room", "check", str(tmp_path / "none.yaml")) == 2
+    assert "none.yaml: cannot be read" in capsys.readouterr().err

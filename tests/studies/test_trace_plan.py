@@ -1,0 +1,133 @@
+"""Rooms traced over floor plans that are drawn here, wall by wall, in whole pixels."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from command_line import run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.room import load_room
+from ortilo_drake.onboard.planner.planned import path_of
+from ortilo_drake.studies.rooms.room_scenario import room_scenario
+from ortilo_drake.studies.rooms.trace_plan import read_plan, trace_plan
+
+SCALE = 40.0  # px / m
+MARGIN = 25  # of paper around the plan [px]
+THICK = 8  # of the outer walls [px]: 20 cm
+
+
+def drawn(size: tuple[int, int], walls: list[tuple[int, int, int, int]]) -> np.ndarray:
+    """Return a plan: size within the outer walls, and inner walls as left, bottom, width, height [px], y up."""
+    w, h = size
+    picture = np.full((h + 2 * (MARGIN + THICK), w + 2 * (MARGIN + THICK)), 255, np.uint8)
+    picture[MARGIN:-MARGIN, MARGIN:-MARGIN] = 0
+    inner = picture[MARGIN + THICK : -MARGIN - THICK, MARGIN + THICK : -MARGIN - THICK]
+    inner[:] = 255
+    for left, bottom, width, height in walls:
+        inner[h - bottom - height : h - bottom, left : left + width] = 0
+    return picture
+
+
+def expected(walls: list[tuple[int, int, int, int]]) -> list[list[float]]:
+    return sorted([(x + w / 2) / SCALE, (y + h / 2) / SCALE, w / SCALE, h / SCALE] for x, y, w, h in walls)
+
+
+DOOR = [(160, 0, 6, 140), (160, 190, 6, 50), (260, 100, 60, 6)]  # a wall with a door at x = 4 m, and one alone
+
+
+def test_walls_are_where_they_are_drawn_to_the_pixel() -> None:
+    found = trace_plan(drawn((320, 240), DOOR), SCALE, 128)
+    assert found.size.tolist() == [8.0, 6.0]
+    np.testing.assert_allclose(sorted(found.walls.tolist()), expected(DOOR), atol=1e-9)
+    assert found.covered == 1.0
+    assert found.start[0] < 4.0 < found.goal[0]
+
+
+def test_letters_thin_lines_and_grey_carpets_are_no_walls() -> None:
+    plan = drawn((320, 240), DOOR)
+    plan[150:190, 60:120] = 200
+    cv2.putText(plan, "kitchen", (70, 170), cv2.FONT_HERSHEY_SIMPLEX, 0.4, 0, 1)
+    cv2.line(plan, (40, 60), (180, 120), 0, 1)
+    plan[100:105, 300:305] = 0  # a fitting of 12 cm
+    found = trace_plan(plan, SCALE, 128)
+    np.testing.assert_allclose(sorted(found.walls.tolist()), expected(DOOR), atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(
+    x=st.integers(60, 250), door=st.integers(10, 150), thick=st.integers(4, 14), noise=st.integers(0, 60),
+    seed=st.integers(0, 9),
+)  # fmt: skip
+def test_a_wall_with_a_door_is_found_wherever_it_is(x: int, door: int, thick: int, noise: int, seed: int) -> None:
+    walls = [(x, 0, thick, door + 15), (x, door + 55, thick, 240 - door - 55)]
+    plan = drawn((320, 240), walls).astype(int)
+    plan += np.random.default_rng(seed).integers(-noise, noise + 1, plan.shape)
+    found = trace_plan(np.clip(plan, 0, 255).astype(np.uint8), SCALE, 128)
+    np.testing.assert_allclose(sorted(found.walls.tolist()), expected(walls), atol=1e-9)
+
+
+def test_a_house_that_is_no_rectangle_has_walls_around_its_corner() -> None:
+    """An L: the upper right quarter of 8 x 6 m is outside, behind walls of 20 cm."""
+    plan = drawn((320, 240), [(160, 120, 160, 8), (160, 120, 8, 120)])
+    plan[: MARGIN + THICK + 112, MARGIN + THICK + 168 :] = 255
+    found = trace_plan(plan, SCALE, 128)
+    assert found.size.tolist() == [8.0, 6.0]
+    assert found.covered > 0.999
+    middles = [wall for wall in found.walls.tolist() if 3.9 < wall[0] < 6.1 and wall[1] > 2.9]
+    assert len(middles) == 2
+    assert found.goal[1] < 3.0
+
+
+def test_the_command_writes_a_room_that_loads_and_has_a_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, file = tmp_path / "plan.png", tmp_path / "flat.yaml"
+    cv2.imwrite(str(plan), cv2.cvtColor(drawn((320, 240), DOOR), cv2.COLOR_GRAY2BGRA))
+    assert run("room", "trace", str(plan), "--scale", "40", "--out", str(file), "--height", "2.4") == 0
+    assert "3 walls, 8.00 x 6.00 m" in capsys.readouterr().out
+    room = load_room(file)
+    assert room.interior.max == (8.0, 6.0, 2.4)
+    rows = room.wall_boxes
+    found = np.column_stack([rows[:, 0], rows[:, 1], 2 * rows[:, 4], 2 * rows[:, 5]])
+    np.testing.assert_allclose(sorted(found.tolist()), expected(DOOR), atol=1e-3)
+    assert np.all(rows[:, 6] == 1.2)
+    assert path_of(room_scenario(file)).end_time() > 5.0
+    for landmark in room.landmark_positions:
+        assert np.all(np.max(np.abs(landmark[:2] - found[:, :2]) - found[:, 2:] / 2, axis=1) > 0.1)
+    assert run("room", "trace", str(plan), "--scale", "40", "--out", str(file)) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", ["--scale 400", "--scale 2", "--scale 0", "--dark 1 --scale 40"])
+def test_a_plan_that_makes_no_room_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str) -> None:
+    plan, file = tmp_path / "plan.png", tmp_path / "flat.yaml"
+    cv2.imwrite(str(plan), np.maximum(drawn((320, 240), DOOR), 5))
+    assert run("room", "trace", str(plan), "--out", str(file), *words.split()) == 2
+    line = capsys.readouterr().err
+    assert len(line.splitlines()) == 1
+    assert "scale" in line
+    assert not file.exists()
+
+
+def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.png"
+    whole = cv2.imencode(".png", drawn((320, 240), DOOR))[1].tobytes()
+    huge = whole[:16] + (2**20).to_bytes(4, "big") * 2 + whole[24:]
+    for content, reason in ((b"GIF89a", "is no PNG"), (whole[:40], "no whole PNG"), (huge, "px: must have at most")):
+        plan.write_bytes(content)
+        with pytest.raises(InputError, match=reason):
+            read_plan(plan)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_plan(tmp_path)
+
+
+def test_opacity_is_over_white_paper(tmp_path: Path) -> None:
+    file = tmp_path / "plan.png"
+    picture = np.zeros((4, 4, 4), np.uint8)
+    picture[1, 1] = (0, 0, 0, 255)
+    cv2.imwrite(str(file), picture)
+    grey = read_plan(file)
+    assert grey[1, 1] == 0
+    assert np.all(np.delete(grey.ravel(), 5) == 255)

@@ -1,0 +1,102 @@
+"""The plan of a room: to scale, its labels over nothing, and in characters."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.text import Annotation
+from PIL import Image
+
+from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
+from ortilo_drake.onboard.planner.planned import path_of
+from ortilo_drake.studies.rooms.new_room import new_room
+from ortilo_drake.studies.rooms.room_scenario import room_scenario
+from ortilo_drake.views.room_plan import draw_plan
+from ortilo_drake.views.room_text import room_text
+
+
+@pytest.fixture(params=["ortilo", "8x6", "3x20", "40x25"])
+def room_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    if request.param == "ortilo":
+        return ORTILO_ROOM
+    x, y = map(float, request.param.split("x"))
+    file = tmp_path / "room.yaml"
+    file.write_text(new_room("hall", (x, y, 3.0), 9))
+    return file
+
+
+def plan_of(file: Path) -> tuple[Room, Figure]:
+    return load_room(file), draw_plan(load_room(file), path_of(room_scenario(file)))
+
+
+def test_every_anchor_and_landmark_has_a_label_and_no_two_of_them_overlap(room_file: Path) -> None:
+    room, figure = plan_of(room_file)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    (axes,) = figure.axes
+    labels = [child for child in axes.get_children() if isinstance(child, Annotation)]
+    said = {label.get_text() for label in labels}
+    assert said >= {f"{i} {landmark.label}" for i, landmark in enumerate(room.landmarks)}
+    assert len(labels) == len(said) == len(room.anchors) + len(room.landmarks) + 2
+    boxes = [label.get_window_extent(renderer) for label in labels]
+    whole = axes.get_window_extent(renderer)
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:i]), labels[i].get_text()
+        assert whole.x0 <= box.x0
+        assert box.x1 <= whole.x1
+        for p in np.vstack([room.anchor_positions, room.landmark_positions]):
+            assert not box.contains(*axes.transData.transform(p[:2])), labels[i].get_text()
+
+
+def test_the_plan_is_to_scale_and_says_its_units(room_file: Path) -> None:
+    room, figure = plan_of(room_file)
+    (axes,) = figure.axes
+    a, b = (axes.transData.transform(p) for p in ((0.0, 0.0), (1.0, 1.0)))
+    assert (b - a)[0] == pytest.approx((b - a)[1], rel=1e-6)
+    assert "[m]" in axes.get_xlabel()
+    assert "[m]" in axes.get_ylabel()
+    (bar,) = [text for text in axes.texts if text.get_text().endswith(" m") and not isinstance(text, Annotation)]
+    (line,) = [line for line in axes.lines if not line.get_clip_on()]
+    ends = axes.transData.inverted().transform(axes.transAxes.transform(np.column_stack(line.get_data())))
+    assert np.ptp(ends[:, 0]) == pytest.approx(float(bar.get_text().removesuffix("m")))
+    corners = [patch.get_xy()[:4] for patch in axes.patches if isinstance(patch, Polygon)]
+    for x, y, _, yaw, half_x, half_y, _ in room.wall_boxes:
+        expected = [x + half_x * np.cos(yaw) - half_y * np.sin(yaw), y + half_x * np.sin(yaw) + half_y * np.cos(yaw)]
+        assert any(np.any(np.all(np.isclose(found, expected), axis=1)) for found in corners)
+
+
+def test_characters_stand_where_things_are(tmp_path: Path) -> None:
+    """A room of 10 x 5 m in 100 columns and 25 rows; the last line of the plan is the first 20 cm of y."""
+    file = tmp_path / "room.yaml"
+    file.write_text(
+        "interior: {min: [0, 0, 0], max: [10, 5, 3]}\nanchors: [[0.05, 0.1, 1], [9.95, 0.1, 2], [9.95, 4.9, 1]]\n"
+        "walls: [[5.0, 2.5, 0.0, 1.0, 1.0, 2.0]]\nstart: [1.05, 2.5]\ngoal: [9.05, 2.5]\n"
+    )
+    rows = room_text(load_room(file), path_of(room_scenario(file)), 102).splitlines()
+    top, *inner, bottom, _ = rows
+    assert top == bottom == "+" + "-" * 100 + "+"
+    assert len(inner) == 25
+    assert inner[-1] == "|A" + " " * 98 + "A|"
+    assert inner[0] == "|" + " " * 99 + "A|"
+    assert inner[12][11] == "S"
+    assert inner[12][91] == "G"
+    wall = [(i, j) for i, row in enumerate(inner) for j, mark in enumerate(row) if mark == "#"]
+    assert {i for i, _ in wall} == {10, 11, 12, 13, 14}
+    assert {j for _, j in wall} == set(range(46, 56))
+
+
+def test_the_command_writes_a_picture_or_prints_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, png = tmp_path / "room.yaml", tmp_path / "plan.png"
+    file.write_text(new_room("hall", (8.0, 6.0, 3.0), 5))
+    assert run("room", "show", str(file), "--png", str(png)) == 0
+    with Image.open(png) as drawn:
+        assert min(drawn.size) > 500
+    assert "wrote" in capsys.readouterr().out
+    assert run("room", "show", str(file)) == 0
+    assert "# wall" in capsys.readouterr().out
+    assert run("room", "show", str(file), "--png", str(tmp_path / "plan.frog")) == 2
+    assert "plan.frog" in capsys.readouterr().err
