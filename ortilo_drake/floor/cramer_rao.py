@@ -96,9 +96,13 @@ def unmeasured_force(scenario: Scenario) -> float:
     return float(sigma * s / np.hypot(sigma, s)) if sigma > 0.0 else 0.0
 
 
-def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
-    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
-    room, camera, spacing = scenario.load_room(), np.empty((0, ROW_SIZE)), 1
+def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
+    """Return a flight's information as rows (l, 16), in the order of ticks, and the spacing of slow errors' nodes.
+
+    None where the errors of the camera's detector have not been measured. Arguments as position_floor, and the room,
+    which may be another than the scenario's.
+    """
+    camera, spacing = np.empty((0, ROW_SIZE)), 1
     if "camera" in scenario.sensors:
         tables = camera_tables(scenario, room)
         if tables is None:
@@ -106,15 +110,30 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
         camera = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
         spacing = int(tables.slow[0, 1])
     own = (name for name in scenario.sensors if name not in SENSORS)
-    reads = {name: getattr(scenario.estimator, name, "none") == "measured" for name in ("force", "rates")}
+    reads = getattr(scenario.estimator, "rates", "none") == "measured"
     rows = by_tick(
-        *([rate_rows(scenario, truth)] if reads["rates"] else []),
+        *([rate_rows(scenario, truth)] if reads else []),
         range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth)),
         camera,
         *(own_rows(name, scenario, room, truth) for name in ("imu", *own)),
     )
+    return rows, max(spacing, 1)
+
+
+def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return Phi and W (12 x 12) of a tick, W of what is not measured of the world's disturbance."""
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
     disturbance = scenario.world.disturbance
-    force_sd = unmeasured_force(scenario) if reads["force"] else disturbance.force_sd
-    W = disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd)
-    return np.asarray(predicted_bound(rows, len(truth), Phi, W, np.zeros((N_X, N_X)), max(spacing, 1)))
+    reads = getattr(scenario.estimator, "force", "none") == "measured"
+    force_sd = unmeasured_force(scenario) if reads else disturbance.force_sd
+    return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd)
+
+
+def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
+    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
+    found = information_rows(scenario, truth, scenario.load_room())
+    if found is None:
+        return None
+    rows, spacing = found
+    Phi, W = dynamics(scenario)
+    return np.asarray(predicted_bound(rows, len(truth), Phi, W, np.zeros((N_X, N_X)), spacing))
