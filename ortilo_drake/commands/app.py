@@ -11,6 +11,7 @@ from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.replay import replay
+from ortilo_drake.commands.room.app import room_app
 from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.sensitivity import sensitivity
 from ortilo_drake.commands.tables import tables
@@ -43,6 +44,7 @@ for command in (fly, tables, diagram, analyze, tune, replay, sensitivity):
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")
 app.add_typer(hil_app, name="hil")
+app.add_typer(room_app, name="room")
 
 
 def run() -> int:

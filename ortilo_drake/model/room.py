@@ -15,8 +15,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM, with_known_classes
+from ortilo_drake.model.inputs.problems import SeveralProblems
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import SMALLEST, Frozen, InputError, Positive, parse_yaml, validate
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
@@ -25,8 +27,6 @@ Share = Annotated[float, Field(ge=-1.0, le=1.0)]
 Outline = Annotated[tuple[tuple[Share, Share, Share], ...], Field(min_length=4, max_length=1000)]
 
 _BOX = np.array(list(product((-1.0, 1.0), repeat=3)))  # the outline of a class that has none
-
-ORTILO_ROOM = Path(__file__).with_name("ortilo_room.yaml")
 
 
 # Far more than any building has; flights look at each of them at every tick.
@@ -100,39 +100,63 @@ class CameraModel(Frozen):
 
 
 Furniture = tuple[Label, float, float, float, float, float, float]
+Wall = Annotated[tuple[float, ...], Field(min_length=3, max_length=6)]  # x, y, yaw, and its size if not wall_size
+
+
+OWN_CAMERA = CameraModel(
+    width=1600,
+    height=1200,
+    focal_length=746.632634717237,
+    center=(800.5, 600.5),
+    position=(0.049798, -0.001493, 0.0429629),
+)
 
 
 class Room(Frozen):
-    """The room as its file holds it; see ortilo_room.yaml for the meaning of each field."""
+    """The room as its file holds it; see ortilo_room.yaml for the meaning of each field, and its defaults here.
 
-    name: Label
+    A wall may have a size of its own, as three further numbers: [x, y, yaw, length, thickness, height]. A flight whose
+    scenario names no start or goal takes the room's, x and y [m]. A landmark class of ortilo_room.yaml needs no size.
+    """
+
+    name: Label = "room"
     interior: Interior
     anchors: Annotated[tuple[Vec3, ...], Field(max_length=MAX_ANCHORS)]
-    landmarks: Annotated[tuple[Landmark, ...], Field(max_length=MAX_LANDMARKS)]
-    landmark_size: dict[Label, Size3]
+    landmarks: Annotated[tuple[Landmark, ...], Field(max_length=MAX_LANDMARKS)] = ()
+    landmark_size: dict[Label, Size3] = Field(default_factory=dict)
     landmark_outline: dict[Label, Outline] = Field(default_factory=dict)
-    wall_size: Size3
-    walls: Annotated[tuple[Vec3, ...], Field(max_length=MAX_OBSTACLES)]
-    stand_radius: Positive
-    stand_height: Positive
-    stands: Annotated[tuple[Vec2, ...], Field(max_length=MAX_OBSTACLES)]
-    furniture: Annotated[tuple[Furniture, ...], Field(max_length=MAX_OBSTACLES)]
-    furniture_size: dict[Label, Size3]
-    camera: CameraModel
+    wall_size: Size3 = (3.0, 1.0, 3.0)
+    walls: Annotated[tuple[Wall, ...], Field(max_length=MAX_OBSTACLES)] = ()
+    stand_radius: Positive = 0.25
+    stand_height: Positive = 0.86
+    stands: Annotated[tuple[Vec2, ...], Field(max_length=MAX_OBSTACLES)] = ()
+    furniture: Annotated[tuple[Furniture, ...], Field(max_length=MAX_OBSTACLES)] = ()
+    furniture_size: dict[Label, Size3] = Field(default_factory=dict)
+    camera: CameraModel = OWN_CAMERA
+    start: Vec2 | None = None
+    goal: Vec2 | None = None
 
     @model_validator(mode="after")
     def _is_complete(self) -> "Room":
+        problems = []
         if len(self.anchors) < 3:
-            raise ValueError(f"anchors: {len(self.anchors)} given, a position needs at least 3")
+            problems.append(f"anchors: {len(self.anchors)} given, a position needs at least 3")
         for low, high, axis in zip(self.interior.min, self.interior.max, "xyz", strict=True):
             if low >= high:
-                raise ValueError(f"interior: min {axis} = {low} must be below max {axis} = {high}")
-        for label in {landmark.label for landmark in self.landmarks} - set(self.landmark_size):
-            raise ValueError(f"landmark_size: no size for class '{label}'")
-        for label in set(self.landmark_outline) - set(self.landmark_size):
-            raise ValueError(f"landmark_outline: class '{label}' is none of landmark_size")
-        for kind in {item[0] for item in self.furniture} - set(self.furniture_size):
-            raise ValueError(f"furniture_size: no size for kind '{kind}'")
+                problems.append(f"interior: min {axis} = {low} must be below max {axis} = {high}")
+        for label in sorted({landmark.label for landmark in self.landmarks} - set(self.landmark_size)):
+            problems.append(f"landmark_size: no size for class '{label}'")
+        for label in sorted(set(self.landmark_outline) - set(self.landmark_size)):
+            problems.append(f"landmark_outline: class '{label}' is none of landmark_size")
+        for kind in sorted({item[0] for item in self.furniture} - set(self.furniture_size)):
+            problems.append(f"furniture_size: no size for kind '{kind}'")
+        for i, wall in enumerate(self.walls):
+            if len(wall) not in (3, 6) or min(wall[3:], default=1.0) < SMALLEST:
+                problems.append(
+                    f"walls.{i}: {list(wall)}: must be x, y, yaw, and maybe a length, thickness and height > 0"
+                )
+        if problems:
+            raise SeveralProblems(problems)
         return self
 
     def __eq__(self, other: object) -> bool:
@@ -198,8 +222,11 @@ class Room(Frozen):
     @cached_property
     def wall_boxes(self) -> np.ndarray:
         """The walls as rows (x, y, z of the centre, yaw, three half sizes) (n, 7)."""
-        half = np.array(self.wall_size) / 2
-        return np.array([[x, y, half[2], yaw, *half] for x, y, yaw in self.walls]).reshape(-1, 7)
+        rows = []
+        for x, y, yaw, *size in self.walls:
+            half = np.array(size or self.wall_size) / 2
+            rows.append([x, y, half[2], yaw, *half])
+        return np.array(rows).reshape(-1, 7)
 
     @cached_property
     def stand_cylinders(self) -> np.ndarray:
@@ -220,4 +247,4 @@ def load_room(path: Path = ORTILO_ROOM) -> Room:
 
 @lru_cache(maxsize=8)
 def _room_of(text: str, source: str) -> Room:
-    return validate(Room, parse_yaml(text, source), source)
+    return validate(Room, with_known_classes(parse_yaml(text, source)), source)

@@ -2,9 +2,8 @@
 
 import json
 import math
-from collections.abc import Iterable
-from difflib import get_close_matches
-from functools import cache
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -13,6 +12,16 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.inputs.problems import (
+    SHOWN,
+    Place,
+    emptied,
+    first_problem,
+    nearest,
+    problem_lines,
+    shown,
+    without,
+)
 
 __all__ = [
     "DEEPEST",
@@ -22,6 +31,7 @@ __all__ = [
     "Frozen",
     "InputError",
     "Positive",
+    "all_problems",
     "load_yaml",
     "nearest",
     "parse_yaml",
@@ -43,7 +53,6 @@ def _not_tiny(value: float) -> float:
 
 Positive = Annotated[float, Field(gt=0.0), AfterValidator(_not_tiny)]
 FileName = Annotated[str, Field(min_length=1, max_length=1024, pattern=r"^[^\x00]*$")]
-_SHOWN = 60  # characters of a value in an error
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is eight times as fast, and nearly always there
 
@@ -68,7 +77,7 @@ def _mapping_of_unique_keys(loader: yaml.SafeLoader, node: yaml.MappingNode) -> 
     for key_node, value_node in node.value:
         key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, str):
-            raise InputError(f"{_line(node)}: key {_shown(key)} is not a name")
+            raise InputError(f"{_line(node)}: key {shown(key)} is not a name")
         if key in found:
             raise InputError(f"{_line(key_node)}: key '{key}' stands twice")
         found[key] = loader.construct_object(value_node, deep=True)
@@ -112,114 +121,26 @@ def parse_yaml(text: str, source: str) -> Any:
         raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ", did you mean 'x'?" for the known word nearest to one that is unknown, or nothing if none is near."""
-    by_lower = {name.lower(): name for name in known}
-    found = get_close_matches(word.lower(), by_lower, n=1)
-    return f", did you mean '{by_lower[found[0]]}'?" if found else ""
-
-
-def _place(schema: dict[str, Any], loc: tuple[int | str, ...]) -> tuple[str, dict[str, Any]]:
-    """Return the field that pydantic's loc names, without the kinds of unions in it, and the schema of that place."""
-    names = schema.get("$defs", {})
-
-    def resolved(part: dict[str, Any]) -> dict[str, Any]:
-        if "$ref" in part:
-            return resolved(names[part["$ref"].rpartition("/")[2]])
-        groups = [resolved(m) for m in part.get("anyOf", ()) if m.get("type") != "null"]
-        return groups[0] if groups else part
-
-    here, field = resolved(schema), []
-    for step in loc:
-        kinds = here.get("discriminator", {}).get("mapping", {})
-        if step in kinds:
-            here = resolved({"$ref": kinds[step]})
-            continue
-        field.append(str(step))
-        first = here.get("prefixItems", [])
-        if isinstance(step, int):
-            inner = first[step] if step < len(first) else here.get("items")
-        else:
-            inner = here.get("properties", {}).get(step, here.get("additionalProperties"))
-        here = resolved(inner) if isinstance(inner, dict) else {}
-    return ".".join(field), here
-
-
-def _shown(value: Any) -> str:
-    """Return a value as an error shows it: a long one by its beginning, a large group by its type."""
-    if isinstance(value, int) and value.bit_length() > 200:
-        return f"an integer of {value.bit_length()} bits"
-    text = repr(value)
-    if len(text) <= _SHOWN:
-        return text
-    return type(value).__name__ if isinstance(value, dict | list) else f"{text[:_SHOWN]}..."
-
-
-@cache
-def _schema(model: type[BaseModel]) -> dict[str, Any]:
-    return model.model_json_schema()
-
-
-def _first_problem(error: ValidationError, model: type[BaseModel]) -> str:
-    problems = error.errors()
-    # A misspelt key explains more than the errors that follow from it.
-    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    loc, schema = problem["loc"], _schema(model)
-    field, here = _place(schema, loc)
-    shown = _shown(problem["input"])
-    match problem["type"]:
-        case "extra_forbidden":
-            known = _place(schema, loc[:-1])[1].get("properties", {})
-            hint = nearest(str(loc[-1]), known) or f", known are {', '.join(known)}"
-            return f"{field}: unknown key (value {shown}){hint}"
-        case "missing":
-            return f"{field}: is missing"
-        case "value_error":
-            text = str(problem["ctx"]["error"])
-            return f"{field}{text}" if text.startswith(".") or not field else f"{field}: {text}"
-        case "union_tag_invalid":
-            tag, kinds = problem["ctx"]["tag"], here.get("discriminator", {}).get("mapping", {})
-            return f"{field}.kind: {_shown(tag)} is not one of {', '.join(map(repr, kinds))}{nearest(tag, kinds)}"
-        case "union_tag_not_found":
-            kinds = here.get("discriminator", {}).get("mapping", {})
-            return f"{field}: needs a 'kind', one of {', '.join(map(repr, kinds))}"
-        case "literal_error":
-            known = [str(word) for word in here.get("enum", [here.get("const")])]
-            return (
-                f"{field}: {shown} is not one of {', '.join(map(repr, known))}{nearest(str(problem['input']), known)}"
-            )
-        case "float_type" | "int_type" if _is_number(problem["input"]):
-            return f"{field}: {shown}: is text to YAML; a number has a point and a signed exponent, as 1.0e-3"
-    message = problem["msg"][:1].lower() + problem["msg"][1:]
-    return f"{field or 'the file'}: {shown}: {message}"
-
-
-def _is_number(text: Any) -> bool:
-    try:
-        return isinstance(text, str) and "e" in text.lower() and math.isfinite(float(text))
-    except ValueError:
-        return False
-
-
-def _find_not_plain(data: Any, field: str = "") -> str | None:
+def _not_plain(data: Any, place: Place = ()) -> Iterator[tuple[Place, str]]:
+    """Yield where data is what no model of ours could hold, whatever its fields, and the line of it."""
+    field, largest = ".".join(map(str, place)), LARGEST
+    if isinstance(data, int) and "seed" in field:
+        largest = 2**64  # seeds alone are larger; an integer may be for a float
     if isinstance(data, float) and not math.isfinite(data):
-        return f"{field}: {data}: must be a finite number"
-    # Seeds alone are larger; an integer may be for a float.
-    largest = 2**64 if isinstance(data, int) and "seed" in field else LARGEST
-    if isinstance(data, int | float) and abs(data) > largest:
-        return f"{field}: {_shown(data)}: must not exceed {largest:g} in size"
-    if isinstance(data, str):
-        return None if _is_unicode(data) else f"{field}: {_shown(data)}: half a character, must be Unicode text"
-    if not isinstance(data, None | bool | int | float | list | tuple | dict):
-        name = type(data).__name__
-        return f"{field}: {str(data)[:_SHOWN]}: must be a number (integer or not), text, list or group, not a {name}"
+        yield place, f"{field}: {data}: must be a finite number"
+    elif isinstance(data, int | float) and abs(data) > largest:
+        yield place, f"{field}: {shown(data)}: must not exceed {largest:g} in size"
+    elif isinstance(data, str) and not _is_unicode(data):
+        yield place, f"{field}: {shown(data)}: half a character, must be Unicode text"
+    elif not isinstance(data, None | bool | int | float | str | list | tuple | dict):
+        allowed = f"must be a number (integer or not), text, list or group, not a {type(data).__name__}"
+        yield place, f"{field}: {str(data)[:SHOWN]}: {allowed}"
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list | tuple) else ()
     for key, value in items:
-        name = f"{field}.{key}" if field else str(key)
-        problem = _find_not_plain(value, name)
-        if problem or not _is_unicode(str(key)):
-            return problem or f"{name}: half a character, must be Unicode text"
-    return None
+        inner = (*place, key)
+        yield from _not_plain(value, inner)
+        if not _is_unicode(str(key)):
+            yield inner, f"{'.'.join(map(str, inner))}: half a character, must be Unicode text"
 
 
 def _is_unicode(text: str) -> bool:
@@ -238,15 +159,52 @@ def validate(model: type[M], data: Any, source: str) -> M:
     Raises:
         InputError: naming source, field, value and what is allowed.
     """
-    problem = _find_not_plain(data)
-    if problem:
+    for _, problem in _not_plain(data):
         raise InputError(f"{source}: {problem}")
     model = getattr(model, "model_for", lambda _: model)(data)
     try:
         # Through JSON, pydantic's strict mode takes YAML's lists for tuples and still refuses '1' for 1.
         return model.model_validate_json(json.dumps({} if data is None else data))
     except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error, model)}") from None
+        raise InputError(f"{source}: {first_problem(error, model)}") from None
+
+
+def all_problems(model: type[BaseModel], data: Any, stand_in: Mapping[str, Any]) -> list[str]:
+    """Return a line for each thing that is wrong with plain data; none if it is right.
+
+    What a model checks across its fields it says only once each field is right. So what is wrong is left out and the
+    rest looked at again; of a field that was told before nothing more is told then, as it may follow from that.
+
+    Args:
+        model: the pydantic model.
+        data: what parse_yaml returned.
+        stand_in: right values of the fields that the model needs, for where they are wrong or missing.
+    """
+    if not isinstance(data, dict):
+        return [f"the file: {shown(data)}: must hold fields by name, not {type(data).__name__}"]
+    found = list(_not_plain(data))
+    data = emptied(data, (place for place, _ in found))
+    while True:
+        try:
+            model.model_validate_json(json.dumps(data))
+            return [line for _, line in found]
+        except ValidationError as error:
+            places, told = {place for place, _ in found}, {_name(*problem) for problem in found}
+            new = [
+                (place, line)
+                for place, line in problem_lines(error, model)
+                if place not in places and (place or _name(place, line) not in told)
+            ]
+        found += new
+        left = without(data, (place for place, _ in found), stand_in)
+        if not new or left == data:
+            return [line for _, line in found]
+        data = left
+
+
+def _name(place: Place, line: str) -> str:
+    """Return the field of the whole that a problem is in; one across fields names it itself."""
+    return str(place[0]) if place else re.split("[.:]", line)[0]
 
 
 def load_yaml(model: type[M], path: Path) -> M:

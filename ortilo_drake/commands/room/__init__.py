@@ -1,0 +1,1 @@
+"""The commands `ortilo room`, one module each."""

@@ -1,0 +1,1 @@
+"""What users write: what is wrong with it, and what they may leave out."""

@@ -1,0 +1,164 @@
+"""What is wrong with a user's data, a line for each: field, value, what is allowed."""
+
+import math
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
+from difflib import get_close_matches
+from functools import cache
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+SHOWN = 60  # characters of a value in an error
+Place = tuple[int | str, ...]  # the steps from the whole to a field, as pydantic gives them
+
+
+class SeveralProblems(ValueError):
+    """What a model's own check finds wrong: lines, each beginning with the field; as an error it says the first."""
+
+    def __init__(self, lines: list[str]) -> None:
+        super().__init__(lines[0])
+        self.lines = lines
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return ", did you mean 'x'?" for the known word nearest to one that is unknown, or nothing if none is near."""
+    by_lower = {name.lower(): name for name in known}
+    found = get_close_matches(word.lower(), by_lower, n=1)
+    return f", did you mean '{by_lower[found[0]]}'?" if found else ""
+
+
+def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
+    """Return the field that pydantic's loc names, without the kinds of unions in it, and the schema of that place."""
+    names = schema.get("$defs", {})
+
+    def resolved(part: dict[str, Any]) -> dict[str, Any]:
+        if "$ref" in part:
+            return resolved(names[part["$ref"].rpartition("/")[2]])
+        groups = [resolved(m) for m in part.get("anyOf", ()) if m.get("type") != "null"]
+        return groups[0] if groups else part
+
+    here, field = resolved(schema), []
+    for step in loc:
+        kinds = here.get("discriminator", {}).get("mapping", {})
+        if step in kinds:
+            here = resolved({"$ref": kinds[step]})
+            continue
+        field.append(str(step))
+        first = here.get("prefixItems", [])
+        if isinstance(step, int):
+            inner = first[step] if step < len(first) else here.get("items")
+        else:
+            inner = here.get("properties", {}).get(step, here.get("additionalProperties"))
+        here = resolved(inner) if isinstance(inner, dict) else {}
+    return ".".join(field), here
+
+
+def shown(value: Any) -> str:
+    """Return a value as an error shows it: a long one by its beginning, a large group by its type."""
+    if isinstance(value, int) and value.bit_length() > 200:
+        return f"an integer of {value.bit_length()} bits"
+    text = repr(value)
+    if len(text) <= SHOWN:
+        return text
+    return type(value).__name__ if isinstance(value, dict | list) else f"{text[:SHOWN]}..."
+
+
+@cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
+def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
+    """Return the line of the problem that explains most of what pydantic found."""
+    problems = error.errors()
+    # A misspelt key explains more than the errors that follow from it.
+    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    return _lines(problem, model)[0]
+
+
+def _lines(problem: ErrorDetails, model: type[BaseModel]) -> list[str]:
+    several = problem.get("ctx", {}).get("error")
+    if isinstance(several, SeveralProblems):
+        return several.lines
+    return [_line(problem, model)]
+
+
+def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
+    loc, schema = problem["loc"], _schema(model)
+    field, here = _place(schema, loc)
+    value = shown(problem["input"])
+    match problem["type"]:
+        case "extra_forbidden":
+            known = _place(schema, loc[:-1])[1].get("properties", {})
+            hint = nearest(str(loc[-1]), known) or f", known are {', '.join(known)}"
+            return f"{field}: unknown key (value {value}){hint}"
+        case "missing":
+            return f"{field}: is missing"
+        case "value_error":
+            text = str(problem["ctx"]["error"])
+            return f"{field}{text}" if text.startswith(".") or not field else f"{field}: {text}"
+        case "union_tag_invalid":
+            tag, kinds = problem["ctx"]["tag"], here.get("discriminator", {}).get("mapping", {})
+            return f"{field}.kind: {shown(tag)} is not one of {', '.join(map(repr, kinds))}{nearest(tag, kinds)}"
+        case "union_tag_not_found":
+            kinds = here.get("discriminator", {}).get("mapping", {})
+            return f"{field}: needs a 'kind', one of {', '.join(map(repr, kinds))}"
+        case "literal_error":
+            known = [str(word) for word in here.get("enum", [here.get("const")])]
+            return (
+                f"{field}: {value} is not one of {', '.join(map(repr, known))}{nearest(str(problem['input']), known)}"
+            )
+        case "float_type" | "int_type" if _is_number(problem["input"]):
+            return f"{field}: {value}: is text to YAML; a number has a point and a signed exponent, as 1.0e-3"
+    message = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{field or 'the file'}: {value}: {message}"
+
+
+def _is_number(text: Any) -> bool:
+    try:
+        return isinstance(text, str) and "e" in text.lower() and math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def problem_lines(error: ValidationError, model: type[BaseModel]) -> list[tuple[Place, str]]:
+    """Return where each thing is wrong that pydantic found, in its order, and the line of it."""
+    return [(problem["loc"], line) for problem in error.errors() for line in _lines(problem, model)]
+
+
+def emptied(data: dict[str, Any], places: Iterable[Place]) -> dict[str, Any]:
+    """Return a copy of plain data with None in those places of lists, and without those keys of groups."""
+    copied = deepcopy(data)
+    for place in places:
+        inner: Any = copied
+        for step in place[:-1]:
+            inner = inner[step]
+        if isinstance(inner, list):
+            inner[int(place[-1])] = None
+        else:
+            inner.pop(place[-1], None)
+    return copied
+
+
+def without(data: dict[str, Any], places: Iterable[Place], stand_in: Mapping[str, Any]) -> dict[str, Any]:
+    """Return data without what is wrong: an item of a list of lists or groups, or else the field.
+
+    Args:
+        data: plain data.
+        places: where it is wrong.
+        stand_in: fields that take the place of those left out or missing.
+    """
+    items: dict[str, set[int]] = {}
+    left = dict(data)
+    for place in places:
+        name = str(place[0]) if place else ""
+        if len(place) > 2 and isinstance(left.get(name), list) and isinstance(place[1], int):
+            items.setdefault(name, set()).add(place[1])
+        elif place:
+            left.pop(name, None)
+    for name, wrong in items.items():
+        if isinstance(left.get(name), list):
+            left[name] = [item for i, item in enumerate(left[name]) if i not in wrong]
+    return dict(stand_in) | left
