@@ -3,9 +3,11 @@
 import typer
 
 from ortilo_drake.commands.room.check import check
+from ortilo_drake.commands.room.place import place
+from ortilo_drake.commands.room.survey import survey
 
 room_app = typer.Typer(no_args_is_help=True, help="Design a room of your own: make, check, show and judge it.")
-for command in (check,):
+for command in (check, place, survey):
     room_app.command()(command)
 
 
