@@ -14,27 +14,29 @@ residuals,
     cov(a) = (N^-1)_aa = (N_aa - N_ap N_pp^-1 N_pa)^-1.
 
 Distances cannot tell the network from its mirror image in the plane of three known anchors: of the best fit and its
-image that nearer to where the anchors were believed to be is taken. The search starts from ranges between anchors
-(mds.py), from both images, or where they do not connect the anchors, from where those were believed to be. Places in
-one plane, as of a flight at constant height, cannot tell on which side of it each anchor stands: that takes ranges
-between anchors.
+image that nearer to where the anchors were believed to be is taken. The search starts from where those were believed to
+be, and where ranges between anchors connect them all, from both images that these give (mds.py); the best fit counts.
+Places in one plane, as of a flight at constant height, cannot tell on which side of it each anchor stands: that takes
+ranges between anchors (sides.py).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.studies.room_design.mds import mirror_images
 from ortilo_drake.studies.room_design.network import Network, Ranges
+from ortilo_drake.studies.room_design.sides import better_sides
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 FEWEST = 4  # ranges of a place that says anything of the anchors, where it is not known itself
 SAME = 1e-3  # costs that differ by less, relative, are of mirror images
 DENSE = 60  # places, up to which the Jacobian is dense
 START_STEPS = 30
+MOST_FITS = 6
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def survey(
     ranges = _useful(ranges)
     _refuse_unheard(ranges, len(believed), known)
     images = mirror_images(ranges.between, ranges.between_distance, believed, known)
-    fits = [_fitted(ranges, start, known, noise, loss) for start in images or [believed]]
+    fits = [_fitted(ranges, start, known, noise, loss) for start in [believed, *images]]
     least = min(fit.cost for fit in fits)
     same = [fit for fit in fits if fit.cost <= least * (1.0 + SAME) + 1e-9]
     if not np.isfinite(ranges.p_sd).any():
@@ -161,27 +163,29 @@ def start_places(ranges: Ranges, anchors: np.ndarray) -> np.ndarray:
     return np.asarray(p)
 
 
+def _descent(network: Network, x: np.ndarray, sd: np.ndarray, loss: str) -> OptimizeResult:
+    """Return the fit that is reached from x."""
+    dense = len(network.ranges.p) <= DENSE
+    jacobian = (lambda x, sd: network.jacobian(x, sd).toarray()) if dense else network.jacobian
+    solver, tolerance = "exact" if dense else "lsmr", {"xtol": 1e-10, "ftol": 1e-10, "max_nfev": 200}
+    return least_squares(network.residuals, x, jacobian, args=(sd,), loss=loss, tr_solver=solver, **tolerance)
+
+
 def _fitted(ranges: Ranges, start: np.ndarray, known: Sequence[int], noise: tuple[float, float], loss: str) -> Survey:
     n, free = len(start), [i for i in range(len(start)) if i not in known]
     network = Network(ranges, start, free)
     x = np.concatenate([start[free].ravel(), start_places(ranges, start).ravel()])
-    d, cost = np.concatenate([ranges.distance, ranges.between_distance]), np.inf
-    for kind in ("linear" if loss == "linear" else "soft_l1", loss):  # a redescending loss needs a good start
+    d, fitted = np.concatenate([ranges.distance, ranges.between_distance]), False
+    first = "linear" if loss == "linear" else "soft_l1"  # a redescending loss needs a good start
+    for kind in (first, *[loss] * MOST_FITS):
         sd = np.maximum(noise[0] + noise[1] * d, 1e-6)
-        jacobian = network.jacobian if len(ranges.p) > DENSE else lambda x, sd: network.jacobian(x, sd).toarray()
-        solver = "lsmr" if len(ranges.p) > DENSE else "exact"
-        found = least_squares(
-            network.residuals,
-            x,
-            jacobian,
-            args=(sd,),
-            loss=kind,
-            tr_solver=solver,
-            xtol=1e-10,
-            ftol=1e-10,
-            max_nfev=200,
-        )
-        x, cost, d = found.x, 2.0 * float(found.cost), np.linalg.norm(network.lines(found.x), axis=1)
+        found = _descent(network, x, sd, kind)
+        cost, d = 2.0 * float(found.cost), np.linalg.norm(network.lines(found.x), axis=1)
+        x, changed = better_sides(network, found.x, sd, kind)
+        if not changed and fitted:
+            break
+        fitted = True
+    x = found.x
     sd = np.maximum(noise[0] + noise[1] * d, 1e-6)
     anchors, places = network.unpacked(x)
     covariance, of_free = np.zeros((3 * n, 3 * n)), (3 * np.array(free)[:, None] + np.arange(3)).ravel()
