@@ -26,6 +26,8 @@ class GcsPlanner(Frozen):
         clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
             for it [m]; less in a narrow place.
         vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
+        prefer: 'seen' takes the way on which the surveyed room gives fixes, where it is at most six times as long as
+            what is not seen of the shortest; 'none' takes the shortest.
     """
 
     kind: Literal["gcs"] = "gcs"
@@ -36,6 +38,7 @@ class GcsPlanner(Frozen):
     acceleration: Positive = 0.2
     clearance: NonNegativeFloat = 1.6
     vertical_clearance: NonNegativeFloat = 0.6
+    prefer: Literal["none", "seen"] = "none"
 
 
 class WaypointPlanner(Frozen):

@@ -1,7 +1,7 @@
 """Mounting places: where in a room an anchor can be fixed.
 
 They lie on a grid over the faces of the walls and the ceiling, STAND_OFF in front of them: an anchor in its wall would
-be heard through that wall (world/sensors/line_of_sight.py).
+be heard through that wall (model/geometry/line_of_sight.py).
 """
 
 from itertools import product
