@@ -8,7 +8,7 @@ import typer
 from ortilo_drake.commands.options import JsonOption, ScenarioArgument, SetOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.room import MAX_ANCHORS
+from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
 
 FIX = 3  # anchors that a position needs
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 def place(
     scenario: ScenarioArgument,
     n: Annotated[int, typer.Argument(metavar="N", help="Number of anchors.")],
+    landmarks: Annotated[
+        int, typer.Option(help="Number of landmarks to place as well, in place of those that the room has.")
+    ] = 0,
     spacing: Annotated[
         float, typer.Option(min=0.25, max=100.0, callback=finite, help="Of the grid of mounting places [m].")
     ] = 1.5,
@@ -33,6 +36,8 @@ def place(
     """
     if not FIX <= n <= MAX_ANCHORS:
         raise InputError(f"N: {n}: must be {FIX} to {MAX_ANCHORS}")
+    if not 0 <= landmarks <= MAX_LANDMARKS:
+        raise InputError(f"--landmarks {landmarks}: must be 0 to {MAX_LANDMARKS}")
     if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out_file}: must end in .yaml")
     check_writable(out_file, json_file)
@@ -49,6 +54,7 @@ def place(
             chosen,
             n,
             spacing,
+            landmarks,
             lambda part: progress.update(task, description=part),
             lambda: progress.advance(task),
         )
@@ -57,8 +63,9 @@ def place(
         write_text(out_file, room_text(found.room, about))
     gain = 1.0 - found.after.floor / found.before.floor if found.before.floor > 0.0 else None
     report = {"scenario": chosen.name, "candidates": found.candidates, "before": found.before, "after": found.after}
+    placed = [[its.label, *its.position] for its in found.room.landmarks] if landmarks else None
     anchors = [list(p) for p in found.room.anchors]
-    write_json(json_file, report | {"gain": gain, "anchors": anchors})
+    write_json(json_file, report | {"gain": gain, "anchors": anchors, "landmarks": placed})
     had = len(chosen.load_room().anchors)
     out.print(f"{chosen.name}, {n} anchors on {found.candidates} mounting places, the room has {had}", markup=False)
     _print_worst("before", found.before)
@@ -67,6 +74,8 @@ def place(
         out.print(f"  the worst floor falls by {gain:.1%}")
     for i, (x, y, z) in enumerate(found.room.anchors):
         out.print(f"  anchor {i:<3} ({x:.3f}, {y:.3f}, {z:.3f})")
+    for its in found.room.landmarks if landmarks else ():
+        out.print(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})", markup=False)
     say_written(out_file, json_file)
 
 

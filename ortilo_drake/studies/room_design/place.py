@@ -25,6 +25,12 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.room_design.exchange import exchange, greedy
+from ortilo_drake.studies.room_design.landmarks import (
+    angle_information,
+    floor_spots,
+    landmark_information,
+    standing_classes,
+)
 from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import STEPS, PathModel, path_model, position_variance
 from ortilo_drake.studies.room_design.room_file import room_text
@@ -143,31 +149,38 @@ def place_anchors(
     scenario: Scenario,
     n: int,
     spacing: float = 1.5,
+    landmarks: int = 0,
     start: Callable[[str], None] = lambda part: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Placement:
-    """Return the room of a scenario with n anchors placed for its path.
+    """Return the room of a scenario with n anchors placed for its path, and maybe landmarks after them.
 
     Args:
         scenario: path, room, sensors and their links.
         n: number of anchors.
         spacing: of the grid of mounting places [m].
+        landmarks: number of landmarks in place of those that the room has; 0 leaves those.
         start: called before each part of the search, with its name.
         tick: called after each step.
 
     Raises:
-        InputError: if there is no path or no floor, uwb does not fly, or there are fewer mounting places than anchors.
+        InputError: if there is no path or no floor, uwb (or the camera, with landmarks) does not fly, or there are
+            fewer places than anchors or landmarks.
     """
-    if "uwb" not in scenario.sensors:
-        raise InputError(f"sensors: {list(scenario.sensors)}: must have uwb, whose anchors are placed")
-    room, truth = scenario.load_room(), planned_truth(scenario)
-    before = worst_floor(scenario)
+    for sensor, placed in {"uwb": "anchors", **({"camera": "landmarks"} if landmarks else {})}.items():
+        if sensor not in scenario.sensors:
+            raise InputError(f"sensors: {list(scenario.sensors)}: must have {sensor}, whose {placed} are placed")
+    room, before = scenario.load_room(), worst_floor(scenario)
+    if landmarks:  # those that the room has go, and are in nobody's way
+        room = room.model_copy(update={"landmarks": ()})
+    with flown_in(scenario, room) as emptied:
+        truth = planned_truth(emptied)
     places = mounting_places(room, spacing, truth[:, :3], scenario.vehicle.radius)
     if len(places) < n:
         raise InputError(f"N: {n}: must not exceed the {len(places)} mounting places {spacing:g} m apart of the room")
     m = max(1, len(truth) // STEPS)
-    others = scenario.model_copy(update={"sensors": tuple(s for s in scenario.sensors if s != "uwb")})
-    found = information_rows(others, truth, room)
+    kept = tuple(s for s in scenario.sensors if s != "uwb" and not (landmarks and s == "camera"))
+    found = information_rows(scenario.model_copy(update={"sensors": kept}), truth, room)
     assert found is not None, "there is a floor"
     model = path_model(*dynamics(scenario), found[0], len(truth), m)
     J, there = range_information(scenario, truth, room, places, m)
@@ -176,16 +189,38 @@ def place_anchors(
     for power, part in ((POWER, "exchanging"), (np.inf, "exchanging by the worst point")):
         start(part)
         chosen = exchange(J, there, chosen, _cost(model, power, FIX), tick)
-    placed = with_anchors(room, places[sorted(chosen)])
-    with flown_in(scenario, placed) as moved:
-        return Placement(len(places), before, worst_floor(moved), placed)
+    better = with_anchors(room, places[sorted(chosen)])
+    if landmarks:
+        ranges = J[chosen].sum(axis=0) * (there[chosen].sum(axis=0) >= FIX)[:, None, None]
+        spots = floor_spots(
+            room, standing_classes(scenario.load_room()), spacing, truth[:, :3], scenario.vehicle.radius
+        )
+        if len(spots) < landmarks:
+            raise InputError(
+                f"--landmarks {landmarks}: must not exceed the {len(spots)} free spots {spacing:g} m apart"
+            )
+        start("choosing landmarks")
+        angles = angle_information(scenario, found[0], len(truth))
+        of_spots = landmark_information(scenario, truth, room, spots, angles, m)
+        cost, nothing = _cost(model, POWER, 0, ranges), np.zeros((len(spots), len(ranges)), dtype=bool)
+        stand = greedy(of_spots, nothing, landmarks, cost, tick)
+        start("exchanging landmarks")
+        stand = exchange(of_spots, nothing, stand, cost, tick)
+        better = better.model_copy(update={"landmarks": tuple(spots[i] for i in sorted(stand))})
+    with flown_in(scenario, better) as moved:
+        return Placement(len(places), before, worst_floor(moved), better)
 
 
-def _cost(model: PathModel, power: float, least: int) -> Callable[[np.ndarray, np.ndarray], float]:
-    """Return the cost of a design: the mean of that power over the path of the position's bound [m]."""
+def _cost(
+    model: PathModel, power: float, least: int, beside: np.ndarray | float = 0.0
+) -> Callable[[np.ndarray, np.ndarray], float]:
+    """Return the cost of a design: the mean of that power over the path of the position's bound [m].
+
+    Beside it is what is known otherwise of p_WB in each step (steps, 3, 3).
+    """
 
     def cost(J: np.ndarray, there: np.ndarray) -> float:
-        sd = np.sqrt(position_variance(model, J, there, least))
+        sd = np.sqrt(position_variance(model, J + beside, there, least))
         worst = float(sd.max())
         if worst == 0.0 or not np.isfinite(power):
             return worst

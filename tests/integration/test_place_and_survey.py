@@ -24,7 +24,7 @@ def test_place_writes_a_room_that_flies(capsys: pytest.CaptureFixture[str], tmp_
     asked = ("--spacing", "4", "--out", str(room), "--json", str(report))
     assert run("room", "place", "nominal_imu_uwb", "5", *settings, *asked) == 0
     said, found = capsys.readouterr().out, json.loads(report.read_text(encoding="utf-8"))
-    assert set(found) == {"scenario", "candidates", "before", "after", "gain", "anchors"}
+    assert set(found) == {"scenario", "candidates", "before", "after", "gain", "anchors", "landmarks"}
     assert set(found["before"]) == {"floor", "time", "place", "no_fix"}
     assert found["after"]["floor"] < found["before"]["floor"]
     np.testing.assert_allclose(found["gain"], 1.0 - found["after"]["floor"] / found["before"]["floor"])
@@ -94,6 +94,7 @@ def test_survey_finds_anchors_that_a_flight_was_wrong_about(capsys: pytest.Captu
         (("place", "nominal_imu_uwb", "5", "--out", "room.txt"), "must end in .yaml"),
         (("place", "nominal_imu_uwb", "5", "--spacing", "nan"), "spacing"),
         (("place", "nominal_imu_uwb", "5", "--set", "sensors=[imu]"), "must have uwb"),
+        (("place", "nominal_imu_uwb", "5", "--landmarks", "-1"), "--landmarks -1: must be 0 to 1000"),
         (("place", "nowhere", "5"), "'nowhere' is unknown"),
         (("survey", "missing.csv"), "missing.csv: cannot be read"),
         (("survey", "missing.nc"), "missing.nc: cannot be read"),
