@@ -69,7 +69,7 @@ def test_survey_finds_anchors_that_a_flight_was_wrong_about(capsys: pytest.Captu
     assert run("room", "survey", str(table), *words) == 0
     found = json.loads(report.read_text(encoding="utf-8"))
     assert set(found) == {
-        "room", "known", "anchors", "sd", "moved", "ranges", "places", "chi2", "freedom", "covariance"
+        "room", "known", "anchors", "sd", "moved", "ranges", "places", "chi2", "freedom", "doubts", "covariance"
     }  # fmt: skip
     anchors, sd = np.array(found["anchors"]), np.array(found["sd"])
     assert np.abs(anchors - true).max() < 0.06
@@ -84,6 +84,7 @@ def test_survey_finds_anchors_that_a_flight_was_wrong_about(capsys: pytest.Captu
     flown = json.loads(report.read_text(encoding="utf-8"))
     assert flown["ranges"] == 12 * flown["places"]
     assert 20 < flown["places"] < 100
+    assert "on which side of it an anchor stands is a guess" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -4,32 +4,24 @@ import numpy as np
 import pytest
 
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.model.room import Landmark, Room, load_room
+from ortilo_drake.model.room import Landmark, Room
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.free_cells import Cell, within, without_places
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import FixSources, fix_sources, seen_at, seen_on_grid
 from ortilo_drake.scenario import GcsPlanner, load_scenario
+from ortilo_drake.studies.room_design.example_rooms import two_ways
 from ortilo_drake.studies.room_design.room_file import room_text
 
 UWB = FixSources(sensors=("uwb",))
 CAMERA = FixSources(sensors=("camera",))
-HIGH_AND_LOW = (
-    (1.0, 4.9, 2.8), (10.0, 4.9, 0.5), (19.0, 4.9, 2.8), (0.1, 2.0, 0.5), (19.9, 2.0, 0.5), (10.0, 4.9, 2.9),
-    (5.0, 4.9, 1.0), (15.0, 4.9, 1.0),
-)  # fmt: skip
+TWO_WAYS = two_ways()
+ENDS = {"start": (1.5, -2.2), "goal": (18.5, -2.2), "clearance": 0.8}
 
 
 def hall(**changes: object) -> Room:
-    """Return a hall of 20 m by 10 m with anchors on its north side, and what changes."""
-    base = load_room()
-    interior = base.interior.model_copy(update={"min": (0.0, -5.0, 0.0), "max": (20.0, 5.0, 3.0)})
-    empty = {"interior": interior, "anchors": HIGH_AND_LOW, "landmarks": (), "walls": (), "stands": (), "furniture": ()}
-    return base.model_copy(update=empty | {"wall_size": (3.6, 0.4, 3.0)} | changes)
-
-
-TWO_WAYS = hall(walls=((6.5, -0.5, 0.0), (10.0, -0.5, 0.0), (13.5, -0.5, 0.0)))
-ENDS = {"start": (1.5, -2.2), "goal": (18.5, -2.2), "clearance": 0.8}
+    """Return the hall with two ways without its walls, and with what changes."""
+    return TWO_WAYS.model_copy(update={"walls": ()} | changes)
 
 
 def heard(p: np.ndarray, room: Room) -> int:

@@ -14,7 +14,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.room_design.mds import aligned, all_distances, mirror_images, scaled
 from ortilo_drake.studies.room_design.network import Network, Ranges
-from ortilo_drake.studies.room_design.survey import Survey, survey
+from ortilo_drake.studies.room_design.survey import Survey, doubts, survey
 from ortilo_drake.studies.room_design.survey_data import (
     flown_messages,
     logged_messages,
@@ -101,7 +101,7 @@ def test_ranges_without_noise_give_the_anchors_whatever_was_believed() -> None:
     assert (found.sd[3:] > 0.0).all()
 
 
-def test_over_200_draws_the_anchors_are_within_5_cm_and_the_uncertainty_is_honest() -> None:
+def test_over_200_draws_95_in_100_anchors_are_within_5_cm_and_the_uncertainty_is_honest() -> None:
     rng = np.random.default_rng(4)
     squares, errors, costs, freedom = [], [], [], 0
     for _ in range(200):
@@ -225,3 +225,19 @@ def test_ranges_of_a_flight_are_those_of_its_log(tmp_path: Path) -> None:
     assert len(here.distance) == 8 * 12
     believed_ranges = length(here.p[here.place] - scenario.load_room().anchor_positions[here.anchor])
     assert 0.05 < np.std(here.distance - believed_ranges) < 0.5
+
+
+def test_doubts_are_told() -> None:
+    rng = np.random.default_rng(8)
+    ranges, start = draw(rng, 12, 3), believed(rng)
+    assert doubts(survey(ranges, start, KNOWN, NOISE), ranges) == []
+    for wrong, named in (((0.01, 0.0), "disagree by more than their noise"), ((0.2, 0.0), "set too high")):
+        (said,) = doubts(survey(ranges, start, KNOWN, wrong), ranges)
+        assert named in said
+    flat = draw(rng, 12, 0, p_sd=0.02)
+    p = flat.p.copy()
+    p[:, 2] = 1.5
+    distance = length(p[flat.place] - ANCHORS[flat.anchor])
+    ranges = flat._replace(p=p, distance=distance + 0.03 * rng.normal(size=distance.size))
+    (said,) = doubts(survey(ranges, ANCHORS, KNOWN, NOISE), ranges)
+    assert "of a plane: on which side" in said

@@ -60,6 +60,7 @@ def survey(
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.room_design.place import with_anchors
     from ortilo_drake.studies.room_design.room_file import room_text
+    from ortilo_drake.studies.room_design.survey import doubts
     from ortilo_drake.studies.room_design.survey import survey as find
 
     quiet_drake()
@@ -71,11 +72,14 @@ def survey(
     if out_file is not None:
         about = f"The room {surveyed.name} with its anchors as ortilo room survey found them."
         write_text(out_file, room_text(with_anchors(surveyed, found.anchors), about))
+    doubted = doubts(found, ranges)
     moved = found.anchors - surveyed.anchor_positions
     report = {"room": surveyed.name, "known": numbers, "anchors": found.anchors, "sd": found.sd, "moved": moved}
     counts = {"ranges": found.ranges, "places": len(found.places), "chi2": found.chi2, "freedom": found.freedom}
-    write_json(json_file, report | counts | {"covariance": found.covariance})
+    write_json(json_file, report | counts | {"doubts": doubted, "covariance": found.covariance})
     _print_survey(surveyed.name, found, moved, numbers)
+    for line in doubted:
+        out.print(f"  {line}", markup=False, soft_wrap=True)
     say_written(out_file, json_file)
 
 

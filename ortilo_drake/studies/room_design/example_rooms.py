@@ -1,8 +1,11 @@
 """Rooms to try designs on: a hall with pieces of wall in it, drawn from a seed."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from ortilo_drake.model.room import Room, load_room
+from ortilo_drake.model.room import Room, Vec3, load_room
 
 HEIGHT = 3.0  # of a hall and its walls [m]
 HEIGHTS = (1.0, 2.5)  # of anchors that are spread evenly, in turn [m]
@@ -35,13 +38,28 @@ def example_room(seed: int, n: int) -> Room:
     for _ in range(rng.integers(4, 9)):
         x, y = rng.uniform(3.0, length - 3.0), rng.uniform(-0.5, 0.5) * width
         walls.append((round(float(x), 3), round(float(y), 3), float(rng.choice([0.0, np.pi / 2]))))
-    low, high = np.array([0.0, -width / 2, 0.0]), np.array([length, width / 2, HEIGHT])
+    low, high = (0.0, -width / 2, 0.0), (length, width / 2, HEIGHT)
+    anchors = spread_evenly(np.array(low), np.array(high), n)
+    return _bare(f"hall_{seed}", low, high, anchors.tolist(), (2.4, 0.3, HEIGHT), walls)
+
+
+def two_ways() -> Room:
+    """Return a hall of 20 m by 10 m with a wall along it that hides the anchors from the southern, shorter way."""
+    anchors = [(1.0, 2.8), (5.0, 1.0), (10.0, 0.5), (10.0, 2.9), (15.0, 1.0), (19.0, 2.8)]
+    ends = [(0.1, 2.0, 0.5), (19.9, 2.0, 0.5)]
+    walls = [(x, -0.5, 0.0) for x in (6.5, 10.0, 13.5)]
+    north = [(x, 4.9, z) for x, z in anchors]
+    return _bare("two_ways", (0.0, -5.0, 0.0), (20.0, 5.0, HEIGHT), north + ends, (3.6, 0.4, HEIGHT), walls)
+
+
+def _bare(name: str, low: Vec3, high: Vec3, anchors: Sequence[Any], wall_size: Vec3, walls: Sequence[Vec3]) -> Room:
+    """Return a room with nothing in it but anchors and walls; its camera and sizes of things are the authors'."""
     changes = {
-        "name": f"hall_{seed}",
-        "interior": {"min": low.tolist(), "max": high.tolist()},
-        "anchors": spread_evenly(low, high, n).tolist(),
+        "name": name,
+        "interior": {"min": low, "max": high},
+        "anchors": anchors,
         "landmarks": [],
-        "wall_size": (2.4, 0.3, HEIGHT),
+        "wall_size": wall_size,
         "walls": walls,
         "stands": [],
         "furniture": [],

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
+from scipy.special import chdtri
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.studies.room_design.mds import mirror_images
@@ -36,6 +37,7 @@ FEWEST = 4  # ranges of a place that says anything of the anchors, where it is n
 SAME = 1e-3  # costs that differ by less, relative, are of mirror images
 DENSE = 60  # places, up to which the Jacobian is dense
 START_STEPS = 30
+FLAT = 0.3  # places as near as this to a plane, RMS, hardly tell its sides [m]
 MOST_FITS = 6
 
 
@@ -108,6 +110,27 @@ def mirrored(found: Survey, plane: np.ndarray) -> Survey:
         places=(found.places - plane[0]) @ M + plane[0],
         covariance=whole @ found.covariance @ whole,
     )
+
+
+def doubts(found: Survey, ranges: Ranges) -> list[str]:
+    """Return a line for each reason not to trust a survey of these ranges."""
+    lines = []
+    if found.freedom > 0:
+        low, high = chdtri(found.freedom, [0.9995, 0.0005])
+        if found.chi2 > high:
+            lines.append("the ranges disagree by more than their noise: outliers, biases, or noise that is set too low")
+        if found.chi2 < low:
+            lines.append("the ranges agree better than their noise allows: it is set too high, and so are the sd")
+    if len(found.places) > 2 and not len(ranges.between):
+        flat = np.linalg.svd(found.places - found.places.mean(axis=0), compute_uv=False)[-1] / np.sqrt(
+            len(found.places)
+        )
+        if flat < FLAT:
+            lines.append(
+                f"the places lie within {flat:.2f} m (RMS) of a plane: on which side of it an anchor stands is a "
+                "guess; ranges between anchors settle it"
+            )
+    return lines
 
 
 def refuse_known(believed: np.ndarray, known: Sequence[int]) -> None:
