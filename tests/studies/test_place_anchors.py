@@ -169,6 +169,9 @@ def test_what_cannot_be_placed_is_refused(hall: Room, tmp_path: Path) -> None:
         place_anchors(in_hall(hall, tmp_path, "sensors=[imu]"), 8)
     with pytest.raises(InputError, match="N: 500: must not exceed the"):
         place_anchors(in_hall(hall, tmp_path), 500, spacing=3.0)
+    for spacing in (0.25, 0.4):
+        with pytest.raises(InputError, match=f"--spacing {spacing}: makes about"):
+            place_anchors(in_hall(hall, tmp_path), 8, spacing=spacing)
 
 
 def test_anchors_spread_evenly_stand_on_the_walls() -> None:

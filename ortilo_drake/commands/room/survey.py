@@ -38,10 +38,10 @@ def survey(
     ] = None,
     loss: Annotated[Loss, typer.Option(help="What a residual costs; all but linear bear outliers.")] = Loss.linear,
     range_sd: Annotated[
-        float | None, typer.Option(min=0.0, callback=finite, help="Standard deviation of a range [m], s_0.")
+        float | None, typer.Option(min=0.0, callback=finite, help="Standard deviation of a range, in m.")
     ] = None,
     range_fraction: Annotated[
-        float | None, typer.Option(min=0.0, callback=finite, help="What it grows by with the distance [1], s_1.")
+        float | None, typer.Option(min=0.0, callback=finite, help="What it grows by with each metre of distance.")
     ] = None,
     most: Annotated[int, typer.Option(min=4, max=5000, help="Places taken of a flight, at most.")] = 200,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,

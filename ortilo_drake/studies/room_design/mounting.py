@@ -9,10 +9,12 @@ from itertools import product
 import numpy as np
 
 from ortilo_drake.model.footprints import footprints
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Room
 
 STAND_OFF = 0.05  # from a wall or the ceiling [m]
 LOWEST = 0.3  # above the floor [m]
+MAX_PLACES = 1500  # a search takes about 2 ms for each anchor and place
 AWAY = 0.5  # from the vehicle's outline on its path [m]
 
 
@@ -26,11 +28,27 @@ def mounting_places(room: Room, spacing: float, path: np.ndarray, vehicle_radius
         spacing: of the grid [m].
         path: p_WB along the planned path (k, 3) [m].
         vehicle_radius: of the vehicle's outline [m].
+
+    Raises:
+        InputError: if there are more than MAX_PLACES.
     """
+    length, width, height = np.subtract(room.interior.max, room.interior.min)
+    about = (length * width + 2.0 * (length + width) * height) / spacing**2
+    if about > 4 * MAX_PLACES:
+        raise _too_many(spacing, round(about))
     found = np.concatenate([_outer_faces(room, spacing), _ceiling(room, spacing), _wall_faces(room, spacing)])
     found = found[_is_free(found, room)]
     near = np.array([np.linalg.norm(path - p, axis=1).min() for p in found]) < vehicle_radius + AWAY
-    return _apart(np.round(found[~near], 3), spacing / 3.0)
+    places = _apart(np.round(found[~near], 3), spacing / 3.0)
+    if len(places) > MAX_PLACES:
+        raise _too_many(spacing, len(places))
+    return places
+
+
+def _too_many(spacing: float, count: int) -> InputError:
+    return InputError(
+        f"--spacing {spacing:g}: makes about {count} mounting places, must not make more than {MAX_PLACES}"
+    )
 
 
 def _steps(low: float, high: float, spacing: float) -> np.ndarray:
