@@ -2,6 +2,7 @@
 
     python benchmarks/bench_room_design.py place     # a minute and a half
     python benchmarks/bench_room_design.py seen      # half a minute
+    python benchmarks/bench_room_design.py landmarks # a minute
     python benchmarks/bench_room_design.py survey    # five minutes
 
 All fly with walls that block and without the authors' imposed blackouts.
@@ -19,7 +20,10 @@ import xarray as xr
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import Room, load_room
-from ortilo_drake.scenario import Scenario, load_scenario, with_seed
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.planner.seen import FixSources, seen_at
+from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario, with_seed
 from ortilo_drake.studies.room_design.example_rooms import example_room, two_ways
 from ortilo_drake.studies.room_design.place import place_anchors
 from ortilo_drake.studies.room_design.room_file import room_text
@@ -87,6 +91,32 @@ def bench_seen(base: str, seeds: int, folder: Path) -> None:
         end = float(flights[0]["time"][-1])
         print(f"{prefer}: longest without a fix {longest:.2f} s (median), flight {end:.0f} s, {said_of(flights)}")
 
+    shares = []
+    for room in (example_room(seed, 5) for seed in range(14)):
+        ends = {"start": (1.0, 0.0), "goal": (room.interior.max[0] - 1.0, 0.0), "clearance": 0.6}
+        found = []
+        for prefer in ("none", "seen"):
+            path = plan(GcsPlanner.model_validate({**ends, "prefer": prefer}), room, M100, FixSources(sensors=("uwb",)))
+            at = path.vector_values(np.arange(0.0, path.end_time(), 0.1)).T
+            seen = seen_at(at, room, FixSources(sensors=("uwb",)))
+            gap = np.diff(np.flatnonzero(np.concatenate([[True], seen, [True]]))).max() * 0.1
+            found.append((gap, path.end_time()))
+        (before, short), (after, long) = found
+        shares.append((after / before, long / short))
+        print(f"{room.name}, planned: {before:.1f} -> {after:.1f} s without a fix, {short:.0f} -> {long:.0f} s")
+    print(f"less than half in {sum(share < 0.5 for share, _ in shares)} of {len(shares)}", end=", ")
+    print(f"duration {np.median([longer for _, longer in shares]):.3f} times")
+
+
+def bench_landmarks(spacing: float = 1.5) -> None:
+    """Print the worst floor of the authors' room with six placed anchors and other landmarks."""
+    camera = ("camera.kind=projected", *OPEN)
+    for count in (0, 4, 8, 16):
+        found = place_anchors(load_scenario("nominal_imu_uwb_yolo", camera), 6, spacing, count)
+        print(f"{count or 'the room'}: {found.after.floor:.4f} m", flush=True)
+    found = place_anchors(load_scenario("nominal_imu_uwb_yolo", (*camera, "sensors=[uwb, imu]")), 6, spacing)
+    print(f"without a camera: {found.after.floor:.4f} m")
+
 
 def bench_survey(base: str, seeds: int) -> None:
     """Print how well anchors surveyed to 5 cm are found from a flight and ranges between anchors."""
@@ -117,12 +147,14 @@ def bench_survey(base: str, seeds: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("place", "seen", "survey"))
+    parser.add_argument("what", choices=("place", "seen", "landmarks", "survey"))
     parser.add_argument("--base", default=None, help="scenario; nominal_imu_uwb, for the survey imu_uwb")
     parser.add_argument("--seeds", type=int, default=20)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
-        if asked.what == "survey":
+        if asked.what == "landmarks":
+            bench_landmarks()
+        elif asked.what == "survey":
             bench_survey(asked.base or "imu_uwb", asked.seeds)
         else:
             {"place": bench_place, "seen": bench_seen}[asked.what](

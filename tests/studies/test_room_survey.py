@@ -241,3 +241,27 @@ def test_doubts_are_told() -> None:
     ranges = flat._replace(p=p, distance=distance + 0.03 * rng.normal(size=distance.size))
     (said,) = doubts(survey(ranges, ANCHORS, KNOWN, NOISE), ranges)
     assert "of a plane: on which side" in said
+
+
+def test_an_anchor_believed_on_the_wrong_side_of_a_flight_at_one_height_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(9)
+    flown = draw(rng, 40, 0, p_sd=0.01)
+    p = flown.p.copy()
+    p[:, 2] = 1.5 + 0.03 * rng.normal(size=40)
+    distance = length(p[flown.place] - ANCHORS[flown.anchor])
+    pairs = np.array([[3, 0], [3, 1], [3, 2]])  # these alone do not connect the anchors
+    between = length(ANCHORS[pairs[:, 0]] - ANCHORS[pairs[:, 1]])
+    flown = flown._replace(
+        p=p + 0.01 * rng.normal(size=p.shape),
+        distance=distance + 0.03 * rng.normal(size=distance.size),
+        between=pairs,
+        between_distance=between + 0.03 * rng.normal(size=3),
+    )
+    start = ANCHORS.copy()
+    start[3, 2] = 3.0 - start[3, 2]
+    found = survey(flown, start, KNOWN, NOISE)
+    assert np.abs(found.anchors - ANCHORS)[3].max() < 0.1
+    monkeypatch.setattr("ortilo_drake.studies.room_design.survey.better_sides", lambda network, x, sd, loss: (x, False))
+    assert survey(flown, start, KNOWN, NOISE).anchors[3, 2] > 2.0

@@ -57,7 +57,7 @@ def floor_spots(
         path: p_WB along the planned path (k, 3) [m].
         vehicle_radius: of the vehicle's outline [m].
     """
-    things = footprints(room)
+    things, near = footprints(room), path[:: max(1, len(path) // 400), :2]
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     found: list[Landmark] = []
     for x in np.arange(low[0] + spacing / 2.0, high[0], spacing):
@@ -67,7 +67,7 @@ def floor_spots(
             reach = 0.5 * float(np.hypot(size[0], size[1]))
             beyond = [np.hypot(*(p - np.clip(p, item.low, item.high))) - item.radius for item in things]
             aside = min([*beyond, *(p - low[:2]), *(high[:2] - p)])
-            on_path = np.hypot(*(path[:, :2] - p).T).min() - vehicle_radius - AWAY
+            on_path = np.hypot(*(near - p).T).min() - vehicle_radius - AWAY
             if min(aside, on_path) > reach and size[2] < high[2] - low[2]:
                 where = (round(float(x), 3), round(float(y), 3), round(float(low[2]) + size[2] / 2.0, 4))
                 found.append(Landmark(label=label, position=where))

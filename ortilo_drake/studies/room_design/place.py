@@ -38,6 +38,7 @@ from ortilo_drake.studies.tube.nominal_flight import aim, planned_reference
 
 POWER = 16.0
 FIX = 3  # ranges
+FINER = 3  # by which the grid of free spots of the floor is finer than that of mounting places
 
 
 @dataclass(frozen=True)
@@ -193,12 +194,10 @@ def place_anchors(
     if landmarks:
         ranges = J[chosen].sum(axis=0) * (there[chosen].sum(axis=0) >= FIX)[:, None, None]
         spots = floor_spots(
-            room, standing_classes(scenario.load_room()), spacing, truth[:, :3], scenario.vehicle.radius
+            room, standing_classes(scenario.load_room()), spacing / FINER, truth[:, :3], scenario.vehicle.radius
         )
         if len(spots) < landmarks:
-            raise InputError(
-                f"--landmarks {landmarks}: must not exceed the {len(spots)} free spots {spacing:g} m apart"
-            )
+            raise InputError(f"--landmarks {landmarks}: must not exceed the {len(spots)} free spots of the floor")
         start("choosing landmarks")
         angles = angle_information(scenario, found[0], len(truth))
         of_spots = landmark_information(scenario, truth, room, spots, angles, m)

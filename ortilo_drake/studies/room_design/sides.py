@@ -9,7 +9,15 @@ from scipy.optimize import least_squares
 
 from ortilo_drake.studies.room_design.network import Network
 
+FLAT = 0.3  # places as near as this to a plane, RMS, hardly tell its sides [m]
 GAIN = 1e-6  # by which the cost must fall, relative
+
+
+def plane_of(places: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return how far points (n, 3) lie from their best plane, RMS, their mean (3) and the plane's normal (3)."""
+    center = places.mean(axis=0)
+    _, size, axes = np.linalg.svd(places - center, full_matrices=False)
+    return float(size[-1] / np.sqrt(len(places))), center, axes[-1]
 
 
 def better_sides(network: Network, x: np.ndarray, sd: np.ndarray, loss: str) -> tuple[np.ndarray, bool]:
@@ -24,8 +32,9 @@ def better_sides(network: Network, x: np.ndarray, sd: np.ndarray, loss: str) -> 
     anchors, places = network.unpacked(x)
     if len(places) < 3:
         return x, False
-    center = places.mean(axis=0)
-    normal = np.linalg.svd(places - center)[2][2]
+    flat, center, normal = plane_of(places)
+    if flat > FLAT:
+        return x, False
     ranges, changed = network.ranges, False
     m = len(ranges.distance)
     for i in network.free:

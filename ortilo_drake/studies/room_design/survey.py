@@ -30,14 +30,13 @@ from scipy.special import chdtri
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.studies.room_design.mds import mirror_images
 from ortilo_drake.studies.room_design.network import Network, Ranges
-from ortilo_drake.studies.room_design.sides import better_sides
+from ortilo_drake.studies.room_design.sides import FLAT, better_sides, plane_of
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 FEWEST = 4  # ranges of a place that says anything of the anchors, where it is not known itself
 SAME = 1e-3  # costs that differ by less, relative, are of mirror images
 DENSE = 60  # places, up to which the Jacobian is dense
 START_STEPS = 30
-FLAT = 0.3  # places as near as this to a plane, RMS, hardly tell its sides [m]
 MOST_FITS = 6
 
 
@@ -122,9 +121,7 @@ def doubts(found: Survey, ranges: Ranges) -> list[str]:
         if found.chi2 < low:
             lines.append("the ranges agree better than their noise allows: it is set too high, and so are the sd")
     if len(found.places) > 2 and not len(ranges.between):
-        flat = np.linalg.svd(found.places - found.places.mean(axis=0), compute_uv=False)[-1] / np.sqrt(
-            len(found.places)
-        )
+        flat, _, _ = plane_of(found.places)
         if flat < FLAT:
             lines.append(
                 f"the places lie within {flat:.2f} m (RMS) of a plane: on which side of it an anchor stands is a "
