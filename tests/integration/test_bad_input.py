@@ -176,7 +176,7 @@ def test_a_folder_for_a_scenario_file(refused: Any, tmp_path: Path) -> None:
         ({"wall_size": [3.0, INF, 3.0]}, ["wall_size", "inf", "finite"]),
         ({"stand_radius": -0.25}, ["stand_radius", "-0.25"]),
         ({"colour": "red"}, ["colour", "unknown"]),
-        ({"landmark_size": {}}, ["landmark_size", "no size"]),
+        ({"landmarks": [{"label": "owl", "position": [1.0, 1.0, 1.0]}]}, ["landmark_size", "no size", "owl"]),
         ({"interior": {"min": [0.0, 0.0, 3.0], "max": [1.0, 1.0, 0.0]}}, ["interior", "below"]),
     ],
 )
