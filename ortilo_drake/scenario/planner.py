@@ -26,8 +26,8 @@ class GcsPlanner(Frozen):
         clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
             for it [m]; less in a narrow place.
         vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
-        prefer: 'seen' takes the way on which the surveyed room gives fixes, where it is at most six times as long as
-            what is not seen of the shortest; 'none' takes the shortest.
+        prefer: 'seen' goes out of the way to stay where the surveyed room gives fixes, and counts a metre without one
+            for six; 'none' takes the shortest way.
     """
 
     kind: Literal["gcs"] = "gcs"
