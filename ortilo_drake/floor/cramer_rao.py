@@ -93,10 +93,17 @@ def specific_force_sd(scenario: Scenario) -> float:
     return scenario.vehicle.mass * scenario.imu.specific_force_sd / float(np.sqrt(scenario.samples("imu")))
 
 
+def reads_force(scenario: Scenario) -> bool:
+    """Return whether the scenario's filter reads the specific force."""
+    return getattr(scenario.estimator, "force", "none") == "measured"
+
+
 def measured_share(scenario: Scenario) -> float:
     """Return k of unknown_errors.py: the share of the specific force in what is known of a step's white force."""
     sigma = scenario.world.disturbance.force_sd
-    return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2) if sigma > 0.0 else 0.0
+    if not reads_force(scenario) or sigma == 0.0:
+        return 0.0
+    return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2)
 
 
 def force_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
@@ -106,10 +113,13 @@ def force_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     return rows_of(ticks, np.zeros((len(ticks), N_X)), np.full(len(ticks), variance), np.arange(len(ticks)) % 3)
 
 
-def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
-    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
-    room, spacing = scenario.load_room(), 1
-    reads = {name: getattr(scenario.estimator, name, "none") == "measured" for name in ("force", "rates")}
+def rows_by_kind(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[dict[str, np.ndarray], int] | None:
+    """Return a flight's information as rows (l, 17) by what gave it, and the spacing of slow errors' nodes.
+
+    None where the errors of the camera's detector have not been measured. Arguments as position_floor, and the room,
+    which may be another than the scenario's.
+    """
+    spacing = 1
     rows: dict[str, np.ndarray] = {"uwb": range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth))}
     if "camera" in scenario.sensors:
         tables = camera_tables(scenario, room)
@@ -120,15 +130,36 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     for name in scenario.sensors:
         if name not in rows:
             rows[name] = own_rows(name, scenario, room, truth)
-    if reads["rates"]:
+    if getattr(scenario.estimator, "rates", "none") == "measured":
         rows["rates"] = rate_rows(scenario, truth)
-    if reads["force"]:
-        rows["force"] = force_rows(scenario, truth)
-    k = measured_share(scenario) if reads["force"] else 0.0
-    disturbance, errors = scenario.world.disturbance, unknown_errors(scenario, room, k)
+    return rows, max(spacing, 1)
+
+
+def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
+    """Return the rows of rows_by_kind in the order of ticks (l, 17), and the spacing; arguments likewise."""
+    found = rows_by_kind(scenario, truth, room)
+    return None if found is None else (by_tick(*found[0].values()), found[1])
+
+
+def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return Phi and W (12 x 12) of a tick, W of what is not measured of the world's disturbance."""
     Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
-    W = disturbance_W(scenario.vehicle, scenario.h, disturbance.force_sd * np.sqrt(1.0 - k), disturbance.torque_sd)
-    e = len(errors.sd)
+    disturbance = scenario.world.disturbance
+    force_sd = disturbance.force_sd * np.sqrt(1.0 - measured_share(scenario))
+    return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd)
+
+
+def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
+    """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
+    room = scenario.load_room()
+    found = rows_by_kind(scenario, truth, room)
+    if found is None:
+        return None
+    rows, spacing = found
+    if reads_force(scenario):
+        rows["force"] = force_rows(scenario, truth)
+    errors = unknown_errors(scenario, room, measured_share(scenario))
+    (Phi, W), e = dynamics(scenario), len(errors.sd)
 
     def seen(kind: str, rows: np.ndarray) -> np.ndarray:
         return np.hstack([rows, errors.sees[kind](rows) if kind in errors.sees else np.zeros((len(rows), e))])
@@ -140,6 +171,6 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
             np.block([[Phi, errors.G], [np.zeros((e, N_X)), np.diag(errors.keeps)]]),
             block_diag(W, np.diag(errors.step_sd**2)),
             block_diag(start_covariance(scenario), np.diag(errors.sd**2)),
-            max(spacing, 1),
+            spacing,
         )
     )

@@ -27,6 +27,8 @@ class GcsPlanner(Frozen):
         clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
             for it [m]; less in a narrow place.
         vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
+        prefer: 'seen' goes out of the way to stay where the surveyed room gives fixes, and counts a metre without one
+            for six; 'none' takes the shortest way.
     """
 
     kind: Literal["gcs"] = "gcs"
@@ -37,6 +39,7 @@ class GcsPlanner(Frozen):
     acceleration: Positive = 0.2
     clearance: NonNegativeFloat = 1.6
     vertical_clearance: NonNegativeFloat = 0.6
+    prefer: Literal["none", "seen"] = "none"
 
 
 class WaypointPlanner(Frozen):

@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
+from ortilo_drake.model.geometry.line_of_sight import is_hidden
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import M100, Vehicle
@@ -31,7 +32,6 @@ from ortilo_drake.world.scenery.obj_normals import with_face_normals
 from ortilo_drake.world.scenery.rendering import FARTHEST, NEAREST, RENDERER, make_scene_graph
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
-from ortilo_drake.world.sensors.line_of_sight import is_hidden
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 BEHIND = np.array(

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import uwb_size
 from ortilo_drake.scenario import (
@@ -16,7 +17,6 @@ from ortilo_drake.scenario import (
     WallsBlock,
     WallsIgnored,
 )
-from ortilo_drake.world.sensors.line_of_sight import walls_crossed
 from ortilo_drake.world.sensors.uwb import UwbRanging_
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba

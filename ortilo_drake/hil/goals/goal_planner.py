@@ -18,6 +18,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.retime import retime
+from ortilo_drake.onboard.planner.seen import fix_sources
 from ortilo_drake.scenario import GcsPlanner, Scenario, WaypointPlanner
 
 NICENESS: Final = 10  # it yields to the flight where both want the same core
@@ -110,7 +111,7 @@ def _plan(plugins: tuple[str, ...], scenario_json: str, jobs: Connection) -> Non
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the flight handles Ctrl-C, and ends this process
     os.nice(NICENESS)
     scenario = Scenario.model_validate_json(scenario_json)
-    settings, room = goal_settings(scenario), scenario.load_room()
+    settings, room, sources = goal_settings(scenario), scenario.load_room(), fix_sources(scenario)
     straight = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]))
     retime(straight, settings.speed, settings.acceleration)  # numba compiles
     with contextlib.suppress(EOFError, OSError):
@@ -120,7 +121,7 @@ def _plan(plugins: tuple[str, ...], scenario_json: str, jobs: Connection) -> Non
             x, y, height = p.tolist()
             wanted = settings.model_copy(update={"start": (x, y), "goal": tuple(goal.tolist()), "height": height})
             try:
-                done = Plan(number, knots(plan(wanted, room, scenario.vehicle)), "")
+                done = Plan(number, knots(plan(wanted, room, scenario.vehicle, sources)), "")
             except (InputError, RuntimeError) as error:  # RuntimeError: a solver of Drake's gave up
                 done = Plan(number, None, reason_of(error))
             jobs.send(done)

@@ -9,6 +9,7 @@ obstacle, the nearest first, a half-plane square to the shortest line from the s
 from the obstacle where there is room for it, and less where the place is narrow.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from ortilo_drake.model.room import Room
 BORDER = 1.0e-9  # a point on a cell's border counts as inside [m]
 OUTSIDE = 10.0  # thickness of the outer walls as obstacles [m]
 LAP = 8  # steps of a route that a cell shares with the one before
+APART = 0.05  # between a cell and a place that it must not hold [m]
 ELBOW = 0.15  # space that a cell leaves around its seed before it keeps the clearance [m]
 
 
@@ -130,7 +132,34 @@ def grow_cell(seed: np.ndarray, space: FreeSpace) -> Cell:
     return Cell(normals[chosen], offsets[chosen])
 
 
-def cells_along(route: np.ndarray, space: FreeSpace) -> list[Cell]:
+def without_places(cell: Cell, seed: np.ndarray, places: np.ndarray) -> Cell:
+    """Return the part of a cell around its seed (2) that holds none of the places (k, 2).
+
+    Place by place, the nearest first, a half-plane square to the line from the seed, APART before the place.
+    """
+    left = places[cell.contains(places)]
+    A, b = [cell.A], [cell.b]
+    while len(left):
+        to = left - seed
+        distance = np.hypot(*to.T)
+        i = int(np.argmin(distance))
+        normal = to[i] / distance[i]
+        offset = normal @ left[i] - min(APART, distance[i] / 2.0)
+        A.append(normal[None])
+        b.append(np.array([offset]))
+        left = left[left @ normal <= offset]
+    return Cell(np.concatenate(A), np.concatenate(b))
+
+
+def within(cell: Cell, seed: np.ndarray, half: float) -> Cell:
+    """Return the part of a cell in a square about its seed (2), of that half side [m]."""
+    square = np.vstack([np.eye(2), -np.eye(2)])
+    return Cell(np.vstack([cell.A, square]), np.concatenate([cell.b, square @ seed + half]))
+
+
+def cells_along(
+    route: np.ndarray, space: FreeSpace, grow: Callable[[np.ndarray, FreeSpace], Cell] = grow_cell
+) -> list[Cell]:
     """Return few cells, in the order of the route, that hold every step of it and so connect its ends.
 
     Each is the one, among the cells grown from the route's points, that holds the route for longest from
@@ -139,8 +168,9 @@ def cells_along(route: np.ndarray, space: FreeSpace) -> list[Cell]:
     Args:
         route: points with positive room (n, 2), close together [m].
         space: the free space.
+        grow: grows a cell from a point of the route.
     """
-    cells = [grow_cell(p, space) for p in route]
+    cells = [grow(p, space) for p in route]
     inside = np.array([cell.contains(route) for cell in cells])
     held = inside[:, :-1] & inside[:, 1:]
     chosen, step, steps = [], 0, len(route) - 1

@@ -8,6 +8,7 @@ not just at samples.
 """
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 from pydrake.geometry.optimization import GraphOfConvexSetsOptions, HPolyhedron, Point
@@ -18,15 +19,29 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.planner.free_cells import ELBOW, Cell, FreeSpace, cells_along, grow_cell
+from ortilo_drake.onboard.planner.free_cells import (
+    ELBOW,
+    Cell,
+    FreeSpace,
+    cells_along,
+    grow_cell,
+    within,
+    without_places,
+)
 
 SPACING = 0.05  # of the grid for the route: narrower gaps are not found [m]
 ORDER = 5  # of the Bezier curves
 MAX_GRID = 4_000_000  # points of the grid, each takes about 420 bytes
+UNSEEN = 6.0  # steps of the route that one which is not seen counts for
+UNSEEN_REACH = 0.75  # of a cell about a point that is not seen [m]
 BENDING = 10.0  # cost of squared second differences of control points, against metres of length
 
+SeenOn = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-def shortest_route(room: np.ndarray, comfort: float, start: int, goal: int) -> np.ndarray | None:
+
+def shortest_route(
+    room: np.ndarray, comfort: float, start: int, goal: int, seen: np.ndarray | None = None
+) -> np.ndarray | None:
     """Return the cheapest way over an 8-connected grid as flat indices (n), or None where there is none.
 
     Args:
@@ -34,10 +49,13 @@ def shortest_route(room: np.ndarray, comfort: float, start: int, goal: int) -> n
         comfort: a step with less room than this [m] counts for sqrt(comfort / room) steps.
         start: flat index of the first point.
         goal: flat index of the last point.
+        seen: whether each point is seen (n_x, n_y); one that is not counts for UNSEEN.
     """
     n_x, n_y = room.shape
     index = np.arange(room.size).reshape(room.shape)
     cost = np.sqrt(np.maximum(1.0, comfort / np.maximum(room, 1.0e-3)))
+    if seen is not None:
+        cost = np.where(seen, cost, UNSEEN * cost)
     starts, ends, costs = [], [], []
     for i, j in ((1, 0), (0, 1), (1, 1), (1, -1)):
         a = (slice(0, n_x - i), slice(max(0, -j), n_y - max(0, j)))
@@ -57,13 +75,18 @@ def shortest_route(room: np.ndarray, comfort: float, start: int, goal: int) -> n
     return np.array(route[::-1])
 
 
-def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray) -> list[Cell] | None:
+def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: SeenOn | None = None) -> list[Cell] | None:
     """Return cells along the way from start to goal, or None where no way leads there.
+
+    Where it matters what is seen, a cell grown from a point that is seen holds no place that is not, and one from
+    another point reaches no farther than UNSEEN_REACH: the path leaves the route for no place that is not seen.
 
     Args:
         space: the free space.
         start: a point with positive room (2) [m].
         goal: another (2) [m].
+        seen: says of a grid's x and y where it is seen (n_x, n_y) and the places that are not (k, 2); None does not
+            care.
 
     Raises:
         InputError: if the room is too large.
@@ -82,8 +105,21 @@ def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray) -> list[Ce
         distance = np.linalg.norm(points - p, axis=1)
         distance[~grow_cell(p, space).contains(points)] = np.inf
         ends.append(int(np.argmin(distance)))
-    route = shortest_route(room, space.clearance + ELBOW, *ends)
-    return None if route is None else cells_along(np.vstack([start, points[route], goal]), space)
+    is_seen, hidden = (None, None) if seen is None else seen(x, y)
+    route = shortest_route(room, space.clearance + ELBOW, ends[0], ends[1], is_seen)
+    if route is None:
+        return None
+    way = np.vstack([start, points[route], goal])
+    if is_seen is None or hidden is None:
+        return cells_along(way, space)
+    flat = is_seen.ravel()
+
+    def grow(p: np.ndarray, space: FreeSpace) -> Cell:
+        cell = grow_cell(p, space)
+        nearest = int(np.argmin(np.abs(x - p[0]))) * len(y) + int(np.argmin(np.abs(y - p[1])))
+        return without_places(cell, p, hidden) if flat[nearest] else within(cell, p, UNSEEN_REACH)
+
+    return cells_along(way, space, grow)
 
 
 def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> CompositeTrajectory | None:

@@ -11,6 +11,7 @@ from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.signals import REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.onboard.planner.seen import fix_sources
 from ortilo_drake.scenario import Belief, GcsPlanner, HoverPlanner, WaypointPlanner
 
 Planned: TypeAlias = Trajectory | System
@@ -28,7 +29,7 @@ def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -
         found = find_part("planner", scenario.planner.kind)
         make = found.make if found else None
     if make is None:
-        return plan(scenario.planner, scenario.load_room(), scenario.vehicle)
+        return plan(scenario.planner, scenario.load_room(), scenario.vehicle, fix_sources(scenario))
     made = make(scenario)
     if isinstance(made, Trajectory) and (made.rows(), made.cols()) == (3, 1):
         return made

@@ -12,8 +12,9 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.planner.free_cells import FreeSpace, free_space
-from ortilo_drake.onboard.planner.gcs_path import find_cells, smooth_path
+from ortilo_drake.onboard.planner.gcs_path import SeenOn, find_cells, smooth_path
 from ortilo_drake.onboard.planner.retime import retime
+from ortilo_drake.onboard.planner.seen import ALL_SOURCES, FixSources, seen_on_grid
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner, read_waypoints
 
 SHARES = (1.0, 0.9, 0.8, 0.6, 0.4, 0.2, 0.0)  # of the clearance, tried in turn until a smooth path fits
@@ -21,13 +22,19 @@ CHECKS = 2000  # points of a waypoint path that are checked
 
 
 @lru_cache(maxsize=16)
-def plan(settings: GcsPlanner | WaypointPlanner | HoverPlanner, room: Room, vehicle: Vehicle) -> PiecewisePolynomial:
+def plan(
+    settings: GcsPlanner | WaypointPlanner | HoverPlanner,
+    room: Room,
+    vehicle: Vehicle,
+    sources: FixSources = ALL_SOURCES,
+) -> PiecewisePolynomial:
     """Return the planned p_WB(t) (3 rows) [m] from t = 0; the same settings give the same bits.
 
     Args:
         settings: what to fly.
         room: the surveyed room, whose obstacles are avoided.
         vehicle: its radius keeps the outline off the obstacles.
+        sources: what fixes come from, for a path that prefers to be seen.
 
     Raises:
         InputError: if a point lies outside the room or too close to an obstacle, or no way leads to the goal.
@@ -37,7 +44,7 @@ def plan(settings: GcsPlanner | WaypointPlanner | HoverPlanner, room: Room, vehi
         refuse_contact("planner.point", point[None, :], free_space(room, 0.0, vehicle.radius, 0.0, 0.0), vehicle)
         return PiecewisePolynomial.ZeroOrderHold([0.0, settings.duration], np.column_stack([point, point]))
     if isinstance(settings, GcsPlanner):
-        path = gcs_path(settings, room, vehicle)
+        path = gcs_path(settings, room, vehicle, sources)
     else:
         path = waypoint_path(settings)
         samples = path.vector_values(np.linspace(path.start_time(), path.end_time(), CHECKS)).T
@@ -62,7 +69,7 @@ def make_planner(trajectory: Trajectory) -> TrajectorySource:
     return source
 
 
-def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle) -> Trajectory:
+def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle, sources: FixSources) -> Trajectory:
     """Return a collision-free path r(s) (3 rows) at constant height; InputError as in plan."""
     low, high = room.interior.min[2], room.interior.max[2]
     if not low < settings.height < high:
@@ -74,11 +81,10 @@ def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle) -> Trajectory:
     if np.array_equal(start, goal):
         raise InputError(f"planner.goal: {settings.goal}: is the start; to stay there use kind 'hover'")
     path = None
-    for share in SHARES:
-        cells = find_cells(dataclasses.replace(space, clearance=share * settings.clearance), start, goal)
-        path = None if cells is None else smooth_path(cells, start, goal)
-        if path is not None:
-            break
+    if settings.prefer == "seen":
+        path = _first_path(space, start, goal, lambda x, y: seen_on_grid(x, y, settings.height, room, sources))
+    if path is None:
+        path = _first_path(space, start, goal)
     if path is None:
         raise InputError(
             f"planner.goal: {settings.goal}: no free way leads there from {settings.start} at height "
@@ -89,6 +95,16 @@ def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle) -> Trajectory:
     ends = [path.start_time(), path.end_time()]
     lifted.Append(PiecewisePolynomial.ZeroOrderHold(ends, np.full((1, 2), settings.height)))
     return lifted
+
+
+def _first_path(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: SeenOn | None = None) -> Trajectory | None:
+    """Return the path of the greatest share of the clearance that has one; None where none has."""
+    for share in SHARES:
+        cells = find_cells(dataclasses.replace(space, clearance=share * space.clearance), start, goal, seen)
+        path = None if cells is None else smooth_path(cells, start, goal)
+        if path is not None:
+            return path
+    return None
 
 
 def waypoint_path(settings: WaypointPlanner) -> PiecewisePolynomial:

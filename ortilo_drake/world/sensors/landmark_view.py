@@ -11,9 +11,9 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.geometry.line_of_sight import crosses_box, crosses_cylinder
 from ortilo_drake.model.pinhole import NEAR, Camera, extent_box, in_body_frame
 from ortilo_drake.model.room import Room
-from ortilo_drake.world.sensors.line_of_sight import crosses_box, crosses_cylinder
 
 # Columns of a view. The box is the landmark's whole box, not cut at the image's border [px].
 LANDMARK, DISTANCE, BOX, INSIDE, VISIBLE = 0, 1, slice(2, 6), 6, 7

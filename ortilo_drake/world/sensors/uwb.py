@@ -10,13 +10,13 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_X, uwb_size
 from ortilo_drake.scenario import Uwb
 from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
-from ortilo_drake.world.sensors.line_of_sight import walls_crossed
 
 
 @njit(cache=True)

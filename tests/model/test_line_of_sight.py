@@ -6,8 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydrake.math import RotationMatrix
 
+from ortilo_drake.model.geometry.line_of_sight import crosses_box, crosses_cylinder, is_hidden, walls_crossed
 from ortilo_drake.model.room import load_room
-from ortilo_drake.world.sensors.line_of_sight import crosses_box, crosses_cylinder, is_hidden, walls_crossed
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")

@@ -1,0 +1,88 @@
+"""The command `ortilo room place`: where anchors best stand for a scenario's path."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ortilo_drake.commands.options import JsonOption, ScenarioArgument, SetOption, finite, quiet_drake
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
+
+FIX = 3  # anchors that a position needs
+
+if TYPE_CHECKING:
+    from ortilo_drake.studies.room_design.place import Worst
+
+
+def place(
+    scenario: ScenarioArgument,
+    n: Annotated[int, typer.Argument(metavar="N", help="Number of anchors.")],
+    landmarks: Annotated[
+        int, typer.Option(help="Number of landmarks to place as well, in place of those that the room has.")
+    ] = 0,
+    spacing: Annotated[
+        float, typer.Option(min=0.25, max=100.0, callback=finite, help="Of the grid of mounting places, in m.")
+    ] = 1.5,
+    settings: SetOption = None,
+    out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Place N anchors on walls and ceiling so that the position is known best where it is known least on the path.
+
+    The measure is the Cramér-Rao floor along the planned path. The room that is written flies by `ortilo fly SCENARIO
+    --set room=ROOM.yaml`.
+    """
+    if not FIX <= n <= MAX_ANCHORS:
+        raise InputError(f"N: {n}: must be {FIX} to {MAX_ANCHORS}")
+    if not 0 <= landmarks <= MAX_LANDMARKS:
+        raise InputError(f"--landmarks {landmarks}: must be 0 to {MAX_LANDMARKS}")
+    if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--out {out_file}: must end in .yaml")
+    check_writable(out_file, json_file)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.scenario import load_scenario
+    from ortilo_drake.studies.room_design.place import place_anchors
+    from ortilo_drake.studies.room_design.room_file import room_text
+
+    quiet_drake()
+    chosen = load_scenario(scenario, tuple(settings or ()))
+    with progress_bar() as progress:
+        task = progress.add_task("placing", total=None)
+        found = place_anchors(
+            chosen,
+            n,
+            spacing,
+            landmarks,
+            lambda part: progress.update(task, description=part),
+            lambda: progress.advance(task),
+        )
+    if out_file is not None:
+        about = f"The room of {chosen.name} with {n} anchors placed by ortilo room place."
+        write_text(out_file, room_text(found.room, about))
+    gain = 1.0 - found.after.floor / found.before.floor if found.before.floor > 0.0 else None
+    report = {"scenario": chosen.name, "candidates": found.candidates, "before": found.before, "after": found.after}
+    placed = [[its.label, *its.position] for its in found.room.landmarks] if landmarks else None
+    anchors = [list(p) for p in found.room.anchors]
+    write_json(json_file, report | {"gain": gain, "anchors": anchors, "landmarks": placed})
+    had = len(chosen.load_room().anchors)
+    out.print(f"{chosen.name}, {n} anchors on {found.candidates} mounting places, the room has {had}", markup=False)
+    _print_worst("before", found.before)
+    _print_worst("after", found.after)
+    if gain is not None:
+        out.print(f"  the worst floor falls by {gain:.1%}")
+    for i, (x, y, z) in enumerate(found.room.anchors):
+        out.print(f"  anchor {i:<3} ({x:.3f}, {y:.3f}, {z:.3f})")
+    for its in found.room.landmarks if landmarks else ():
+        out.print(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})", markup=False)
+    say_written(out_file, json_file)
+
+
+def _print_worst(when: str, worst: "Worst") -> None:
+    x, y, z = worst.place
+    out.print(
+        f"  {when:7} worst floor {worst.floor:.4f} m at ({x:.2f}, {y:.2f}, {z:.2f}), {worst.time:.1f} s; "
+        f"longest without three ranges {worst.no_fix:.2f} s",
+        soft_wrap=True,
+    )

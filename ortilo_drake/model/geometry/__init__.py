@@ -1,0 +1,1 @@
+"""The room's shapes, as rays meet them."""

@@ -1,0 +1,140 @@
+"""Where the vehicle would have a fix, by the surveyed room alone.
+
+A place is seen if the ranges that walls leave make a fix of at most FIX_SD, as the multilateration believes in them
+(range_equations.py), or if the camera would see two landmarks, flying level at the heading that is held. Walls are
+taken to stop radio waves, whatever they really do. Losses and blackouts are not known beforehand.
+
+The places of a grid are looked at, and a place counts only with its eight neighbours, so that a small deviation from
+the path loses no fix.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.geometry.line_of_sight import is_hidden, walls_crossed
+from ortilo_drake.model.pinhole import Camera, extent_box
+from ortilo_drake.model.room import Room
+from ortilo_drake.onboard.ranging.range_equations import inverse, normal_equations
+from ortilo_drake.scenario import Belief
+
+FIX_SD = 0.5  # sqrt(tr C) of a fix that is worth a detour [m]
+LANDMARKS = 2  # that a fix takes
+LEAST_BOX = 8.0  # width and height of a box that a detector finds [px]
+BLOCK = 4  # points of the planner's grid along each side of a place that is looked at
+
+
+@dataclass(frozen=True)
+class FixSources:
+    """What the onboard half has to find its position by.
+
+    Attributes:
+        sensors: those that fly.
+        noise: s_0 [m] and s_1 of a range's believed standard deviation s_0 + s_1 d.
+        yaw: heading that is held [rad].
+        width: of the camera's image [px].
+    """
+
+    sensors: tuple[str, ...] = ("uwb", "camera")
+    noise: tuple[float, float] = (0.0, 0.0075)
+    yaw: float = 0.0
+    width: int = 320
+
+
+ALL_SOURCES = FixSources()
+
+
+def fix_sources(belief: Belief) -> FixSources:
+    """Return what a vehicle with this belief has to find its position by."""
+    noise = belief.multilateration.noise
+    sds = (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
+    return FixSources(belief.sensors, sds, belief.yaw, belief.image_width)
+
+
+@njit(cache=True)
+def ranges_fix(p: np.ndarray, anchors: np.ndarray, boxes: np.ndarray, noise: np.ndarray) -> bool:
+    """Return whether the ranges at p (3) to anchors (n, 3), past walls (m, 7), make a fix of at most FIX_SD."""
+    n = anchors.shape[0]
+    d, there = np.empty(n), np.zeros(n)
+    for i in range(n):
+        d[i] = np.sqrt(np.sum((p - anchors[i]) ** 2))
+        if walls_crossed(p, anchors[i], boxes) == 0:
+            there[i] = 1.0
+    if np.sum(there) < 3.0:
+        return False
+    _, N, _ = normal_equations(p, d, there, anchors, noise)
+    definite, C = inverse(N)
+    return definite and C[0] + C[3] + C[5] <= FIX_SD**2
+
+
+@njit(cache=True)
+def landmarks_fix(
+    p: np.ndarray,
+    rpy: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    boxes: np.ndarray,
+    cylinders: np.ndarray,
+    camera: Camera,
+) -> bool:
+    """Return whether the camera at p (3), attitude rpy (3), sees LANDMARKS of the landmarks whole.
+
+    Args:
+        p: p_WB.
+        rpy: roll, pitch, yaw.
+        positions: p_W of the landmarks (n, 3).
+        outlines: theirs (n, k, 3).
+        boxes: walls (m, 7).
+        cylinders: stands (l, 4).
+        camera: the camera.
+    """
+    R_WB, box, count = rotation_matrix(rpy), np.empty(4), 0
+    p_WC = p + R_WB @ camera.p_BC
+    for i in range(positions.shape[0]):
+        if not extent_box(positions[i], outlines[i], p, R_WB, camera, box):
+            continue
+        inside = box[0] >= 0.0 and box[1] >= 0.0 and box[2] <= camera.image[0] - 1 and box[3] <= camera.image[1] - 1
+        large = min(box[2] - box[0], box[3] - box[1]) >= LEAST_BOX
+        if inside and large and not is_hidden(p_WC, positions[i], boxes, cylinders):
+            count += 1
+    return count >= LANDMARKS
+
+
+def seen_at(points: np.ndarray, room: Room, sources: FixSources) -> np.ndarray:
+    """Return at which points p_WB (n, 3) there is a fix (n)."""
+    found = np.zeros(len(points), dtype=bool)
+    if "uwb" in sources.sensors:
+        noise = np.array(sources.noise)
+        found |= [ranges_fix(p, room.anchor_positions, room.wall_boxes, noise) for p in points]
+    if "camera" in sources.sensors and room.landmarks:
+        rpy, camera = np.array([0.0, 0.0, sources.yaw]), room.camera.scaled_to(sources.width).constants
+        map_ = (room.landmark_positions, room.landmark_outlines, room.wall_boxes, room.stand_cylinders)
+        found |= [landmarks_fix(p, rpy, *map_, camera) for p in points]
+    return found
+
+
+def seen_on_grid(
+    x: np.ndarray, y: np.ndarray, height: float, room: Room, sources: FixSources
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a grid's points (x_i, y_j) are seen (n_x, n_y), and the places that are not (k, 2) [m].
+
+    Args:
+        x: the grid's x, equally spaced (n_x) [m].
+        y: its y (n_y) [m].
+        height: flying height [m].
+        room: the surveyed room.
+        sources: what fixes come from.
+    """
+    centers = [np.array([part.mean() for part in np.split(c, range(BLOCK, len(c), BLOCK))]) for c in (x, y)]
+    places = np.stack(np.meshgrid(*centers, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = np.column_stack([places, np.full(len(places), height)])
+    seen = seen_at(points, room, sources).reshape(len(centers[0]), len(centers[1]))
+    padded = np.pad(seen, 1, constant_values=True)
+    shape = seen.shape
+    for i in range(3):
+        for j in range(3):
+            seen = seen & padded[i : i + shape[0], j : j + shape[1]]
+    fine = seen.repeat(BLOCK, axis=0)[: len(x)].repeat(BLOCK, axis=1)[:, : len(y)]
+    return fine, places[~seen.ravel()]

@@ -1,0 +1,145 @@
+"""The Cramer-Rao bound along a path in long steps: fast enough to try thousands of rooms.
+
+It is the recursion of floor/cramer_rao.py,
+
+    P_{j+1} = Phi^m (P_j^-1 + J_j)^-1 Phi^mT + W_m,   W_m = sum_{i<m} Phi^i W Phi^iT,   P_0 = 0,
+
+over steps of m ticks, with the information of a step's ticks together at its start. It serves to compare rooms: what is
+reported of a room is the bound of every tick.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.floor.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
+
+STEPS = 200  # of a path, about
+
+
+class PathModel(NamedTuple):
+    """What all rooms with the same path share.
+
+    Attributes:
+        Phi: dynamics of a step (12, 12).
+        W: process noise of a step (12, 12).
+        rows: information that does not come from ranges, as rows g / sqrt(r) (l, 12), a step's one after the other.
+        first: the first row of each step, and their number at the end (steps + 1).
+    """
+
+    Phi: np.ndarray
+    W: np.ndarray
+    rows: np.ndarray
+    first: np.ndarray
+
+
+def path_model(Phi: np.ndarray, W: np.ndarray, rows: np.ndarray, ticks: int, m: int) -> PathModel:
+    """Return the model of a path in steps of m ticks.
+
+    Args:
+        Phi: dynamics of a tick (12, 12).
+        W: process noise of a tick (12, 12).
+        rows: information beside the ranges (floor/information_rows.py) (l, 16).
+        ticks: number of ticks.
+        m: ticks of a step.
+    """
+    steps, W_m = -(-ticks // m), np.zeros_like(W)
+    for _ in range(m):
+        W_m = Phi @ W_m @ Phi.T + W
+    parts = []
+    for J in step_information(rows, steps, m):
+        values, vectors = np.linalg.eigh(J)
+        keep = values > 1e-12 * max(values[-1], 1e-300)
+        parts.append((vectors[:, keep] * np.sqrt(values[keep])).T)
+    first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
+    return PathModel(np.linalg.matrix_power(Phi, m), W_m, np.concatenate(parts), first)
+
+
+def step_information(rows: np.ndarray, steps: int, m: int) -> np.ndarray:
+    """Return J of every step (steps, 12, 12) of rows of information (l, 16).
+
+    A slowly changing error of standard deviation a in n rows of a step does not average out: each counts with the
+    variance r + n a^2.
+    """
+    J = np.zeros((steps, 12, 12))
+    step = rows[:, TICK].astype(int) // m
+    _, which, counts = np.unique(
+        np.column_stack([step, rows[:, SLOW]]), axis=0, return_inverse=True, return_counts=True
+    )
+    slow = np.where(rows[:, SLOW] >= 0.0, counts[which.ravel()] * rows[:, AMPLITUDE] ** 2, 0.0)
+    g = rows[:, GRADIENT] / np.sqrt(np.maximum(rows[:, VARIANCE] + slow, 1e-24))[:, None]
+    np.add.at(J, step, g[:, :, None] * g[:, None, :])
+    return J
+
+
+@njit(cache=True)
+def _update(P: np.ndarray, g: np.ndarray, k: np.ndarray) -> None:
+    """Update P by a row of unit variance: P <- P - P g g^T P / (g^T P g + 1)."""
+    s = 1.0
+    k[:] = 0.0
+    for j in range(g.size):
+        if g[j] != 0.0:
+            for i in range(12):
+                k[i] += g[j] * P[j, i]
+    for j in range(g.size):
+        s += g[j] * k[j]
+    for i in range(12):
+        a = k[i] / s
+        for j in range(12):
+            P[i, j] -= a * k[j]
+
+
+@njit(cache=True)
+def _factor(J: np.ndarray, L: np.ndarray) -> None:
+    """Overwrite L, row by row, by a factor of J = L^T L (3 x 3), which may be singular."""
+    least = 1e-12 * (J[0, 0] + J[1, 1] + J[2, 2])
+    L[:] = 0.0
+    for i in range(3):
+        d = J[i, i]
+        for k in range(i):
+            d -= L[k, i] ** 2
+        if d <= least:
+            continue
+        L[i, i] = np.sqrt(d)
+        for j in range(i + 1, 3):
+            c = J[i, j]
+            for k in range(i):
+                c -= L[k, i] * L[k, j]
+            L[i, j] = c / L[i, i]
+
+
+@njit(cache=True)
+def position_variance(model: PathModel, J: np.ndarray, there: np.ndarray, least: int) -> np.ndarray:
+    """Return the trace of the position's bound at the start of every step [m^2] (steps).
+
+    Args:
+        model: the path.
+        J: information of the ranges about p_WB (steps, 3, 3).
+        there: how many anchors are heard in each step (steps).
+        least: ranges of fewer anchors than this give nothing.
+    """
+    steps = J.shape[0]
+    P, half, k, L = np.zeros((12, 12)), np.empty((12, 12)), np.empty(12), np.empty((3, 3))
+    out = np.empty(steps)
+    for step in range(steps):
+        out[step] = P[0, 0] + P[1, 1] + P[2, 2]
+        for row in range(model.first[step], model.first[step + 1]):
+            _update(P, model.rows[row], k)
+        if there[step] >= least:
+            _factor(J[step], L)
+            for row in range(3):
+                _update(P, L[row], k)
+        half[:] = 0.0
+        for i in range(12):
+            for j in range(12):
+                if model.Phi[i, j] != 0.0:
+                    for c in range(12):
+                        half[i, c] += model.Phi[i, j] * P[j, c]
+        P[:] = model.W
+        for j in range(12):
+            for c in range(12):
+                if model.Phi[j, c] != 0.0:
+                    for i in range(12):
+                        P[i, j] += half[i, c] * model.Phi[j, c]
+    return out

@@ -1,0 +1,177 @@
+"""Ranges to survey anchors by: of flights, of logs, and of tables.
+
+A table is CSV whose first line names its columns: from, to and range [m], and if it is known where the vehicle was, x,
+y, z and sd [m]. An anchor is called a and its number, a0 the room's first; any other name in `from` is a place of the
+vehicle, the same name the same place. Empty x, y, z are not known; with an empty sd they only start the search.
+
+A saved flight keeps no ranges. As its noise is a function of seed and tick, the world's own function repeats those that
+reached the vehicle. A log holds the messages themselves.
+"""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.interop.log.reader import log_scenario, read_log, read_messages
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.signals import ARRIVED, uwb_size
+from ortilo_drake.model.typed_yaml import LARGEST
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.room_design.network import Ranges
+from ortilo_drake.world.drawn_truth import draw_truth
+from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
+
+COLUMNS, PLACE_COLUMNS = ("from", "to", "range"), ("x", "y", "z", "sd")
+MAX_ROWS = 200_000
+_ANCHOR = re.compile(r"a(\d{1,4})")
+
+
+def flown_messages(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
+    """Return the uwb messages that reached the vehicle in a flight (m, 2 + 2 a), in the order in which they were taken.
+
+    Args:
+        scenario: the scenario flown, its seed included.
+        truth: true states x_k (n, 12).
+
+    Raises:
+        InputError: if the sensor is faster than the tick.
+    """
+    if scenario.samples("uwb") > 1:
+        raise InputError("uwb.link.rate: of a sensor faster than the tick no ranges can be repeated: give its log")
+    room = scenario.load_room()
+    payload = uwb_size(len(room.anchors)) - 2
+    drawn = draw_truth(scenario.truth, scenario.seed, room, {"uwb": payload})
+    boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
+    anchors = np.ascontiguousarray(room.anchor_positions + drawn["survey.anchors"])
+    settings, stream, h = ranging_settings(scenario.uwb), stream_id("uwb"), scenario.h
+    ticks = np.flatnonzero(arrived(scenario, "uwb", truth))
+    messages = [
+        uwb_message(truth[k], anchors, drawn["uwb.bias"], boxes, settings, scenario.seed, stream, k * h, h)
+        for k in ticks
+    ]
+    return np.array(messages).reshape(-1, payload + 2)
+
+
+def logged_messages(path: Path) -> np.ndarray:
+    """Return the uwb messages that a log holds (m, 2 + 2 a); InputError if it is no log or has messages of several."""
+    size = uwb_size(len(log_scenario(path).load_room().anchors))
+    found = [messages["uwb"] for _, messages, _ in read_messages(path) if "uwb" in messages]
+    if any(message.shape != (size,) for message in found):
+        raise InputError(f"{path}: uwb: its messages must have {size} numbers")
+    return np.array([message for message in found if message[ARRIVED] != 0.0]).reshape(-1, size)
+
+
+def ranges_of_flight(flight: xr.Dataset, scenario: Scenario, messages: np.ndarray, most: int) -> Ranges:
+    """Return the ranges of a flight's messages (m, 2 + 2 a), of at most that many, evenly taken.
+
+    The estimated positions start the search.
+    """
+    chosen = messages[np.unique(np.linspace(0, len(messages) - 1, min(most, len(messages))).round().astype(int))]
+    n = (messages.shape[1] - 2) // 2
+    place, anchor = np.nonzero(chosen[:, 2 + n :])
+    ticks = np.clip(np.round(chosen[:, 1] / scenario.h).astype(int), 0, flight.sizes["tick"] - 1)
+    p = flight["estimate"].values[ticks, :3]
+    nothing = np.empty((0, 2), dtype=int), np.empty(0)
+    return Ranges(place, anchor, chosen[place, 2 + anchor], *nothing, p, np.full(len(p), np.inf))
+
+
+def ranges_of_log(path: Path, most: int) -> Ranges:
+    """Return the ranges of a log; arguments and errors as ranges_of_flight and logged_messages."""
+    return ranges_of_flight(read_log(path), log_scenario(path), logged_messages(path), most)
+
+
+def ranges_of_table(path: Path, n: int) -> Ranges:
+    """Return the ranges of a table to n anchors.
+
+    Raises:
+        InputError: naming file, line, column, value and what is allowed.
+    """
+    rows = csv.DictReader(io.StringIO(read_text(path)), skipinitialspace=True)
+    names = [name.strip() for name in rows.fieldnames or ()]
+    rows.fieldnames = names
+    for name in COLUMNS:
+        if name not in names:
+            raise InputError(f"{path}: column {name}: is missing, the first line must name {', '.join(COLUMNS)}")
+    for name in names:
+        if name not in COLUMNS + PLACE_COLUMNS or names.count(name) > 1:
+            known = ", ".join(COLUMNS + PLACE_COLUMNS)
+            raise InputError(f"{path}: column {name!r}: must be one of {known}, each once")
+    places: dict[str, int] = {}
+    p: list[list[float]] = []
+    to_anchor: list[tuple[int, int, float]] = []
+    between: list[tuple[int, int, float]] = []
+    try:
+        for row in rows:
+            where = f"{path}: line {rows.line_num}"
+            if rows.line_num > MAX_ROWS:
+                raise InputError(f"{where}: must not have more than {MAX_ROWS} lines")
+            if None in row or None in row.values():
+                raise InputError(f"{where}: must have {len(names)} values")
+            distance, to = _number(row["range"], f"{where}: range", 0.0), _anchor(row["to"], n, f"{where}: to")
+            if to is None:
+                raise InputError(f"{where}: to: {row['to']!r}: must be an anchor, a0 to a{n - 1}")
+            start = _anchor(row["from"], n, f"{where}: from")
+            if start == to:
+                raise InputError(f"{where}: from: {row['from']!r}: must not be the anchor in to")
+            if start is not None:
+                between.append((start, to, distance))
+                continue
+            name = row["from"].strip()
+            if name not in places:
+                places[name] = len(p)
+                p.append(_place(row, where))
+            to_anchor.append((places[name], to, distance))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {rows.line_num}: {error}") from None
+    a, b = (np.array(found, dtype=float).reshape(-1, 3) for found in (to_anchor, between))
+    where_was = np.array(p).reshape(-1, 4)
+    ints = a[:, :2].astype(int), b[:, :2].astype(int)
+    return Ranges(ints[0][:, 0], ints[0][:, 1], a[:, 2], ints[1], b[:, 2], where_was[:, :3], where_was[:, 3])
+
+
+def together(parts: Sequence[Ranges]) -> Ranges:
+    """Return the ranges of several sources, whose places differ."""
+    first = np.cumsum([0, *(len(part.p) for part in parts)])
+    moved = [part._replace(place=part.place + shift) for part, shift in zip(parts, first, strict=False)]
+    return Ranges(*(np.concatenate([getattr(part, name) for part in moved]) for name in Ranges._fields))
+
+
+def _number(text: str, where: str, least: float = -LARGEST) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not least <= value <= LARGEST:
+        raise InputError(f"{where}: {text.strip()[:40]!r}: must be a number from {least:g} to {LARGEST:g}")
+    return value
+
+
+def _anchor(text: str, n: int, where: str) -> int | None:
+    """Return the number of an anchor, None for another name."""
+    found = _ANCHOR.fullmatch(text.strip())
+    if found is None:
+        return None
+    if int(found[1]) >= n:
+        raise InputError(f"{where}: {text.strip()!r}: the room has anchors a0 to a{n - 1}")
+    return int(found[1])
+
+
+def _place(row: dict[str, str], where: str) -> list[float]:
+    """Return x, y, z (NaN where they are empty) and sd (inf where it is)."""
+    texts = [row.get(axis, "").strip() for axis in "xyz"]
+    if any(texts) and not all(texts):
+        raise InputError(f"{where}: x, y, z: must be three numbers or all empty")
+    p = [_number(text, f"{where}: {axis}") if text else math.nan for axis, text in zip("xyz", texts, strict=True)]
+    sd = row.get("sd", "").strip()
+    if sd and not texts[0]:
+        raise InputError(f"{where}: sd: {sd!r}: must be empty where x, y, z are")
+    return [*p, _number(sd, f"{where}: sd", 1e-6) if sd else math.inf]
