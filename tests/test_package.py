@@ -24,6 +24,15 @@ def test_every_file_that_is_no_program_is_packed() -> None:
     assert [path for path in files if not any(fnmatch.fnmatch(str(path), glob) for glob in globs)] == []
 
 
+def test_every_package_is_packed() -> None:
+    packed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    folders = [PACKAGE, *(path for path in PACKAGE.rglob("*") if path.is_dir()), *(PACKAGE / "diagrams").rglob("*/")]
+    there = {folder for folder in folders if (folder / "__init__.py").exists()}
+    names = {".".join((PACKAGE.name, *folder.relative_to(PACKAGE).parts)) for folder in there}
+    assert len(names) > 50
+    assert names == set(packed)
+
+
 def test_the_calibration_is_of_the_detector_that_is_shipped() -> None:
     digest = hashlib.sha256(OWN_ONNX.read_bytes()).hexdigest()
     assert load_calibration(MeasuredErrors()).source.detector == f"sha256 {digest[:16]}"
