@@ -6,6 +6,7 @@
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
+# make docs      set up, with Sphinx, build the documentation site, say where it is
 # make mutants   set up, change the code in 400 places and see whether a test notices (docs/mutants.md)
 
 PYTHON ?= python3
@@ -25,7 +26,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench mutants clean
+.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench docs mutants clean
 
 setup: $(STAMP)
 
@@ -75,9 +76,18 @@ bench: setup
 	@$(BIN)/python benchmarks/bench_camera.py
 	@$(BIN)/python benchmarks/bench_wire.py
 
+# A warning fails the build; no network is needed once Sphinx is there.
+docs: $(STAMP)-docs
+	@$(ONE_THREAD) $(BIN)/python -m sphinx -q -W --keep-going -b html -d out/doctrees docs out/docs
+	@echo "documentation: out/docs/index.html"
+
+$(STAMP)-docs: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[docs]'
+	@touch $@
+
 mutants: setup
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[mutants]'
 	@$(BIN)/python scripts/mutants.py
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf $(VENV) out build dist *.egg-info docs/notebooks docs/reference/modules docs/reference/commands.md docs/reference/settings.md
