@@ -1,4 +1,5 @@
-# make setup     a virtual environment in .venv with everything the project needs
+# make setup     a virtual environment in .venv with everything the project needs; asks before it installs system
+#                libraries, which YES=1 allows
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
 # make test      set up, run the tests but for notebooks, training, real time, processes of their own, videos, long ones
@@ -31,7 +32,7 @@ STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setu
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt scripts/setup.sh
-	@PYTHON="$(PYTHON)" VENV="$(VENV)" bash scripts/setup.sh
+	@PYTHON="$(PYTHON)" VENV="$(VENV)" YES="$(YES)" bash scripts/setup.sh
 	@touch $@
 
 fly: setup
@@ -44,7 +45,7 @@ tables: setup
 ros2: $(STAMP)-ros2
 
 $(STAMP)-ros2: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[ros2]'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[ros2]'
 	@touch $@
 
 kernels: $(STAMP)-kernels
@@ -82,11 +83,11 @@ docs: $(STAMP)-docs
 	@echo "documentation: out/docs/index.html"
 
 $(STAMP)-docs: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[docs]'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[docs]'
 	@touch $@
 
 mutants: setup
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[mutants]'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[mutants]'
 	@$(BIN)/python scripts/mutants.py
 
 clean:

@@ -60,8 +60,7 @@ html_theme_options = {
     "pygments_light_style": "default",
     "pygments_dark_style": "monokai",
 }
-ALONE = "start concepts results paper how_we_know truths unknown glossary benchmarks mutants".split()
-html_sidebars = {page: [] for page in ALONE}  # nothing stands below them
+html_sidebars = {page.stem: [] for page in HERE.glob("*.md")}  # nothing stands below them
 
 
 def setup(app) -> None:  # type: ignore[no-untyped-def]  # Sphinx is there only where the site is built
