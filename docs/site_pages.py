@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-NOTEBOOKS: Final = Path(__file__).parents[1] / "notebooks"
+ROOT: Final = Path(__file__).parents[1]
 _SETTINGS: Final = """# Settings
 
 Every setting of a scenario, made from the models that check it: {count} in all. A file sets them as YAML, the command
@@ -14,7 +14,7 @@ offers depends on its `kind`, which then stands before the meaning. In the termi
 
 
 def write_pages(folder: Path) -> None:
-    """Write the pages below a folder that are made at each build; what is unchanged is left alone.
+    """Write the pages below a folder that are made at each build; what is unchanged is left alone, what is gone goes.
 
     Args:
         folder: the site's source.
@@ -22,8 +22,15 @@ def write_pages(folder: Path) -> None:
     _write(folder / "reference/settings.md", settings_page())
     _write(folder / "reference/commands.md", commands_page())
     (folder / "notebooks").mkdir(exist_ok=True)
-    for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         _write(folder / "notebooks" / notebook.name, notebook.read_text(encoding="utf-8"))
+    for copy in (folder / "notebooks").glob("*.ipynb"):
+        if not (ROOT / "notebooks" / copy.name).exists():
+            copy.unlink()
+    for page in (folder / "reference/modules").glob("*.rst"):  # autosummary's, which keeps those of modules of before
+        module = ROOT.joinpath(*page.stem.split("."))
+        if not (module.is_dir() or module.with_name(f"{module.name}.py").exists()):
+            page.unlink()
 
 
 def settings_page() -> str:
