@@ -1,4 +1,5 @@
-# make setup     a virtual environment in .venv with everything the project needs
+# make setup     a virtual environment in .venv with everything the project needs; asks before it installs system
+#                libraries, which YES=1 allows
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
 # make test      set up, run the tests but for notebooks, training, real time, processes of their own, videos, long ones
@@ -6,6 +7,7 @@
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
+# make docs      set up, with Sphinx, build the documentation site, say where it is
 # make mutants   set up, change the code in 400 places and see whether a test notices (docs/mutants.md)
 
 PYTHON ?= python3
@@ -25,12 +27,12 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench mutants clean
+.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench docs mutants clean
 
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt scripts/setup.sh
-	@PYTHON="$(PYTHON)" VENV="$(VENV)" bash scripts/setup.sh
+	@PYTHON="$(PYTHON)" VENV="$(VENV)" YES="$(YES)" bash scripts/setup.sh
 	@touch $@
 
 fly: setup
@@ -43,7 +45,7 @@ tables: setup
 ros2: $(STAMP)-ros2
 
 $(STAMP)-ros2: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[ros2]'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[ros2]'
 	@touch $@
 
 kernels: $(STAMP)-kernels
@@ -75,9 +77,18 @@ bench: setup
 	@$(BIN)/python benchmarks/bench_camera.py
 	@$(BIN)/python benchmarks/bench_wire.py
 
+# A warning fails the build; no network is needed once Sphinx is there.
+docs: $(STAMP)-docs
+	@$(ONE_THREAD) $(BIN)/python -m sphinx -q -W --keep-going -b html -d out/doctrees docs out/docs
+	@echo "documentation: out/docs/index.html"
+
+$(STAMP)-docs: $(STAMP)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[docs]'
+	@touch $@
+
 mutants: setup
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[mutants]'
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[mutants]'
 	@$(BIN)/python scripts/mutants.py
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf $(VENV) out build dist *.egg-info docs/notebooks docs/reference/modules docs/reference/commands.md docs/reference/settings.md

@@ -1,6 +1,6 @@
 """Times of a rendered camera: a picture, its boxes, the fix; and the speed of such a flight.
 
-    python benchmarks/bench_camera.py            # the figures of the README
+    python benchmarks/bench_camera.py            # the figures of docs/results.md
     python benchmarks/bench_camera.py --smoke    # a quick look that everything still runs
 
 Times are medians over poses along the planned path, in ms, on one core but for Mesa's renderer, which takes what it

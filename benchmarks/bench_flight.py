@@ -1,6 +1,6 @@
 """The speed of flights and of the filter's step, as figures and ratios of one run.
 
-    python benchmarks/bench_flight.py            # the figures of the README
+    python benchmarks/bench_flight.py            # the figures of docs/benchmarks.md
     python benchmarks/bench_flight.py --smoke    # a quick look that everything still runs
 
 Flights are timed as simulated seconds per second of AdvanceTo, logging included, on one core. The filter's step is

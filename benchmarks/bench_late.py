@@ -1,4 +1,4 @@
-"""Late measurements ignored, dropped and replayed over the same seeds: the tables of docs/hil.md.
+"""Late measurements ignored, dropped and replayed over the same seeds: the tables of docs/how_to/hil.md.
 
     python benchmarks/bench_late.py                           # the relay's faults, in virtual time: half an hour
     python benchmarks/bench_late.py --real-time --seeds 2     # in processes and by the clock, on an idle machine

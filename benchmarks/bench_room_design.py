@@ -1,4 +1,4 @@
-"""What placed anchors, seen paths and surveys are worth: the tables of docs/room_design.md.
+"""What placed anchors, seen paths and surveys are worth: the tables of docs/how_to/room_design.md.
 
     python benchmarks/bench_room_design.py place     # a minute and a half
     python benchmarks/bench_room_design.py seen      # half a minute

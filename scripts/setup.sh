@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Makes the virtual environment $VENV with the package, editable, and what its tests need.
-# Says what the system lacks and installs it where it can (Debian or Ubuntu, as root or with sudo).
+# Says what the system lacks and, if allowed, installs it (Debian or Ubuntu, as root or with sudo). It asks first; where CI is
+# set or YES=1 it does not, and where nobody can be asked it installs nothing.
 set -euo pipefail
 PYTHON=${PYTHON:-python3}
 VENV=${VENV:-.venv}
@@ -8,11 +9,24 @@ cd "$(dirname "$0")/.."
 
 as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi; }
 
+allowed() {
+    if [ -n "${CI:-}" ] || [ "${YES:-}" = 1 ]; then return 0; fi
+    if ! [ -t 0 ]; then return 1; fi
+    local answer
+    read -r -p "setup: missing: $*. Install with apt-get, as root? [y/N] " answer
+    [[ $answer == [yY]* ]]
+}
+
 install_packages() {
-    echo "setup: missing: $* - installing" >&2
-    if ! command -v apt-get >/dev/null || ! { as_root apt-get update -qq && as_root env DEBIAN_FRONTEND=noninteractive \
-        apt-get install -y -qq --no-install-recommends "$@"; } >/dev/null; then
-        echo "setup: could not install them; please run: sudo apt-get install $*" >&2
+    if ! command -v apt-get >/dev/null || ! allowed "$@"; then
+        echo "setup: missing: $*. Please run: sudo apt-get install $* (or let this script do it: make setup YES=1)" >&2
+        return 1
+    fi
+    echo "setup: installing $*" >&2
+    local said
+    if ! said=$({ as_root apt-get update -qq && as_root env DEBIAN_FRONTEND=noninteractive \
+        apt-get install -y -qq --no-install-recommends "$@"; } 2>&1); then
+        printf '%s\nsetup: could not install them; please run: sudo apt-get install %s\n' "$said" "$*" >&2
         return 1
     fi
 }
@@ -40,4 +54,4 @@ command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo d
 find ortilo_drake diagrams -name '*.nb[ci]' -delete # numba does not notice a change in a function that another calls
 [ -x "$VENV/bin/python" ] || "$PYTHON" -m venv "$VENV"
 echo "setup: installing into $VENV" >&2
-"$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'
+"$VENV/bin/python" -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'

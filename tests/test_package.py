@@ -1,4 +1,4 @@
-"""What is shipped belongs together: files in the package, weights and calibration, links of the README."""
+"""What is shipped belongs together: files in the package, weights and calibration, links of README and docs."""
 
 import fnmatch
 import hashlib
@@ -43,9 +43,12 @@ def test_the_weights_are_at_most_four_megabytes_and_have_a_name_for_each_class()
     assert f"classes={len(OWN_CLASSES)}\n" in OWN_CFG.read_text()
 
 
-def test_the_readme_is_filled_in_and_its_links_lead_somewhere() -> None:
-    text = (ROOT / "README.md").read_text()
-    assert "@@" not in text
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
-    assert len(links) >= 5
-    assert [link for link in links if not (ROOT / link).exists()] == []
+def test_readme_and_pages_are_filled_in_and_their_links_lead_somewhere() -> None:
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/how_to").glob("*.md"))]
+    assert len(pages) >= 15
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert "@@" not in text
+        links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+        made = {"reference/settings.md", "reference/commands.md", "reference/modules.md"}  # with the site
+        assert [link for link in links if link not in made and not (page.parent / link).exists()] == [], page

@@ -1,4 +1,4 @@
-"""docs/own_room.md: its files are written, its commands run, and they print what stands there."""
+"""docs/how_to/own_room.md: its files are written, its commands run, and they print what stands there."""
 
 import re
 import shlex
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import run
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "how_to"
 TEXT = (DOCS / "own_room.md").read_text()
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?![\w.]*yaml)")
 BY_THE_CLOCK = "real-time factor"
@@ -19,7 +19,7 @@ def test_every_command_of_the_page_prints_what_the_page_says(
 ) -> None:
     """Word for word; numbers within 5 %, as another release of Drake may plan a slightly different path."""
     monkeypatch.chdir(tmp_path)
-    shutil.copy(DOCS / "plan.png", tmp_path)
+    shutil.copy(DOCS.parent / "pictures" / "plan.png", tmp_path)
     for text, name in re.findall(r"```yaml\n(# (\w+\.yaml)\n.*?)```", TEXT, re.DOTALL):
         (tmp_path / name).write_text(text)
     blocks = re.findall(r"```console\n(.*?)```", TEXT, re.DOTALL)

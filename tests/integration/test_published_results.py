@@ -1,4 +1,4 @@
-"""README's figures are those of flights that anyone can repeat: both scenarios, projected camera, 20 seeds."""
+"""The figures of docs/results.md can be flown again by anyone: both scenarios, projected camera, 20 seeds."""
 
 from pathlib import Path
 
@@ -11,13 +11,13 @@ from ortilo_drake.flight.metrics import summary
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.paper_tables.tables import bootstrap_interval
 
-README = Path(__file__).parents[2] / "README.md"
+RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 ROWS = {"imu_uwb": "IMU+UWB, preset `tuned`", "imu_uwb_yolo": "IMU+UWB+YOLO, preset `tuned`, projected camera"}
 
 
 def published(title: str) -> dict[str, str]:
-    """Return a row of README's table by column."""
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in README.read_text().splitlines()]
+    """Return a row of the first table by column."""
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in RESULTS.read_text().splitlines()]
     head = next(row for row in rows if row[1:4] == ["x", "y", "z"])
     (found,) = (row for row in rows if row and row[0] == title)
     return dict(zip(head, found, strict=True))
@@ -25,7 +25,7 @@ def published(title: str) -> dict[str, str]:
 
 @pytest.mark.long
 @pytest.mark.parametrize(("scenario", "title"), ROWS.items())
-def test_readme_says_what_flies(scenario: str, title: str) -> None:
+def test_the_results_say_what_flies(scenario: str, title: str) -> None:
     row = published(title)
     simulator = FlightSimulator(load_scenario(scenario, ("camera.kind=projected",)))
     summaries = [summary(simulator.fly(seed)) for seed in range(20)]

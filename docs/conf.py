@@ -1,0 +1,71 @@
+"""The documentation site: `make docs` builds it from this folder, without a network."""
+
+import os
+import sys
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+HERE = Path(__file__).parent
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # compiled functions have no signature that Sphinx can read
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+from site_docstrings import as_restructured_text, leave_out  # noqa: E402
+from site_math import draw_block, draw_inline  # noqa: E402
+from site_pages import write_pages  # noqa: E402
+
+project = "ortilo-drake"
+author = "The ortilo-drake authors"
+copyright = "2026, the ortilo-drake authors, BSD-3-Clause"
+try:
+    version = release = version_of("ortilo-drake")
+except ModuleNotFoundError:  # a checkout that is not installed
+    version = release = "unreleased"
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+templates_path = ["_templates"]
+exclude_patterns = ["_build", "_templates", "**.ipynb_checkpoints"]
+default_role = "code"  # docstrings set code in single backticks
+suppress_warnings = ["ref.python"]  # names of the page Python stand in Modules as well
+
+# --- pages -----------------------------------------------------------------------------------------------------
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_mode = "off"  # `make test-all` runs the notebooks
+nb_merge_streams = True
+
+# --- docstrings ------------------------------------------------------------------------------------------------
+autosummary_generate = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+napoleon_use_ivar = True
+python_use_unqualified_type_names = True
+viewcode_line_numbers = True
+
+# --- looks -----------------------------------------------------------------------------------------------------
+html_theme = "pydata_sphinx_theme"
+html_title = "ortilo-drake"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_math_renderer = "mathml"
+html_theme_options = {
+    "navbar_align": "left",
+    "collapse_navigation": True,  # three hundred modules in each page's sidebar make 70 MB
+    "header_links_before_dropdown": 6,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "pygments_light_style": "default",
+    "pygments_dark_style": "monokai",
+}
+html_sidebars = {page.stem: [] for page in HERE.glob("*.md")}  # nothing stands below them
+
+
+def setup(app) -> None:  # type: ignore[no-untyped-def]  # Sphinx is there only where the site is built
+    """Give Sphinx the pages made of the program itself, its docstrings and equations without JavaScript."""
+    app.add_html_math_renderer("mathml", (draw_inline, None), (draw_block, None))
+    app.connect("autodoc-process-docstring", as_restructured_text, priority=400)  # before Napoleon, at 500
+    app.connect("autodoc-skip-member", leave_out)
+    write_pages(HERE)

@@ -1,0 +1,60 @@
+"""Our docstrings are plain text; Sphinx reads reStructuredText. What would be taken for its marks is kept as it is."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+_MARKS = re.compile(r"(`[^`]*`)|([\\*_|])")
+_SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:", "Yields:", "Note:", "Example:")
+_BULLET = re.compile(r"(- |\* |\d+\. )")
+
+
+def as_restructured_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Change a docstring's lines in place: indented equations are set as they stand, all else as text.
+
+    Args: are Sphinx's, for its event autodoc-process-docstring.
+    """
+    del app, what, name, obj, options
+    changed: list[str] = []
+    in_section = False
+    for block in _blocks(lines):
+        in_section = block[0].strip() in _SECTIONS or (in_section and block[0].startswith(" "))
+        if in_section:
+            changed += [_escaped(line) for line in block]
+        elif block[0].startswith(" ") or not _is_text(block):
+            changed += ["::", "", *("    " + line for line in block)]
+        else:
+            changed += [_escaped(line) for line in block]
+        changed.append("")
+    lines[:] = changed
+
+
+def leave_out(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Say of a member whether it is left out: a NamedTuple's fields and pydantic's machinery are."""
+    del app, what, skip, options
+    if type(obj).__name__ == "_tuplegetter" or name.startswith("model_"):
+        return True
+    return None
+
+
+def _blocks(lines: list[str]) -> Iterator[list[str]]:
+    """Yield what stands between empty lines."""
+    block: list[str] = []
+    for line in [*lines, ""]:
+        if line.strip():
+            block.append(line)
+        elif block:
+            yield block
+            block = []
+
+
+def _is_text(block: list[str]) -> bool:
+    """Whether no line of a block is indented, but for those that go on with an entry of a list."""
+    entry = bool(_BULLET.match(block[0]))
+    return all(bool(_BULLET.match(line)) or line.startswith("  ") if entry else line[0] != " " for line in block)
+
+
+def _escaped(line: str) -> str:
+    if _BULLET.match(line):
+        return line[:2] + _escaped(line[2:])
+    return _MARKS.sub(lambda found: found[1] or "\\" + found[2], line)

@@ -1,0 +1,79 @@
+"""Pages that the program writes of itself: its settings, its commands, its notebooks."""
+
+import re
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[1]
+_SETTINGS: Final = """# Settings
+
+Every setting of a scenario, made from the models that check it: {count} in all. A file sets them as YAML, the command
+line as `--set uwb.link.loss=0.3`, Python as `uwb__link__loss=0.3`. `[]` stands for the entries of a list. What a group
+offers depends on its `kind`, which then stands before the meaning. In the terminal: `ortilo scenario keys uwb.link`.
+"""
+
+
+def write_pages(folder: Path) -> None:
+    """Write the pages below a folder that are made at each build; what is unchanged is left alone, what is gone goes.
+
+    Args:
+        folder: the site's source.
+    """
+    _write(folder / "reference/settings.md", settings_page())
+    _write(folder / "reference/commands.md", commands_page())
+    (folder / "notebooks").mkdir(exist_ok=True)
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        _write(folder / "notebooks" / notebook.name, notebook.read_text(encoding="utf-8"))
+    for copy in (folder / "notebooks").glob("*.ipynb"):
+        if not (ROOT / "notebooks" / copy.name).exists():
+            copy.unlink()
+    for page in (folder / "reference/modules").glob("*.rst"):  # autosummary's, which keeps those of modules of before
+        module = ROOT.joinpath(*page.stem.split("."))
+        if not (module.is_dir() or module.with_name(f"{module.name}.py").exists()):
+            page.unlink()
+
+
+def settings_page() -> str:
+    """Return every setting as tables in Markdown, one a group."""
+    from ortilo_drake.scenario.schema import scenario_keys
+
+    keys = scenario_keys()
+    parts = [_SETTINGS.format(count=len(keys))]
+    for group in sorted({_group(key.key) for key in keys}):
+        rows = [key for key in keys if _group(key.key) == group]
+        parts.append(f"\n## {f'`{group}`' if group else 'Of the whole scenario'}\n")
+        parts.append("| setting | allowed | unit | default | what it decides |\n|---|---|---|---|---|")
+        for key in rows:
+            meaning = f"`{key.kind}`: {key.meaning}" if key.kind else key.meaning
+            cells = (f"`{key.key}`", key.allowed, key.unit, f"`{key.default}`", meaning)
+            parts.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
+    return "\n".join(parts) + "\n"
+
+
+def commands_page() -> str:
+    """Return the help of every command in Markdown, as Typer writes it."""
+    import typer
+    from typer.cli import get_docs_for_click
+
+    from ortilo_drake.commands.app import app
+
+    command = typer.main.get_command(app)
+    text = get_docs_for_click(obj=command, ctx=command.context_class(command), name="ortilo")
+    text = re.sub(r"^\* `--help`: .*\n", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^\*\*(Usage|Arguments|Options|Commands)\*\*:", r"*\1*", text, flags=re.MULTILINE)
+    text = re.sub(r"^\*Options\*\n\n(?!\*)", "", text, flags=re.MULTILINE)  # of a group, which had --help alone
+    return re.sub("^# `ortilo`", "# Commands", text)
+
+
+def _group(key: str) -> str:
+    """Return the first name of a dotted key, '' where there is no other."""
+    return key.partition(".")[0].removesuffix("[]") if "." in key else ""
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|").replace("$", r"\$").replace("\n", " ")
+
+
+def _write(file: Path, text: str) -> None:
+    if not file.exists() or file.read_text(encoding="utf-8") != text:
+        file.write_text(text, encoding="utf-8")

@@ -1,0 +1,92 @@
+"""The documentation site: it builds without a warning, holds every command and setting, and names what exists."""
+
+import html
+import importlib
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import typer
+
+from ortilo_drake.commands.app import app
+from ortilo_drake.scenario.schema import scenario_keys
+
+ROOT = Path(__file__).parents[2]
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/how_to").glob("*.md"))]
+EXTRA = ("sphinx", "myst_nb", "pydata_sphinx_theme")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    missing = [name for name in EXTRA if find_spec(name) is None]
+    if missing:
+        pytest.skip(f"{', '.join(missing)} missing: pip install 'ortilo-drake[docs]'")
+    folder = tmp_path_factory.mktemp("site")
+    paths = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    words = ["-q", "-W", "--keep-going", "-b", "html", "-d", str(folder / "doctrees"), "docs", str(folder / "html")]
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", *words],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "html"
+
+
+def text_of(page: Path) -> str:
+    return html.unescape(re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8")))
+
+
+@pytest.mark.long
+def test_every_setting_stands_in_the_site(site: Path) -> None:
+    text = text_of(site / "reference/settings.html")
+    assert [key.key for key in scenario_keys() if key.key not in text] == []
+
+
+@pytest.mark.long
+def test_every_command_and_option_stands_in_the_site(site: Path) -> None:
+    text = text_of(site / "reference/commands.html")
+    groups = [("ortilo", typer.main.get_command(app))]
+    for name, command in groups:
+        assert name in text
+        groups += [(f"{name} {its}", part) for its, part in getattr(command, "commands", {}).items()]
+        assert [o for p in command.params for o in p.opts if o.startswith("--") and o not in text] == []
+    assert len(groups) > 20
+
+
+@pytest.mark.long
+def test_functions_have_pages_and_equations_are_drawn_by_the_browser_alone(site: Path) -> None:
+    paper = (site / "paper.html").read_text(encoding="utf-8")
+    assert paper.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"') >= 10
+    assert re.search(r'href="[^"]*ortilo_drake\.onboard\.estimator\.intermittent_filter\.intermittent_step"', paper)
+    for page in ("index", "paper", "results", "reference/settings", "notebooks/01_fly_the_paper"):
+        text = (site / f"{page}.html").read_text(encoding="utf-8")
+        assert re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//', text) == [], page
+
+
+def test_functions_that_the_pages_name_exist() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    named = re.findall(r"\{py:(\w+)\}`~?([\w.]+)`", text)
+    assert len(named) > 15
+    for kind, name in named:
+        if kind == "mod":
+            assert find_spec(name) is not None
+            continue
+        module, _, attribute = name.rpartition(".")
+        assert hasattr(importlib.import_module(module), attribute), name
+
+
+def test_the_tests_that_stand_for_a_claim_exist_and_every_row_has_one() -> None:
+    text = (ROOT / "docs/how_we_know.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| claim")]
+    assert len(rows) > 25
+    for row in rows:
+        files = re.findall(r"`([a-z]+/test_\w+\.py)`", row)
+        assert files or "mutants.md" in row, row
+        assert [file for file in files if not (ROOT / "tests" / file).exists()] == []
