@@ -28,13 +28,16 @@ if ! "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null; then
     install_packages "python$("$PYTHON" -c 'import sys; print("%d.%d" % sys.version_info[:2])')-venv"
 fi
 
-# Drake's Python bindings load these, its renderer EGL and Mesa's drivers; 'dot' is wanted by 'ortilo diagram' alone.
+# Drake's Python bindings load these, its renderer EGL and Mesa's drivers; 'dot' is wanted by 'ortilo diagram'
+# alone, Chromium by the tests of pages alone.
 missing=()
 for pair in libGL.so.1:libgl1 libX11.so.6:libx11-6 libgomp.so.1:libgomp1 libEGL.so.1:libegl1; do
     ldconfig -p 2>/dev/null | grep -q "${pair%%:*}" || missing+=("${pair##*:}")
 done
 compgen -G '/usr/lib/*/dri/*_dri.so' >/dev/null || missing+=(libgl1-mesa-dri)
 if [ ${#missing[@]} -gt 0 ]; then install_packages "${missing[@]}"; fi
+command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null ||
+    install_packages chromium || echo "setup: tests of pages will be skipped without it" >&2
 command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo diagram' will need it" >&2
 
 find ortilo_drake diagrams -name '*.nb[ci]' -delete # numba does not notice a change in a function that another calls
