@@ -11,6 +11,7 @@ from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.replay import replay
+from ortilo_drake.commands.report import report
 from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.sensitivity import sensitivity
 from ortilo_drake.commands.tables import tables
@@ -38,7 +39,7 @@ def load_plugins(
         load_plugin(file)
 
 
-for command in (fly, tables, diagram, analyze, tune, replay, sensitivity):
+for command in (fly, tables, diagram, analyze, tune, replay, report, sensitivity):
     app.command()(command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")
