@@ -8,6 +8,7 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.page.flight_data import blackout_zones, finite_part, flight_data
@@ -51,6 +52,8 @@ def flight_page(flight: xr.Dataset) -> str:
         zones=zones,
     ).replace("</body>", IN_SCENE)
     pictures = onboard_pictures(flown)
+    # The time of a flight of many was not measured; the page does not show it.
+    found = summary(flight.assign_attrs(real_time_factor=flight.attrs.get("real_time_factor", float("nan"))))
     lamps = "".join(
         f'<span class="lamp" id="lamp-{i}" data-sensor="{escape(s["name"])}"><i></i>{escape(s["name"])} <b></b></span>'
         for i, s in enumerate(data["sensors"])
@@ -59,7 +62,7 @@ def flight_page(flight: xr.Dataset) -> str:
     ticks = "".join(f"<span>{data['time'][0] + f * _length(data):.0f}</span>" for f in (0, 0.25, 0.5, 0.75, 1))
     title = f"{scenario.name}, seed {scenario.seed}"
     eye = '<figure id="eye"><img alt="what the camera sees"><figcaption>onboard camera</figcaption></figure>'
-    body = f"""<header><h1>{escape(title)}</h1>{_ending(flight)}</header>
+    body = f"""<header><h1>{escape(title)}</h1>{_ending(found)}</header>
 <main>
 <section class="stage"><div class="scene"><iframe id="scene" title="flight in 3D" srcdoc="{escape(scene)}"></iframe>
 {VIEWS}</div>
@@ -71,7 +74,7 @@ def flight_page(flight: xr.Dataset) -> str:
 <section class="plots"><h2>Errors in their 3σ bands, and arrivals</h2>{plots}
 <div class="ticks">{ticks}</div><p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
 </section>
-<section><h2>Figures</h2>{facts(_figures(flight))}</section>
+<section><h2>Figures</h2>{facts(_figures(found))}</section>
 <section><h2>How it was flown</h2>{facts(_origin(flight, scenario, pictures.get("none")))}
 <details><summary>The whole scenario</summary><pre>{escape(scenario.model_dump_json(indent=1))}</pre></details>
 </section>
@@ -84,21 +87,14 @@ def _length(data: dict[str, Any]) -> float:
     return float(data["time"][-1] - data["time"][0])
 
 
-def _ending(flight: xr.Dataset) -> str:
-    lost = summary(_timed(flight)).lost
-    if lost is None:
+def _ending(found: Summary) -> str:
+    if found.lost is None:
         return "<p>reached its end</p>"
-    return f'<p class="lost">lost at {lost.time:.2f} s: {escape(lost.cause)}</p>'
+    return f'<p class="lost">lost at {found.lost.time:.2f} s: {escape(found.lost.cause)}</p>'
 
 
-def _timed(flight: xr.Dataset) -> xr.Dataset:
-    """Return the flight with a real-time factor, NaN where its time was not measured."""
-    return flight.assign_attrs(real_time_factor=flight.attrs.get("real_time_factor", float("nan")))
-
-
-def _figures(flight: xr.Dataset) -> Rows:
+def _figures(found: Summary) -> Rows:
     """Return the flight's figures as `ortilo fly` prints them."""
-    found = summary(_timed(flight))
     rows = [(f"mean squared error {axis}", f"{found.mse[axis]:.5f} m²") for axis in AXES]
     rows += [
         ("farthest from the path", f"{found.max_path_distance:.3f} m"),
