@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from browser.chromium import Page
 
+from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.views.page.flight_page import flight_page
 
 pytestmark = pytest.mark.long
@@ -116,6 +117,23 @@ def test_the_view_follows_the_vehicle_and_goes_back(page: Page, flight: xr.Datas
     np.testing.assert_allclose(page.run(target), [x, z, -y], atol=2e-3)  # the viewer has y up
     page.run("document.getElementById('fit').click()")
     np.testing.assert_allclose(page.run(target), whole, atol=1e-9)
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_whole_room_is_in_view(page: Page, flight: xr.Dataset, width: int) -> None:
+    page.call("Emulation.setDeviceMetricsOverride", width=width, height=844, deviceScaleFactor=1, mobile=False)
+    page.until(
+        "(v => Math.abs(v.camera.aspect - v.dom_element.offsetWidth / v.dom_element.offsetHeight) < 1e-3)"
+        "(flight.viewer())"
+    )
+    page.run("document.getElementById('fit').click()")
+    page.run("flight.viewer().render()")
+    inside = scenario_of(flight).load_room().interior
+    for x in (inside.min[0], inside.max[0]):
+        for y in (inside.min[1], inside.max[1]):
+            corner = f"flight.viewer().controls.target.clone().set({x}, {inside.min[2]}, {-y})"
+            seen = page.run(f"{corner}.project(flight.viewer().camera).toArray()")
+            assert np.all(np.abs(seen) <= 1.0), (x, y)  # the viewer's window is from -1 to 1
 
 
 @pytest.mark.parametrize("width", [390, 1280])

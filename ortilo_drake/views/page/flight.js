@@ -5,7 +5,7 @@ const flight = (() => {
   const at = (id) => document.getElementById(id);
   const start = data.time[0], end = data.time[data.time.length - 1];
   const scene = at("scene"), seekBar = at("seek"), picture = document.querySelector("#eye img");
-  let time = start, playing = false, before = null, following = false, home = null, shownPicture = -1;
+  let time = start, playing = false, before = null, following = false, atHome = false, shownPicture = -1;
   seekBar.min = start;
   seekBar.max = end;
 
@@ -36,9 +36,18 @@ const flight = (() => {
     return found && found.animator.actions.length > 0 ? found : null;
   }
 
+  function showRoom(view) { // from the south and above, as meshcat_room.aim_camera, but for any window
+    const [low, high] = data.room, width = high[0] - low[0], depth = high[1] - low[1];
+    const half = Math.tan(view.camera.fov * Math.PI / 360);
+    const distance = Math.max(width / view.camera.aspect, depth) / 2 / half + 0.5 * depth;
+    const target = view.controls.target.set((low[0] + high[0]) / 2, low[2], -(low[1] + high[1]) / 2);
+    view.camera.position.set(target.x, target.y + 0.73 * distance, target.z + 0.68 * distance);
+  }
+
   function moveCamera(view, p) { // Meshcat's camera has y up
     const controls = view.controls, camera = view.camera;
-    if (!home) home = { target: controls.target.clone(), position: camera.position.clone() };
+    if (!atHome && !following) showRoom(view);
+    atHome = true;
     if (following) {
       const offset = camera.position.clone().sub(controls.target);
       controls.target.set(p[0], p[2], -p[1]);
@@ -100,11 +109,8 @@ const flight = (() => {
     at("fit").setAttribute("aria-pressed", !on);
     const view = viewer();
     if (!view) return;
-    if (home) {
-      view.controls.target.copy(home.target);
-      view.camera.position.copy(home.position);
-      if (on) view.camera.position.sub(home.target).setLength(5).add(home.target);
-    }
+    showRoom(view);
+    if (on) view.camera.position.sub(view.controls.target).setLength(5).add(view.controls.target);
     show();
   }
 

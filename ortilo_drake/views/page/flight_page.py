@@ -26,7 +26,7 @@ CONTROLS = """<div class="bar">
 <option value="1" selected>1×</option><option value="2">2×</option><option value="5">5×</option></select>
 </div>"""
 # Meshcat's own controls would play another time than the page's; its legend covers a small window.
-IN_SCENE = """<style>.dg.ac { display: none } #legend { font-size: 11px; padding: 4px 8px }
+IN_SCENE = """<style>.dg { display: none !important } #legend { font-size: 11px; padding: 4px 8px }
 @media (max-width: 600px), (max-height: 300px) { #legend { display: none } }</style></body>"""
 VIEWS = """<div class="views"><button id="fit" type="button" aria-pressed="true">Whole room</button>
 <button id="follow" type="button" aria-pressed="false">Follow</button></div>"""
@@ -52,6 +52,7 @@ def flight_page(flight: xr.Dataset) -> str:
         zones=zones,
     ).replace("</body>", IN_SCENE)
     pictures = onboard_pictures(flown)
+    corners = [list(room.interior.min), list(room.interior.max)]
     # The time of a flight of many was not measured; the page does not show it.
     found = summary(flight.assign_attrs(real_time_factor=flight.attrs.get("real_time_factor", float("nan"))))
     lamps = "".join(
@@ -79,7 +80,7 @@ def flight_page(flight: xr.Dataset) -> str:
 <details><summary>The whole scenario</summary><pre>{escape(scenario.model_dump_json(indent=1))}</pre></details>
 </section>
 </main>
-<script type="application/json" id="data">{embedded(data | {"pictures": pictures})}</script>"""
+<script type="application/json" id="data">{embedded(data | {"pictures": pictures, "room": corners})}</script>"""
     return whole_page(title, body, asset("flight.js"))
 
 
