@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes the virtual environment $VENV with the package, editable, and what its tests need.
-# Says what the system lacks and, if allowed, installs it (Debian or Ubuntu, as root or with sudo). It asks first; where CI is
-# set or YES=1 it does not, and where nobody can be asked it installs nothing.
+# Says what the system lacks and, if allowed, installs it (Debian or Ubuntu, as root or with sudo). In a terminal it asks
+# first, unless CI is set or YES=1; where nobody can be asked, as in a container that is being built, it goes on.
 set -euo pipefail
 PYTHON=${PYTHON:-python3}
 VENV=${VENV:-.venv}
@@ -11,7 +11,7 @@ as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi; }
 
 allowed() {
     if [ -n "${CI:-}" ] || [ "${YES:-}" = 1 ]; then return 0; fi
-    if ! [ -t 0 ]; then return 1; fi
+    if ! [ -t 0 ]; then return 0; fi
     local answer
     read -r -p "setup: missing: $*. Install with apt-get, as root? [y/N] " answer
     [[ $answer == [yY]* ]]
@@ -42,13 +42,17 @@ if ! "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null; then
     install_packages "python$("$PYTHON" -c 'import sys; print("%d.%d" % sys.version_info[:2])')-venv"
 fi
 
-# Drake's Python bindings load these, its renderer EGL and Mesa's drivers; 'dot' is wanted by 'ortilo diagram' alone.
+# Drake's Python bindings load these, its renderer EGL and Mesa's drivers; 'dot' is wanted by 'ortilo diagram' alone,
+# Chromium by the tests of pages alone, which are skipped without it.
 missing=()
 for pair in libGL.so.1:libgl1 libX11.so.6:libx11-6 libgomp.so.1:libgomp1 libEGL.so.1:libegl1; do
     ldconfig -p 2>/dev/null | grep -q "${pair%%:*}" || missing+=("${pair##*:}")
 done
 compgen -G '/usr/lib/*/dri/*_dri.so' >/dev/null || missing+=(libgl1-mesa-dri)
 if [ ${#missing[@]} -gt 0 ]; then install_packages "${missing[@]}"; fi
+if [ -n "${CI:-}" ] && ! command -v chromium chromium-browser google-chrome >/dev/null; then
+    install_packages chromium || echo "setup: tests of pages will be skipped without it" >&2
+fi
 command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo diagram' will need it" >&2
 
 find ortilo_drake diagrams -name '*.nb[ci]' -delete # numba does not notice a change in a function that another calls

@@ -129,6 +129,11 @@ def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
     xr.testing.assert_identical(again.data, flown.data)
 
 
+def test_a_page_tells_of_its_flight(flown: od.Flight, tmp_path: Path) -> None:
+    page = flown.to_html(tmp_path / "flight.html").read_text(encoding="utf-8")
+    assert f"<h1>{flown.scenario.name}, seed {flown.seed}</h1>" in page
+
+
 def test_csv_holds_every_tick_to_the_last_bit(flown: od.Flight, tmp_path: Path) -> None:
     lines = flown.to_csv(tmp_path / "flight.csv").read_text().splitlines()
     names, rows = lines[0].split(","), np.loadtxt(lines[1:], delimiter=",")

@@ -22,6 +22,7 @@ from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, InputError, Scenario
 from ortilo_drake.views.figures import draw_flight
+from ortilo_drake.views.page.flight_page import flight_page
 
 
 class Flight:
@@ -76,6 +77,11 @@ class Flight:
     def to_netcdf(self, path: str | Path) -> Path:
         """Write the flight as netCDF with a digest; return the path."""
         saved_flight.save_flight(self.data, Path(path))
+        return Path(path)
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write the flight as one self-contained page that plays it, as `ortilo fly --html` does; return the path."""
+        write_text(Path(path), flight_page(self.data))
         return Path(path)
 
     def to_csv(self, path: str | Path) -> Path:

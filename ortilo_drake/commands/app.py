@@ -12,6 +12,7 @@ from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.live import live
 from ortilo_drake.commands.replay import replay
+from ortilo_drake.commands.report import report
 from ortilo_drake.commands.room.app import room_app
 from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.sensitivity import sensitivity
@@ -40,7 +41,7 @@ def load_plugins(
         load_plugin(file)
 
 
-for command in (fly, live, tables, diagram, analyze, tune, replay, sensitivity):
+for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity):
     app.command()(command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")

@@ -102,7 +102,7 @@ def fly(
 
         save_flight(flight, out_file)
     if html:
-        from ortilo_drake.views.display import flight_page
+        from ortilo_drake.views.page.flight_page import flight_page
 
         write_text(html, flight_page(flight))
     if png:

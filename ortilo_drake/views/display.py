@@ -1,31 +1,15 @@
-"""A flight in Meshcat: live in the browser, or as one HTML page."""
+"""A flight in Meshcat, live in the browser."""
 
 from collections.abc import Callable
 
 import xarray as xr
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.flight.flight import fly, scenario_of
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.scenery.meshcat_draw import draw_plan
-from ortilo_drake.world.scenery.meshcat_replay import html_replay
 from ortilo_drake.world.scenery.meshcat_room import draw_room, make_meshcat
-
-
-def flight_page(flight: xr.Dataset) -> str:
-    """Return a flight as one self-contained HTML page that plays it."""
-    scenario = scenario_of(flight)
-    room, path = scenario.load_room(), planned(scenario)
-    return html_replay(
-        room,
-        path if isinstance(path, Trajectory) else None,
-        flight["time"].values,
-        flight["truth"].values,
-        flight["estimate"].values,
-        flight["covariance"].values,
-        vehicle=scenario.vehicle,
-    )
 
 
 def fly_live(

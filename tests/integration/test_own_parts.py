@@ -26,7 +26,7 @@ from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import GcsPlanner, LqServo
 from ortilo_drake.scenario.old_keys import FORMAT
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight, planned_reference
-from ortilo_drake.views.display import flight_page
+from ortilo_drake.views.page.flight_page import flight_page
 
 HOVER = {"planner": {"kind": "hover", "duration": 0.5}, "settle": 0.0}
 

@@ -15,8 +15,8 @@ from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.paper_tables.error_figure import error_figure
-from ortilo_drake.views.display import flight_page
 from ortilo_drake.views.figures import arrival_figure, flight_figure, trajectory_figure
+from ortilo_drake.views.page.flight_page import flight_page
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 PROJECTED = "camera.kind=projected"

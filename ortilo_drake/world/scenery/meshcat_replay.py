@@ -21,6 +21,7 @@ from ortilo_drake.world.scenery.meshcat_draw import (
     show_pose,
 )
 from ortilo_drake.world.scenery.meshcat_room import ANCHOR, aim_camera, class_color, draw_room, make_meshcat
+from ortilo_drake.world.scenery.meshcat_zones import Zone, draw_zones
 
 FRAME_RATE = 15.0  # of a replay [Hz]
 LEGEND_STYLE = """
@@ -64,6 +65,7 @@ def html_replay(
     covariances: np.ndarray,
     meshcat: Meshcat | None = None,
     vehicle: Vehicle = M100,
+    zones: list[Zone] | None = None,
 ) -> str:
     """Return a logged flight as one HTML page that plays without a network.
 
@@ -76,6 +78,7 @@ def html_replay(
         covariances: P (n, 15, 15).
         meshcat: where to draw; a new one if None.
         vehicle: drawn with its own arms.
+        zones: marked on the floor.
 
     Raises:
         InputError: naming the array that does not fit.
@@ -83,6 +86,7 @@ def html_replay(
     _check_log(times, states=states, estimates=estimates, covariances=covariances)
     meshcat = make_meshcat() if meshcat is None else meshcat
     draw_room(meshcat, room)
+    draw_zones(meshcat, room, zones or [])
     if trajectory is not None:
         draw_plan(meshcat, trajectory)
     draw_vehicle(meshcat, vehicle)

@@ -1,0 +1,90 @@
+"""What the page of a flight shows, as plain numbers."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flight import AXES
+from ortilo_drake.model.room import Room
+from ortilo_drake.scenario import PositionBlackout, Scenario
+from ortilo_drake.views.figures import COLOR, OTHER
+from ortilo_drake.views.flight_frames import blackout_mask
+from ortilo_drake.world.scenery.meshcat_zones import Zone
+
+MOST_TICKS = 6000  # of a page; a longer flight is thinned, its arrivals are not
+LAMP_SECONDS = 0.2  # how long a lamp stays lit after a fix
+
+
+def finite_part(flight: xr.Dataset) -> xr.Dataset:
+    """Return a flight without the ticks, at the end of one that diverged, whose state or estimate is not finite."""
+    names = ("truth", "estimate")
+    whole = np.all([np.isfinite(flight[name].values).all(axis=1) for name in names], axis=0)
+    return flight.isel(tick=whole)
+
+
+def shown_sensors(flight: xr.Dataset) -> list[str]:
+    """Return the sensors that are ever due, but the imu."""
+    return [str(s) for s in flight["sensor"].values if s != "imu" and flight["due"].sel(sensor=s).any()]
+
+
+def sensor_color(sensor: str) -> str:
+    """Return a sensor's colour as #RRGGBB."""
+    return COLOR.get(sensor, OTHER)
+
+
+def position_errors(flight: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of the estimated position and their standard deviations, both (n, 3) [m]."""
+    error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
+    return error, np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
+
+
+def intervals(time: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
+    """Return from when to when a mask over ticks holds; it ends at the first tick where it does not."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    last = len(time) - 1
+    return [(float(time[a]), float(time[min(b, last)])) for a, b in edges.reshape(-1, 2)]
+
+
+def flight_data(flight: xr.Dataset) -> dict[str, Any]:
+    """Return times, positions, errors, arrivals and blackouts for the page's script; all numbers finite."""
+    time = flight["time"].values
+    error, sigma = position_errors(flight)
+    shown = slice(0, None, -(-len(time) // MOST_TICKS))
+    sensors = []
+    for name in shown_sensors(flight):
+        used, due = (flight[part].sel(sensor=name).values for part in ("arrival", "due"))
+        sensors.append(
+            {
+                "name": name,
+                "arrivals": np.round(time[used], 4).tolist(),
+                "missing": np.round(time[due & ~used], 4).tolist(),
+                "blackouts": intervals(time, blackout_mask(flight, name)),
+            }
+        )
+    return {
+        "time": np.round(time[shown], 4).tolist(),
+        "truth": np.round(flight["truth"].values[shown, :3], 3).tolist(),
+        "estimate": np.round(flight["estimate"].values[shown, :3], 3).tolist(),
+        "error": np.round(error[shown], 4).tolist(),
+        "sigma": np.round(sigma[shown], 4).tolist(),
+        "sensors": sensors,
+        "lampSeconds": LAMP_SECONDS,
+    }
+
+
+def blackout_zones(scenario: Scenario, room: Room) -> list[Zone]:
+    """Return the strips of the floor where a sensor is blacked out by position in x or y."""
+    zones = []
+    for sensor in scenario.sensors:
+        code = sensor_color(sensor)
+        color = (int(code[1:3], 16) / 255, int(code[3:5], 16) / 255, int(code[5:7], 16) / 255)
+        for blackout in scenario.link_of(sensor).blackouts:
+            if not isinstance(blackout, PositionBlackout) or blackout.axis == "z":
+                continue
+            i = AXES.index(blackout.axis)
+            low, high = list(room.interior.min[:2]), list(room.interior.max[:2])
+            low[i], high[i] = max(low[i], blackout.start), min(high[i], blackout.end)
+            if low[i] < high[i]:
+                zones.append(Zone((low[0], low[1]), (high[0], high[1]), color))
+    return zones

@@ -1,0 +1,125 @@
+"""The page of a flight: it plays in 3D, with lamps, errors, arrivals and what the camera saw, without a network."""
+
+from html import escape
+from typing import Any
+
+import xarray as xr
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.summary import Summary
+from ortilo_drake.onboard.planner.planned import planned
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.views.page.flight_data import blackout_zones, finite_part, flight_data
+from ortilo_drake.views.page.onboard_pictures import onboard_pictures
+from ortilo_drake.views.page.repeat_command import repeat_command
+from ortilo_drake.views.page.shell import Rows, asset, embedded, facts, versions, whole_page
+from ortilo_drake.views.page.svg import arrival_plot, error_plot, plan_svg
+from ortilo_drake.world.scenery.meshcat_replay import html_replay
+
+CONTROLS = """<div class="bar">
+<button id="play" type="button">Play</button>
+<input id="seek" type="range" aria-label="time" min="0" max="1" step="any" value="0">
+<output id="clock">0.0 s</output>
+<select id="speed" aria-label="speed"><option value="0.25">¼×</option><option value="0.5">½×</option>
+<option value="1" selected>1×</option><option value="2">2×</option><option value="5">5×</option></select>
+</div>"""
+# Meshcat's own controls would play another time than the page's; its legend covers a small window.
+IN_SCENE = """<style>.dg { display: none !important } #legend { font-size: 11px; padding: 4px 8px }
+@media (max-width: 600px), (max-height: 300px) { #legend { display: none } }</style></body>"""
+VIEWS = """<div class="views"><button id="fit" type="button" aria-pressed="true">Whole room</button>
+<button id="follow" type="button" aria-pressed="false">Follow</button></div>"""
+
+
+def flight_page(flight: xr.Dataset) -> str:
+    """Return a flight as one self-contained HTML page that plays it.
+
+    Raises:
+        InputError: if fewer than two ticks of the flight are finite.
+    """
+    scenario, flown = scenario_of(flight), finite_part(flight)
+    room, path = scenario.load_room(), planned(scenario)
+    zones, data = blackout_zones(scenario, room), flight_data(flown)
+    scene = html_replay(
+        room,
+        path if isinstance(path, Trajectory) else None,
+        flown["time"].values,
+        flown["truth"].values,
+        flown["estimate"].values,
+        flown["covariance"].values,
+        vehicle=scenario.vehicle,
+        zones=zones,
+    ).replace("</body>", IN_SCENE)
+    pictures = onboard_pictures(flown)
+    corners = [list(room.interior.min), list(room.interior.max)]
+    # The time of a flight of many was not measured; the page does not show it.
+    found = summary(flight.assign_attrs(real_time_factor=flight.attrs.get("real_time_factor", float("nan"))))
+    lamps = "".join(
+        f'<span class="lamp" id="lamp-{i}" data-sensor="{escape(s["name"])}"><i></i>{escape(s["name"])} <b></b></span>'
+        for i, s in enumerate(data["sensors"])
+    )
+    plots = "".join(error_plot(data, i) for i in range(3)) + "".join(arrival_plot(data, s) for s in data["sensors"])
+    ticks = "".join(f"<span>{data['time'][0] + f * _length(data):.0f}</span>" for f in (0, 0.25, 0.5, 0.75, 1))
+    title = f"{scenario.name}, seed {scenario.seed}"
+    eye = '<figure id="eye"><img alt="what the camera sees"><figcaption>onboard camera</figcaption></figure>'
+    body = f"""<header><h1>{escape(title)}</h1>{_ending(found)}</header>
+<main>
+<section class="stage"><div class="scene"><iframe id="scene" title="flight in 3D" srcdoc="{escape(scene)}"></iframe>
+{VIEWS}</div>
+<div class="side">{eye if pictures["jpeg"] else ""}{plan_svg(room, zones, flown["reference"].values, data)}
+<p class="key"><span class="k planned">planned</span><span class="k truth">true</span>
+<span class="k estimate">estimate</span><span class="k anchor">anchor</span><span class="k landmark">landmark</span>
+{'<span class="k zone">blackout</span>' if zones else ""}</p></div></section>
+<section class="panel">{CONTROLS}<div class="lamps">{lamps}</div></section>
+<section class="plots"><h2>Errors in their 3σ bands, and arrivals</h2>{plots}
+<div class="ticks">{ticks}</div><p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
+</section>
+<section><h2>Figures</h2>{facts(_figures(found))}</section>
+<section><h2>How it was flown</h2>{facts(_origin(flight, scenario, pictures.get("none")))}
+<details><summary>The whole scenario</summary><pre>{escape(scenario.model_dump_json(indent=1))}</pre></details>
+</section>
+</main>
+<script type="application/json" id="data">{embedded(data | {"pictures": pictures, "room": corners})}</script>"""
+    return whole_page(title, body, asset("flight.js"))
+
+
+def _length(data: dict[str, Any]) -> float:
+    return float(data["time"][-1] - data["time"][0])
+
+
+def _ending(found: Summary) -> str:
+    if found.lost is None:
+        return "<p>reached its end</p>"
+    return f'<p class="lost">lost at {found.lost.time:.2f} s: {escape(found.lost.cause)}</p>'
+
+
+def _figures(found: Summary) -> Rows:
+    """Return the flight's figures as `ortilo fly` prints them."""
+    rows = [(f"mean squared error {axis}", f"{found.mse[axis]:.5f} m²") for axis in AXES]
+    rows += [
+        ("farthest from the path", f"{found.max_path_distance:.3f} m"),
+        ("farthest from the reference", f"{found.max_reference_distance:.3f} m"),
+        ("position NEES", f"{found.nees:.2f} (3 if consistent)"),
+    ]
+    for sensor, rate in found.arrivals.items():
+        if rate is not None:
+            rows.append((f"{sensor}: used of due", f"{rate:.1%}"))
+    for sensor, error in found.fix_errors.items():
+        rows.append((f"{sensor}: error of fixes", f"median {error.median:.3f} m, 95 % within {error.p95:.3f} m"))
+    if found.contacts:
+        rows.append(("touched", ", ".join(found.contacts)))
+    return rows
+
+
+def _origin(flight: xr.Dataset, scenario: Scenario, no_pictures: str | None) -> Rows:
+    """Return what flew, with what, and how to repeat it."""
+    command = repeat_command(scenario)
+    rows = [
+        ("scenario", scenario.name),
+        ("seed", str(scenario.seed)),
+        ("flown with", str(flight.attrs.get("software", "not recorded"))),
+        ("page made with", versions()),
+        ("repeat it", f"$ {command}" if command else "save the scenario below as a .yaml file and fly that"),
+    ]
+    return rows + ([("no pictures", no_pictures)] if no_pictures else [])

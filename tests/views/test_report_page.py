@@ -1,0 +1,160 @@
+"""`ortilo report`: what other commands wrote is on one page, whole; everything else is refused."""
+
+import base64
+import json
+import re
+import shlex
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from ortilo_drake.commands.report import report
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.views.page.plain_data import data_html
+from ortilo_drake.views.page.plain_markdown import markdown_html
+from ortilo_drake.views.page.repeat_command import repeat_command
+
+SENSITIVITY = """# What must you know, how well: own_room
+
+| what <it> does not know | lost |
+| --- | --- |
+| none | 0 of 8 |
+| mass | 3 of 8 |
+"""
+WRITTEN: dict[str, dict[str, Any]] = {
+    "tables": {"preset": "tuned", "flights": 2, "estimation": {"a": {"x": 1.5}}, "path": {}, "paper": {}},
+    "analyze": {"scenario": "own", "linearization": {}, "riccati": {}, "margins": {}},
+    "sensitivity": {
+        "scenario": "own",
+        "rows": [{"name": "mass", "value": 2.5}, {"name": "yaw", "value": 0.5}],
+        "limits": {},
+    },
+    "hil check": {"identical": True, "latency_ms": {"p50": 1.25}, "missed_deadlines": None, "lost": None},
+}
+
+
+class Cells(HTMLParser):
+    """The texts of a page's table cells, row by row."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self._open = False
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+            self._open = True
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = self._open and tag not in ("td", "th")
+
+    def handle_data(self, data: str) -> None:
+        if self._open:
+            self.rows[-1][-1] += data
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "own_room.md").write_text(SENSITIVITY, encoding="utf-8")
+    cv2.imwrite(str(tmp_path / "own_room.png"), np.full((8, 8, 3), 77, np.uint8))
+    (tmp_path / "notes.md").write_text("# My notes\n\nnot a report", encoding="utf-8")
+    return tmp_path
+
+
+def test_a_folder_s_text_tables_and_figures_are_on_its_page(folder: Path) -> None:
+    report(folder)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<h1>What must you know, how well: own_room</h1>" in page
+    rows = Cells(page).rows
+    assert rows[:3] == [["what <it> does not know", "lost"], ["none", "0 of 8"], ["mass", "3 of 8"]]
+    assert ["written by", "ortilo sensitivity own_room"] in rows
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert base64.b64decode(picture) == (folder / "own_room.png").read_bytes()
+    assert "My notes" not in page
+    assert "http" not in page
+
+
+@pytest.mark.parametrize("command", list(WRITTEN))
+def test_a_json_file_is_known_by_what_is_in_it(tmp_path: Path, command: str) -> None:
+    file = tmp_path / "written.json"
+    file.write_text(json.dumps(WRITTEN[command]), encoding="utf-8")
+    report(file)
+    page = (tmp_path / "written.html").read_text(encoding="utf-8")
+    assert f"<h1>ortilo {command}" in page
+
+
+def test_rows_alike_are_a_table() -> None:
+    rows = Cells(data_html(WRITTEN["sensitivity"])).rows
+    assert rows[1:4] == [["", "name", "value"], ["1", "mass", "2.5"], ["2", "yaw", "0.5"]]
+
+
+def test_html_in_a_text_is_shown_as_it_stands() -> None:
+    assert markdown_html("a <script>b</script>") == "<p>a &lt;script&gt;b&lt;/script&gt;</p>"
+    assert "<script>" not in data_html({"<script>": {"<script>": "<script>"}})
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("fly.json", b'{"scenario": "x", "seed": 0}', "not written by a command that reports"),
+        ("list.json", b"[1, 2]", "not written by a command that reports"),
+        ("deep.json", b"[" * 100_000, "is no JSON"),
+        ("text.json", b"hello", "is no JSON"),
+        ("bytes.json", b"\xff\xfe", "is no JSON"),
+        ("flight.nc", b"CDF", "not a flight"),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    file = tmp_path / name
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=f"{name}: .*{said}"):
+        report(file)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_without_a_report_a_missing_file_and_a_false_picture_are_refused(folder: Path) -> None:
+    (folder / "empty").mkdir()
+    with pytest.raises(InputError, match="empty: holds no report"):
+        report(folder / "empty")
+    with pytest.raises(InputError, match="gone: cannot be read"):
+        report(folder / "gone")
+    (folder / "own_room.png").write_text("<svg>")
+    with pytest.raises(InputError, match=r"own_room\.png: is no PNG"):
+        report(folder)
+
+
+def test_the_file_reported_on_is_not_overwritten(tmp_path: Path) -> None:
+    file = tmp_path / "written.json"
+    file.write_text(json.dumps(WRITTEN["tables"]), encoding="utf-8")
+    with pytest.raises(InputError, match="is the file to report on"):
+        report(file, file)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("uwb.link.loss=0.25",),
+        ("planner={kind: hover, point: [1, 1, 1.5]}", "vehicle.mass=2.9", "camera.kind=projected"),
+    ],
+)
+def test_the_command_of_a_page_flies_the_same_scenario(settings: tuple[str, ...]) -> None:
+    scenario = load_scenario("imu_uwb_yolo", settings, 5)
+    command = repeat_command(scenario)
+    assert command is not None
+    words = shlex.split(command)
+    assert words[:5] == ["ortilo", "fly", "imu_uwb_yolo", "--seed", "5"]
+    assert load_scenario(words[2], tuple(words[6::2]), int(words[4])) == scenario
+
+
+def test_a_scenario_of_an_unknown_file_has_no_command() -> None:
+    assert repeat_command(load_scenario("imu_uwb").model_copy(update={"name": "of_mine"})) is None
