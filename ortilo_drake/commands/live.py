@@ -52,8 +52,8 @@ def live(
     controls = Controls(meshcat, room, chosen.sensors, (float(goal[0]), float(goal[1])))
     lamps = tuple(sensor for sensor in chosen.sensors if sensor != "imu")
     scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
-    out.print(f"open {meshcat.web_url()}", soft_wrap=True)
-    out.print(f"the lamps above the vehicle, from west to east: {', '.join(lamps)}; Ctrl-C ends")
+    out.print(f"open {meshcat.web_url()} and there the controls, upper right; Ctrl-C ends", soft_wrap=True)
+    out.print(f"the lamps above the vehicle, from west to east, are green while these arrive: {', '.join(lamps)}")
     status = Status()
     with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
 

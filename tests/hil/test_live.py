@@ -1,50 +1,23 @@
 """A live flight: what the controls change, what they do not, and goals; the page's own controls."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import pytest
+from planning_at_once import AtOnce
 from pydrake.geometry import Meshcat
 
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
-from ortilo_drake.hil.goals.goal_planner import GoalPlanner, Plan, goal_settings, reason_of
 from ortilo_drake.hil.live.controls import GOAL, HEAVIER, LOST, PUSH, SPEED, Controls
 from ortilo_drake.hil.live.live_flight import LiveFlight, Seen, with_a_force
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.session import Shares, Status, fly_live
 from ortilo_drake.hil.live.wishes import Wishes
-from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.planner.goal_path import knots
-from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Scenario, load_scenario
 
 HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 5}", "camera.kind=projected")
 HOVERING = load_scenario("imu_uwb_yolo", HOVER)
 NOTHING = Wishes()
-
-
-class AtOnce(GoalPlanner):
-    """Plans in this process, when it is asked for the plan."""
-
-    def __init__(self, scenario: Scenario):
-        self._scenario, self._job = scenario, None
-
-    def ask(self, number: int, p: np.ndarray, goal: np.ndarray) -> None:
-        self._job: Any = (number, p, goal)
-
-    def poll(self) -> Plan | None:
-        if self._job is None:
-            return None
-        (number, p, goal), self._job = self._job, None
-        x, y, height = p.tolist()
-        wanted = goal_settings(self._scenario).model_copy(
-            update={"start": (x, y), "goal": tuple(goal.tolist()), "height": height}
-        )
-        try:
-            return Plan(number, knots(plan(wanted, self._scenario.load_room(), self._scenario.vehicle)), "")
-        except InputError as error:
-            return Plan(number, None, reason_of(error))
 
 
 def flight(scenario: Scenario = HOVERING) -> LiveFlight:
@@ -174,13 +147,14 @@ def test_a_lost_flight_stands_still_until_it_is_flown_anew() -> None:
     assert last.note == ""
 
 
-def test_shares_count_what_was_due_of_late() -> None:
-    shares = Shares({"uwb": 2, "imu": 1}, 8)
-    assert shares.now() == {"uwb": None, "imu": None}
+def test_shares_count_what_was_due_of_late_though_it_came_a_tick_later() -> None:
+    shares = Shares({"uwb": 2, "camera": 3, "imu": 1}, 8)
+    assert shares.now() == {"uwb": None, "camera": None, "imu": None}
     nothing = flight().step(NOTHING)
     for k in range(40):
-        shares.count(nothing._replace(arrived=("imu", "uwb") if k < 36 else ("imu",)))
-    assert shares.now() == {"uwb": 0.5, "imu": 1.0}
+        uwb, camera = k % 2 == 0 and k < 36, k % 3 == 1
+        shares.count(nothing._replace(arrived=("imu", *["uwb"] * uwb, *["camera"] * camera)))
+    assert shares.now() == {"uwb": 0.5, "camera": 1.0, "imu": 1.0}
 
 
 def test_the_pages_sliders_and_buttons_are_the_wishes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,7 +55,7 @@ class Status:
 
 
 class Shares:
-    """The share of each sensor's messages that arrived of late.
+    """The share of each sensor's messages that arrived of late; one may arrive in a later tick than it is due in.
 
     Args:
         due: a sensor has a message due every so many ticks.
@@ -63,19 +63,18 @@ class Shares:
     """
 
     def __init__(self, due: dict[str, int], ticks: int):
-        self._due, self._k = due, 0
-        self._arrived = {sensor: deque[bool](maxlen=max(ticks // every, 1)) for sensor, every in due.items()}
+        self._due = due
+        self._arrived = {sensor: deque[bool](maxlen=max(ticks // every, 1) * every) for sensor, every in due.items()}
 
     def count(self, seen: Seen) -> None:
         """Count a tick's arrivals."""
-        for sensor, every in self._due.items():
-            if self._k % every == 0:
-                self._arrived[sensor].append(sensor in seen.arrived)
-        self._k += 1
+        for sensor, its in self._arrived.items():
+            its.append(sensor in seen.arrived)
 
     def now(self) -> dict[str, float | None]:
         """Return the shares."""
-        return {sensor: sum(its) / len(its) if its else None for sensor, its in self._arrived.items()}
+        due = {sensor: -(-len(its) // self._due[sensor]) for sensor, its in self._arrived.items()}
+        return {s: min(sum(its) / due[s], 1.0) if its else None for s, its in self._arrived.items()}
 
 
 def fly_live(

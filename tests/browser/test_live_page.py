@@ -1,0 +1,100 @@
+"""The page of a live flight in headless Chromium: a slider loses messages, pause holds, goals fly, stop ends."""
+
+import time
+from collections.abc import Callable, Iterator
+from threading import Event, Thread
+
+import pytest
+from browser.chromium import PATIENCE, Page
+from planning_at_once import AtOnce
+
+from ortilo_drake.hil.live.controls import GO, GOAL, LOST, PAUSE, SPEED, STOP, Controls
+from ortilo_drake.hil.live.scene import Scene
+from ortilo_drake.hil.live.session import Status, fly_live
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.world.scenery.meshcat_room import make_meshcat
+
+pytestmark = pytest.mark.long
+
+NAMED = (
+    """Array.from(document.querySelectorAll('.property-name')).find((e) => e.textContent.trim() === %r).parentElement"""
+)
+
+
+class Flying(Thread):
+    """A live flight in a thread, which alone may talk to its Meshcat."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.status, self.url, self.is_ready = Status(), "", Event()
+
+    def run(self) -> None:
+        scenario = load_scenario(
+            "imu_uwb_yolo", ("planner={kind: hover, point: [8, 1, 1.5], duration: 5}", "camera.kind=projected")
+        )
+        meshcat, room = make_meshcat(), scenario.load_room()
+        controls = Controls(meshcat, room, scenario.sensors, (8.0, 1.0))
+        scene = Scene(meshcat, room, scenario.vehicle, ("uwb", "camera"), scenario.h)
+        self.url = f"{meshcat.web_url()}/"
+        self.is_ready.set()
+        fly_live(scenario, AtOnce(scenario), controls, scene, self.show)
+
+    def show(self, status: Status) -> None:
+        self.status = Status(**vars(status))
+
+    def until(self, holds: Callable[[Status], bool]) -> Status:
+        """Return the first status of which something holds."""
+        end = time.monotonic() + PATIENCE
+        while not holds(status := self.status):
+            assert time.monotonic() < end, status
+            time.sleep(0.02)
+        return status
+
+
+@pytest.fixture
+def flying(tab: Page) -> Iterator[Flying]:
+    flying = Flying()
+    flying.start()
+    assert flying.is_ready.wait(PATIENCE)
+    tab.errors.clear()
+    tab.open(flying.url)
+    tab.until(f"document.body.innerText.includes({LOST.format('uwb')!r})")
+    yield flying
+    click(tab, STOP)
+    flying.join(PATIENCE)
+    assert not flying.is_alive()
+    tab.call("Page.navigate", url="about:blank")
+
+
+def slide(tab: Page, name: str, value: float) -> None:
+    tab.run(f"const i{abs(hash((name, value)))} = {NAMED % name}.querySelector('input'); "
+            f"i{abs(hash((name, value)))}.value = '{value}'; "
+            f"i{abs(hash((name, value)))}.dispatchEvent(new Event('change'))")  # fmt: skip
+
+
+def click(tab: Page, name: str) -> None:
+    tab.run(f"({NAMED % name}).click()")
+
+
+def test_the_user_changes_the_world_and_the_flight_follows(tab: Page, flying: Flying) -> None:
+    slide(tab, SPEED, 5.0)
+    before = flying.until(lambda s: s.time > 6.0).arrivals
+    assert (before["uwb"] or 0.0) > 0.9
+    slide(tab, LOST.format("uwb"), 100.0)
+    after = flying.until(lambda s: s.arrivals.get("uwb") == 0.0).arrivals
+    assert (after["camera"] or 0.0) > 0.5
+    slide(tab, LOST.format("uwb"), 0.0)
+    flying.until(lambda s: (s.arrivals.get("uwb") or 0.0) > 0.9)
+
+    click(tab, PAUSE)
+    held = flying.until(lambda s: s.is_paused).time
+    time.sleep(0.3)
+    assert flying.status.time == held
+    click(tab, PAUSE)
+    flying.until(lambda s: s.time > held)
+
+    for name, value in zip(GOAL, (9.5, 1.8), strict=True):
+        slide(tab, name, value)
+    click(tab, GO)
+    assert "on the way" in flying.until(lambda s: bool(s.note)).note
+    assert [error for error in tab.errors if "favicon" not in error] == []
