@@ -49,6 +49,7 @@ html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_math_renderer = "mathml"
+html_context = {"default_mode": "auto"}
 html_theme_options = {
     "navbar_align": "left",
     "collapse_navigation": True,  # three hundred modules in each page's sidebar make 70 MB

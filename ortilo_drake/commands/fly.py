@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
@@ -22,12 +23,12 @@ from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
+LOST = 3  # exit code of a flight that was lost
 
-def _print_flight(result: Summary) -> None:
-    lost = result.lost
+
+def _print_flight(result: Summary, said: str) -> None:
     out.print(f"[bold]{result.scenario}[/bold], seed {result.seed}")
-    if lost:
-        out.print(f"  [red]lost[/red] at {lost.time:.2f} s: {lost.cause}")
+    out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
     mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result.mse.items())
     out.print(f"  estimation MSE      {mse} m²")
     farthest = result.max_path_distance, result.max_reference_distance
@@ -62,7 +63,10 @@ def fly(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Fly one scenario and print its errors, arrival rates and real-time factor."""
+    """Fly one scenario; print how it went, its errors, arrival rates and real-time factor.
+
+    Exit code 3 says that the flight was lost; everything asked for is written nevertheless.
+    """
     chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
     if detector is not None and not chosen.is_rendered:
         raise InputError(f"--detector: {chosen.name} flies without a camera that it could look through")
@@ -73,6 +77,7 @@ def fly(
     from ortilo_drake.flight.flight import fly as fly_once
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary
+    from ortilo_drake.flight.verdict import verdict
 
     if video:
         from ortilo_drake.views.video import check_video, flight_video
@@ -114,5 +119,7 @@ def fly(
             drawing = progress.add_task("drawing the video", total=None)
             flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
     write_json(json_file, result)
-    _print_flight(result)
+    _print_flight(result, verdict(flight))
     say_written(html, png, video, out_file, log, json_file)
+    if result.lost:
+        raise typer.Exit(LOST)

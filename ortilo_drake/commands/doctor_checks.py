@@ -1,0 +1,176 @@
+"""What `ortilo doctor` looks at: a function for each thing, which says what was found and how to mend it."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Final, NamedTuple
+
+NEEDED, WANTED = "needed", "wanted"
+LIMIT: Final = 120.0  # for drawing a picture in another process [s]
+LEAST_DISK: Final = 2.0  # [GB]
+LEAST_MEMORY: Final = 2.0  # [GB]
+_PICTURE: Final = """
+from pydrake.geometry import (ClippingRange, ColorRenderCamera, DepthRange, DepthRenderCamera, MakeRenderEngineVtk,
+    RenderCameraCore, RenderEngineVtkParams, SceneGraph)
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo
+graph = SceneGraph()
+graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+core = RenderCameraCore("vtk", CameraInfo(16, 16, 1.0), ClippingRange(0.1, 10.0), RigidTransform())
+context = graph.CreateDefaultContext()
+query = graph.get_query_output_port().Eval(context)
+image = query.RenderColorImage(ColorRenderCamera(core), graph.world_frame_id(), RigidTransform())
+assert image.data.shape == (16, 16, 4)
+"""
+
+
+class Finding(NamedTuple):
+    """What was found of one thing.
+
+    Attributes:
+        name: of the thing.
+        is_there: whether it is as it must be.
+        weight: 'needed' to fly, or 'wanted' for something more.
+        found: what was found.
+        mend: what to do if it is not there, and what for.
+    """
+
+    name: str
+    is_there: bool
+    weight: str
+    found: str
+    mend: str
+
+
+def _installed(package: str) -> str:
+    """Return the version of an installed package; empty if it is not there."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
+def python() -> Finding:
+    """Look at Python's version."""
+    found = ".".join(map(str, sys.version_info[:3]))
+    return Finding("Python", sys.version_info >= (3, 11), NEEDED, found, "install Python 3.11 or later")
+
+
+def drake() -> Finding:
+    """Look at Drake's version."""
+    found = _installed("drake")
+    return Finding("Drake", bool(found), NEEDED, found or "not installed", "pip install drake")
+
+
+def pictures() -> Finding:
+    """Draw a small picture in another process, whose crash would end that one alone."""
+    mend = "apt-get install libegl1 libgl1 libgl1-mesa-dri; until then fly with --camera projected"
+    try:
+        done = subprocess.run([sys.executable, "-c", _PICTURE], capture_output=True, text=True, timeout=LIMIT)
+    except subprocess.TimeoutExpired:
+        return Finding("drawn pictures", False, WANTED, f"none within {LIMIT:.0f} s", mend)
+    why = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+    return Finding(
+        "drawn pictures", done.returncode == 0, WANTED, "EGL draws" if done.returncode == 0 else why[0], mend
+    )
+
+
+def kernels() -> Finding:
+    """Look whether compiled functions can be kept; if not, every process compiles for half a minute."""
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(own) if own else Path(__file__).parents[1]
+    kept = os.access(folder if folder.exists() else folder.parent, os.W_OK)
+    mend = "set NUMBA_CACHE_DIR to a folder that can be written, or each start compiles anew"
+    return Finding("compiled functions kept", kept, WANTED, str(folder), mend)
+
+
+def _package(name: str, package: str, extra: str, what_for: str) -> Finding:
+    found = _installed(package)
+    return Finding(
+        name, bool(found), WANTED, found or "not installed", f"pip install 'ortilo-drake[{extra}]': {what_for}"
+    )
+
+
+def onnxruntime() -> Finding:
+    """Look for onnxruntime."""
+    return _package("onnxruntime", "onnxruntime", "onnx", "detects objects twice as fast as OpenCV")
+
+
+def torch() -> Finding:
+    """Look for torch."""
+    return _package("torch", "torch", "torch", "trains the detector, and runs Darknet's networks")
+
+
+def videos() -> Finding:
+    """Look for what writes .mp4."""
+    return _package("videos", "av", "video", "ortilo fly --video F.mp4")
+
+
+def ros() -> Finding:
+    """Look for ROS 2."""
+    there = importlib.util.find_spec("rclpy") is not None
+    mend = "source an installation, or pip install 'ortilo-drake[ros2]' on Python 3.11: ortilo hil bridge"
+    return Finding("ROS 2", there, WANTED, "rclpy" if there else "not installed", mend)
+
+
+def graphviz() -> Finding:
+    """Look for Graphviz."""
+    found = shutil.which("dot")
+    return Finding("Graphviz", bool(found), WANTED, found or "no dot", "apt-get install graphviz: ortilo diagram")
+
+
+def browser() -> Finding:
+    """Look for a browser on this machine."""
+    names = ("xdg-open", "open", "firefox", "chromium", "chromium-browser", "google-chrome")
+    found = next((name for name in names if shutil.which(name)), "")
+    mend = "pages are single files: open them on another machine"
+    return Finding("browser", bool(found), WANTED, found or "none", mend)
+
+
+def multicast() -> Finding:
+    """Join the default group of hardware in the loop."""
+    from ortilo_drake.hil.wire.bus import open_bus
+    from ortilo_drake.hil.wire.urls import DEFAULT_URL
+    from ortilo_drake.model.input_error import InputError
+
+    try:
+        with open_bus(DEFAULT_URL):
+            pass
+    except (InputError, OSError) as error:
+        return Finding("hardware in the loop", False, WANTED, str(error), "ip link set lo up")
+    return Finding("hardware in the loop", True, WANTED, "multicast on this machine", "")
+
+
+def cores() -> Finding:
+    """Count the cores that this process may use."""
+    n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return Finding("cores", n >= 1, WANTED, str(n), "")
+
+
+def memory() -> Finding:
+    """Look how much memory is free."""
+    pages, size = os.sysconf("SC_AVPHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
+    free = pages * size / 1e9
+    return Finding(
+        "memory",
+        free > LEAST_MEMORY,
+        WANTED,
+        f"{free:.1f} GB free",
+        f"a flight with pictures takes {LEAST_MEMORY:.0f} GB",
+    )
+
+
+def disk() -> Finding:
+    """Look how much room there is where flights are written."""
+    free = shutil.disk_usage(".").free / 1e9
+    return Finding("disk", free > LEAST_DISK, WANTED, f"{free:.1f} GB free here", "a hundred flights take 0.2 GB")
+
+
+CHECKS: Final = (
+    *(python, drake, pictures, kernels, cores, memory, disk),
+    *(onnxruntime, videos, multicast, graphviz, browser, ros, torch),
+)

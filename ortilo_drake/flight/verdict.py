@@ -1,0 +1,35 @@
+"""How a flight went, in a sentence."""
+
+import json
+
+import numpy as np
+import xarray as xr
+
+WITHIN = 3.0  # standard deviations
+
+
+def share_within(flight: xr.Dataset) -> float:
+    """Return the share of ticks in which the estimated position is within 3 sigma of the truth on every axis [1].
+
+    The first tick is left out, whose estimate is given. A Gaussian error has 0.992.
+    """
+    error = np.abs(flight["estimate"].values[1:, :3] - flight["truth"].values[1:, :3])
+    P = flight["covariance"].values[1:, :3, :3]
+    there = np.isfinite(error).all(axis=1)
+    sd = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
+    return float(np.mean((error <= WITHIN * sd)[there].all(axis=1))) if there.any() else float("nan")
+
+
+def rms_error(flight: xr.Dataset) -> float:
+    """Return the root of the mean squared distance of the estimated from the true position [m]."""
+    error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
+    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
+
+
+def verdict(flight: xr.Dataset) -> str:
+    """Return how a flight went, for a reader who knows nothing of it yet."""
+    lost = json.loads(flight.attrs["lost"])
+    end = f"lost at {lost['time']:.1f} s: {lost['cause']}" if lost else "reached its end"
+    begin = "; until then the" if lost else f" in {float(flight['time'].values[-1]):.1f} s; the"
+    error, share = 100.0 * rms_error(flight), share_within(flight)
+    return f"{end}{begin} estimated position was {error:.2g} cm off (RMS), within its 3 sigma {share:.0%} of the time"

@@ -1,0 +1,52 @@
+"""How a flight went, in a sentence."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from ortilo_drake.flight.verdict import rms_error, share_within, verdict
+
+
+def made_up(n: int, sd: np.ndarray, lost: dict[str, object] | None = None) -> xr.Dataset:
+    """Return n ticks of a flight at rest whose estimate errs by normal numbers of those sd (3)."""
+    error = sd * np.random.default_rng(0).normal(size=(n, 3))
+    return xr.Dataset(
+        {
+            "truth": (("tick", "state"), np.zeros((n, 12))),
+            "estimate": (("tick", "xbar"), np.hstack([error, np.zeros((n, 12))])),
+            "covariance": (("tick", "xbar", "xbar_column"), np.tile(np.diag([*sd**2, *np.ones(12)]), (n, 1, 1))),
+        },
+        coords={"time": ("tick", np.arange(n) / 30.0)},
+        attrs={"lost": json.dumps(lost)},
+    )
+
+
+SD = np.array([0.01, 0.02, 0.02])
+
+
+def test_a_consistent_estimate_is_within_three_sigma_as_often_as_a_gaussian() -> None:
+    flight = made_up(20_000, SD)
+    expected = 0.9973002**3
+    assert share_within(flight) == pytest.approx(expected, abs=4.0 * np.sqrt(expected * (1.0 - expected) / 20_000))
+    assert rms_error(flight) == pytest.approx(0.03, rel=0.02)
+
+
+def test_an_estimate_that_claims_too_much_is_not() -> None:
+    flight = made_up(2000, SD)
+    flight["covariance"] = flight["covariance"] / 9.0
+    assert share_within(flight) == pytest.approx(0.6827**3, abs=0.04)  # within one sigma of what it really is
+
+
+def test_the_sentence() -> None:
+    assert verdict(made_up(2231, SD)).startswith("reached its end in 74.3 s; the estimated position was 3 cm off")
+    assert verdict(made_up(2231, SD)).endswith("cm off (RMS), within its 3 sigma 99% of the time")
+    lost = verdict(made_up(300, SD, {"time": 9.97, "cause": "touched 'wall'"}))
+    assert lost.startswith("lost at 10.0 s: touched 'wall'; until then the estimated position was")
+
+
+def test_a_flight_without_a_state_at_its_end_has_one_too() -> None:
+    flight = made_up(300, SD, {"time": 9.97, "cause": "tumbled"})
+    flight["truth"][-1] = np.nan
+    assert "nan" not in verdict(flight)
