@@ -14,7 +14,15 @@ from ortilo_drake.commands.options import (
     WorkersOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    err,
+    out,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    write_json,
+)
 from ortilo_drake.scenario import load_scenario
 
 
@@ -45,6 +53,7 @@ def analyze(
     from ortilo_drake.studies.report.analyze import analyze as analyze_scenario
 
     quiet_drake()
+    say_if_compiling()
     if chosen.is_rendered:
         err.print("the camera is projected here, not rendered")
         chosen = chosen.projected()

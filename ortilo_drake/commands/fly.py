@@ -17,7 +17,15 @@ from ortilo_drake.commands.options import (
     quiet_drake,
     with_camera,
 )
-from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    err,
+    out,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    write_json,
+)
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
@@ -84,6 +92,7 @@ def fly(
 
         check_video(video)
     quiet_drake()
+    say_if_compiling()
 
     with progress_bar() as progress:
         task = progress.add_task("compiling" if not meshcat else "flying live", total=flight_ticks(chosen))

@@ -15,7 +15,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
     with_camera,
 )
-from ortilo_drake.commands.terminal import err, out
+from ortilo_drake.commands.terminal import err, out, say_if_compiling
 from ortilo_drake.scenario import load_scenario
 
 
@@ -45,6 +45,7 @@ def live(
     from ortilo_drake.world.scenery.meshcat_room import make_meshcat
 
     quiet_drake()
+    say_if_compiling()
     path = planned(chosen)
     check_flyable(chosen, path)
     room, meshcat = chosen.load_room(), make_meshcat(port)

@@ -14,7 +14,15 @@ from ortilo_drake.commands.options import (
     WorkersOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, err, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    err,
+    out,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    write_json,
+)
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -44,6 +52,7 @@ def sensitivity(
     from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 
     quiet_drake()
+    say_if_compiling()
 
     def vary(under: Settings) -> Scenario:
         return load_scenario(scenario, (*laid_over, *under))

@@ -1,6 +1,7 @@
 """The terminal: where commands print, their progress bars, and checks before anything runs."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,14 @@ def say_written(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             out.print(f"  wrote {path}", markup=False, soft_wrap=True)
+
+
+def say_if_compiling() -> None:
+    """Say that the first flight of an installation compiles its functions, if nothing compiled is kept yet."""
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(own) if own else Path(__file__).parents[1]
+    if next(folder.rglob("*.nbi"), None) is None:
+        say_error("compiling, once: half a minute to two")
 
 
 def say_error(line: str) -> None:
