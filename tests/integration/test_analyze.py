@@ -60,6 +60,20 @@ def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str, str]) -> No
 
 
 @pytest.mark.long
+def test_the_report_begins_with_what_it_found(analyzed: tuple[dict[str, Any], str, str]) -> None:
+    data, text, _ = analyzed
+    short = text.partition("## In short")[2].partition("## ")[0]
+    lines = [line for line in short.splitlines() if line]
+    assert 2 < len(lines) <= 5
+    assert all(line.startswith("- ") and line.endswith(".") for line in lines)
+    torque = data["margins"]["nominal"]["channels"]["tau_y"]
+    assert f"{torque['gain_down']:.2f} to {torque['gain_up']:.2f}" in lines[1]
+    assert f"{1e3 * torque['delay']:.0f} ms" in lines[1]
+    commands = data["commands"]
+    assert f"{commands['largest_loss']['hold']['independent']:.0%} may be lost" in lines[2]
+
+
+@pytest.mark.long
 def test_each_part_says_on_stderr_that_it_begins(analyzed: tuple[dict[str, Any], str, str]) -> None:
     parts = ("linearization", "riccati", "margins", "arrivals", "commands")
     assert analyzed[2].splitlines() == [f"{part} ..." for part in parts]

@@ -10,6 +10,7 @@ from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved
 from ortilo_drake.studies.report.analyze import Analysis
 from ortilo_drake.studies.report.checked_text import honesty_text, tube_text
+from ortilo_drake.studies.report.in_short import in_short
 from ortilo_drake.views.markdown import table
 
 SOLVERS = ["drake", "scipy", "doubling", "recursion"]
@@ -142,7 +143,7 @@ def _case_row(case: CommandCase) -> list[str]:
 
 def analysis_text(found: Analysis) -> str:
     """Return what studies.report.analyze found, as Markdown."""
-    lines = [f"# Analysis of {found.scenario}", ""]
+    lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
     lines += linearization_text(found.linearization) + riccati_text(found.riccati) + margins_text(found.margins)
     lines += arrivals_text(found.arrivals) + commands_text(found.commands, found.command_flights)
     if found.tube:

@@ -33,22 +33,28 @@ def _mean(mean: float | None, interval: tuple[float, float] | None) -> str:
     return f"{mean:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
 
 
-def tube_text(found: TubeReport) -> list[str]:
-    """Return the section on the tube from tube_report."""
-    lines = ["## The tube along the path", ""]
+def least_rates(found: TubeReport) -> str:
+    """Return from which arrival rates on the tube stays in the corridor; empty if it never does."""
     (first, a), (second, b), (_, margin) = found.rates.items()
-    bursts = found.bursts
     enough = [
         (rate, next((c for c, m in zip(b, row, strict=True) if m >= 0.0), None))
         for rate, row in zip(a, margin, strict=True)
     ]
     least = next(((rate, other) for rate, other in enough if other is not None), None)
-    if least is not None:
-        name = "UWB" if first == "uwb" else first
-        lines += [
-            f"The 3-sigma tube stays in the corridor from a {name} rate of {least[0]:.3f} on, with a {second} rate of"
-        ]
-        lines += [f"{least[1]:.3f} there.", ""]
+    if least is None:
+        return ""
+    name = "UWB" if first == "uwb" else first
+    start = f"The 3-sigma tube stays in the corridor from a {name} rate of {least[0]:.3f} on, with a {second} rate of"
+    return f"{start} {least[1]:.3f} there."
+
+
+def tube_text(found: TubeReport) -> list[str]:
+    """Return the section on the tube from tube_report."""
+    lines = ["## The tube along the path", ""]
+    first, second, _ = found.rates
+    bursts = found.bursts
+    if least := least_rates(found):
+        lines += [least, ""]
     longest = [
         (rate, max((b for b, m in zip(bursts.burst_s, row, strict=True) if m >= 0.0), default=None))
         for rate, row in zip(bursts.rate, bursts.margin, strict=True)
