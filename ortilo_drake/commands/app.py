@@ -18,6 +18,7 @@ from ortilo_drake.commands.room.app import room_app
 from ortilo_drake.commands.scenario import scenario_app
 from ortilo_drake.commands.sensitivity import sensitivity
 from ortilo_drake.commands.tables import tables
+from ortilo_drake.commands.terminal import out
 from ortilo_drake.commands.tune import tune
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.parts import load_plugin
@@ -30,12 +31,24 @@ app = typer.Typer(
 )
 
 
+def _say_version(asked: bool) -> None:
+    """Print the versions of this program, Drake and Python, and end."""
+    if asked:
+        from ortilo_drake.views.page.shell import versions
+
+        out.print(versions())
+        raise typer.Exit
+
+
 @app.callback()
 def load_plugins(
     plugin: Annotated[
         list[Path] | None,
         typer.Option(help="A Python file that registers parts of your own (examples/); it is run. May be repeated."),
     ] = None,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
+    ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them."""
     for file in plugin or ():

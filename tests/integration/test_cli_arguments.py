@@ -2,9 +2,11 @@
 
 import enum
 import inspect
+import platform
 import types
 import typing
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -88,3 +90,11 @@ def test_a_wrong_word_ends_with_code_two_and_one_line(
         assert len(printed.err.splitlines()) == 1, (call, printed.err)
         assert printed.err.startswith("ortilo: "), call
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_versions_are_those_installed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--version") == 0
+    said = capsys.readouterr().out
+    assert said.startswith("ortilo-drake ")
+    assert f"Drake {version('drake')}," in said
+    assert f"Python {platform.python_version()}" in said
