@@ -124,6 +124,40 @@ def test_the_report_says_what_is_known(tmp_path: Path) -> None:
     assert set(json.loads(json.dumps(as_data(found)))) == {"scenario", "rows", "limits"}
 
 
+def test_the_report_begins_with_what_leaves_the_least_room() -> None:
+    mass, force, gusts, yaw = MISMATCHES[0], MISMATCHES[3], MISMATCHES[4], MISMATCHES[6]
+    together = all_together(MISMATCHES).name
+    found = Sensitivity(
+        "nominal_imu_uwb",
+        [Row("none", 0.0, 20, 1, {"x": 0.01, "y": 0.02, "z": 0.03}, 3.1), Row(mass.name, 10.0, 20, 20, None, None)],
+        [
+            Limit(mass.name, 4.2, (3.0, 6.1)),  # 1.4 times a careful team's 3 %
+            Limit(force.name, 0.12, (0.1, 0.2)),  # 1.2 times its 0.1 N, though the larger number is the mass's
+            Limit(gusts.name, None, (5.0, None)),
+            Limit(yaw.name, 0.0, (0.0, 0.1)),
+            Limit(together, 0.7, (0.5, 0.9)),  # less than any alone, and no single mismatch
+        ],
+    )
+    title, heading, *lines = (line for line in sensitivity_text(found).splitlines() if line)
+    assert (title[:2], heading) == ("# ", "## In short")
+    assert lines[0] == "- Without any mismatch 1 of 20 flights are lost."
+    assert lines[1] == f"- 5% are lost at less than was flown of: {yaw.name}."
+    assert lines[2].startswith(f"- Least room is left by '{force.name}': 5% are lost at 0.12, 1.2 times")
+    assert lines[3] == "- 1 of 4 mismatches were not found to lose that many at any value flown."
+    assert lines[4] == "- All together lose 5% at 0.7 times what a careful team leaves of each."
+    assert not lines[5].startswith("- ")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(None, "were not found to lose 5% at any value flown"), (0.0, "lose 5% at less than was flown")],
+)
+def test_the_summary_says_when_no_limit_of_all_together_is_known(value: float | None, said: str) -> None:
+    limits = [Limit(MISMATCHES[0].name, 4.2, (3.0, 6.1)), Limit(all_together(MISMATCHES).name, value, (None, None))]
+    text = sensitivity_text(Sensitivity("nominal_imu_uwb", [Row("none", 0.0, 20, 0, None, None)], limits))
+    assert f"- All together {said}." in text
+
+
 def test_the_report_says_in_a_sentence_that_all_is_lost_without_mismatch(tmp_path: Path) -> None:
     found = Sensitivity(
         "nominal_imu_uwb",
@@ -131,7 +165,8 @@ def test_the_report_says_in_a_sentence_that_all_is_lost_without_mismatch(tmp_pat
         [Limit(m.name, *NO_LEVEL) for m in MISMATCHES if m.largest],
     )
     text = sensitivity_text(found)
-    assert "More than 5% of the flights are lost without any mismatch" in text
+    assert text.count("More than 5% of the flights are lost without any mismatch") == 1
+    assert text.index("More than 5%") < text.index("| none |")
     assert "95 % interval" not in text
     assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
 

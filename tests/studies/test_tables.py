@@ -225,6 +225,43 @@ def test_intervals_too_narrow_to_mean_anything_are_marked(flights: int, marked: 
     assert ("] (!); paper 93.35 %" in text) == ("median" in marked)
 
 
+def in_short(text: str) -> list[str]:
+    """Return the lines of a report's summary, which must come before everything else."""
+    title, heading, *rest = (line for line in text.splitlines() if line)
+    assert title.startswith("# ")
+    assert heading == "## In short"
+    return list(itertools.takewhile(lambda line: line.startswith("- "), rest))
+
+
+@pytest.mark.parametrize("beside", [0, 3])
+def test_the_text_begins_with_five_lines_of_what_it_says(beside: int) -> None:
+    rows = {name: random_summaries(seed) for seed, name in enumerate((*NAMES, "a", "b", "c")[: 2 + beside])}
+    rows["imu_uwb"] = [*rows["imu_uwb"][1:], made_up_summary((1e9,) * 3, lost="hit a wall")]
+    lost, *medians, drop, nees = in_short(table_text(make_tables("tuned", rows)))
+    assert lost.startswith("- Flights lost: IMU+UWB 1 of 20, IMU+UWB+YOLO 0 of 20")
+    for name, line in zip(NAMES, medians, strict=True):
+        kept = [s for s in rows[name] if s.lost is None]
+        expected = [stdlib.median(s.mse[axis] for s in kept) for axis in "xyz"]
+        assert f": {', '.join(f'{value:.4f}' for value in expected)} m² in x, y, z (paper: " in line
+    assert "(paper: 0.0993, 0.0049, 0.0179)" in medians[0]
+    assert "(paper: 0.0066, 0.0032, 0.0120)" in medians[1]
+    x = [stdlib.median(s.mse["x"] for s in rows[name] if s.lost is None) for name in NAMES]
+    assert drop == f"- The camera {'lowers' if x[1] <= x[0] else 'raises'} that in x by {abs(1.0 - x[1] / x[0]):.0%}."
+    assert nees.count("3.00") == 2 + beside
+
+
+def test_the_summary_says_that_a_camera_made_it_worse() -> None:
+    rows = {"imu_uwb": [made_up_summary((0.1,) * 3)] * 2, "imu_uwb_yolo": [made_up_summary((0.15,) * 3)] * 2}
+    assert "- The camera raises that in x by 50%." in in_short(table_text(make_tables("tuned", rows)))
+
+
+def test_the_summary_of_flights_that_are_all_lost_has_no_numbers() -> None:
+    found = make_tables("paper", {name: [made_up_summary((1.0,) * 3, lost="tumbled")] * 2 for name in NAMES})
+    lost, *medians = in_short(table_text(found))
+    assert lost == "- Flights lost: IMU+UWB 2 of 2, IMU+UWB+YOLO 2 of 2."
+    assert [": none (paper" in line for line in medians] == [True, True]
+
+
 def test_efficiency_is_over_single_flights_and_over_all_of_them() -> None:
     rng = np.random.default_rng(9)
     rows = [made_up_summary(tuple(rng.gamma(2.0, 0.01, 3)), floor=tuple(rng.gamma(4.0, 0.002, 3))) for _ in range(12)]

@@ -1,8 +1,8 @@
 """The tables as text: ours with intervals, beside the paper's."""
 
+from ortilo_drake.studies.paper_tables.in_short import TITLES, in_short
 from ortilo_drake.studies.paper_tables.tables import ENOUGH_FLIGHTS, SCENARIOS, STATISTICS, Interval, Statistics, Tables
 
-_TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 _NAME = {"mean": "mean", "median": "median", "p75": "75 %", "p25": "25 %"}
 
 
@@ -17,7 +17,7 @@ def _cell(value: float | None, interval: Interval | None, mark: str) -> str:
 
 
 def _title(scenario: str) -> str:
-    return _TITLE.get(scenario, scenario)
+    return TITLES.get(scenario, scenario)
 
 
 def _kept(tables: Tables, scenario: str) -> int:
@@ -79,6 +79,7 @@ def table_text(tables: Tables) -> str:
     """
     scenarios, paper = list(tables.estimation), tables.paper
     lines = [f"# The paper's tables, preset '{tables.preset}', {tables.flights} flights a scenario", ""]
+    lines += in_short(tables)
     lines += [
         "Mean squared errors [m²] of flights not lost, with bootstrap 95 % intervals. An interval with (!) is too "
         "narrow to mean that: it takes more flights to hold the true value in 90 % of all cases, "

@@ -7,6 +7,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from ortilo_drake.flight.flight import AXES
+from ortilo_drake.studies.sensitivity.in_short import in_short
 from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, all_together
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
 from ortilo_drake.studies.sensitivity.sequential_test import ERROR
@@ -14,7 +15,8 @@ from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.pictures import save_picture
 
-_CAREFUL = {m.name: m.careful for m in (*MISMATCHES, all_together(MISMATCHES))}
+_TOGETHER = all_together(MISMATCHES)
+_CAREFUL = {m.name: m.careful for m in (*MISMATCHES, _TOGETHER)}
 NO_LIMITS = (
     f"More than {LOST_SHARE:.0%} of the flights are lost without any mismatch (Wald's sequential test, error "
     f"{ERROR:.0%}): no mismatch has a value that loses just {LOST_SHARE:.0%}, so none was searched."
@@ -27,9 +29,13 @@ def sensitivity_text(found: Sensitivity) -> str:
     """Return the report in Markdown."""
     header = ["what the filter does not know", "value", "lost", *(f"MSE {axis} [m²]" for axis in AXES), "NEES"]
     lines = [f"# What must you know, how well: {found.scenario}", ""]
+    if is_lost_without(found):
+        lines += ["## In short", "", f"- {NO_LIMITS}", ""]
+    else:
+        lines += in_short(found, _CAREFUL, _TOGETHER.name)
     lines += table(header, [_cells(row) for row in found.rows])
     if is_lost_without(found):
-        return "\n".join([*lines, NO_LIMITS, ""])
+        return "\n".join(lines)
     if all(limit.value is None for limit in found.limits):
         lines += [ALL_BEYOND, ""]
     lines += [f"{LOST_SHARE:.0%} of the flights are lost where a mismatch alone is", ""]
