@@ -22,8 +22,11 @@ def _entry(found: "Average | None") -> str:
     return f"{found.mean:.2f}" + (f" [{found.interval[0]:.2f}, {found.interval[1]:.2f}]" if found.interval else "")
 
 
-def _print_tuning(report: "TuningReport") -> None:
+def _print_tuning(report: "TuningReport", short: list[str]) -> None:
     out.print(f"[bold]{report.scenario}[/bold], fitted to {len(report.flights)} flights", soft_wrap=True)
+    for line in short:
+        out.print(f"  {line}", markup=False, soft_wrap=True)
+    out.print()
     for note in report.notes:
         out.print(f"  {note}", markup=False, soft_wrap=True)
     for name, number in report.numbers.items():
@@ -75,6 +78,7 @@ def tune(
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.consistency.consistency_figures import tuning_figure
+    from ortilo_drake.studies.tuning.in_short import in_short
     from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
     from ortilo_drake.studies.tuning.tuning_report import tuning_report
@@ -100,7 +104,7 @@ def tune(
     if figure is not None:
         tuning_figure(tuning, figure)
     write_json(json_file, as_data(report) | ({"check": checked} if checked else {}))
-    _print_tuning(report)
+    _print_tuning(report, in_short(report, checked))
     if checked:
         _print_check(checked)
     say_written(out_file, figure, json_file)

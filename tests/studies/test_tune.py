@@ -16,7 +16,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import consistency_report
-from ortilo_drake.studies.tuning.tune import Tuning, find_flights, overlay_text, tune
+from ortilo_drake.studies.tuning.in_short import in_short
+from ortilo_drake.studies.tuning.tune import Check, FlownFigures, Tuning, find_flights, overlay_text, tune
 from ortilo_drake.studies.tuning.tuning_report import tuning_report
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
@@ -105,6 +106,24 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
         tuning_figure(tuning, tmp_path / "x.frog")
 
 
+def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning, flights: list[xr.Dataset]) -> None:
+    lost, flown = FlownFigures(2, None, None), FlownFigures(0, [0.01, 0.02, 0.03], None)
+    numbers, nees, mse, check = in_short(tuning_report(tuning), Check([5, 6], lost, flown))
+    fit = tuning.fit
+    assert numbers.startswith(f"{len(fit.before) - len(fit.kept)} of {len(fit.before)} numbers were fitted")
+    name = numbers.split("changed most: ")[1].split(",")[0]
+    change = {key: fit.values[key] / fit.before[key] for key in fit.before if key not in fit.kept}
+    assert max(change[name], 1.0 / change[name]) == max(max(ratio, 1.0 / ratio) for ratio in change.values())
+    assert f"to {change[name]:.3g} times what it was" in numbers
+    before = np.mean([np.mean(position_nees(flight)) for flight in flights])
+    assert f": {before:.2f} -> " in nees
+    assert f": {np.mean([sum(estimation_mse(flight).values()) for flight in flights]):.6f} -> " in mse
+    assert check == "on 2 new seeds: 2 -> 0 lost"  # nothing to compare: every seed was lost before
+    assert len(in_short(tuning_report(tuning), None)) == 3
+    twice = FlownFigures(0, [0.02, 0.04, 0.06], None)
+    assert in_short(tuning_report(tuning), Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
+
+
 def test_the_command_writes_what_it_is_asked_for(
     folder: Path, tuning: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -115,6 +134,7 @@ def test_the_command_writes_what_it_is_asked_for(
     assert printed.err == ""
     assert "nominal_imu_uwb_tuned, fitted to 2 flights" in printed.out
     assert "flown anew, seeds 2 to 2" in printed.out
+    assert printed.out.index("numbers were fitted") < printed.out.index("log-likelihood")
     assert load_scenario(overlay) == tuning.fit.scenario
     found = json.loads(data.read_text())
     assert found["numbers"] == json.loads(json.dumps(as_data(tuning_report(tuning))))["numbers"]

@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
+from ortilo_drake.commands.hil.check_verdict import check_verdict
 from ortilo_drake.commands.hil.options import LockstepOption, SecondsOption, WaitOption, showing_flight
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
@@ -117,6 +119,8 @@ def check(
 
         latency_figure(report.latencies_ms, chosen.h, png)
     out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
+    good = lines["lost"] is None and identical is not False
+    out.print(f"  [{'green' if good else 'red'}]{escape(check_verdict(lines, chosen.h))}[/]", soft_wrap=True)
     show_report(lines)
     say_written(png, json_file)
     if identical is False:
