@@ -89,7 +89,9 @@ def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -
     assert f"uwb {here['arrivals']['uwb']:.1%}, camera {here['arrivals']['camera']:.1%}" in done.stdout
 
 
-def test_a_lost_flight_is_written_and_has_an_exit_code_of_its_own(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_lost_flight_is_written_and_has_an_exit_code_of_its_own(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     low = "planner={kind: hover, point: [8, 1, 0.02]}"
     result = tmp_path / "lost.json"
     assert run("fly", "nominal_imu_uwb", "--set", low, "--json", str(result)) == 3
