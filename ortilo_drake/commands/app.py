@@ -26,7 +26,6 @@ from ortilo_drake.model.parts import load_plugin
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 

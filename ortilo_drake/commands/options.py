@@ -10,9 +10,18 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import scenario_names
+
+
+def scenarios_from(begun: str) -> list[str]:
+    """Return the ready-made scenarios whose names begin so; the shell completes files where there are none."""
+    return [name for name in scenario_names() if name.startswith(begun)]
+
 
 DEFAULT_SCENARIO = "imu_uwb_yolo"
-ScenarioArgument = Annotated[str, typer.Argument(help="A ready-made scenario's name or a .yaml file.")]
+ScenarioArgument = Annotated[
+    str, typer.Argument(help="A ready-made scenario's name or a .yaml file.", autocompletion=scenarios_from)
+]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
 ]

@@ -13,6 +13,7 @@ from ortilo_drake.commands.options import (
     JsonOption,
     SetOption,
     WorkersOption,
+    scenarios_from,
     with_camera,
 )
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, write_json
@@ -41,7 +42,11 @@ def tables(
     detector: DetectorOption = None,
     beside: Annotated[
         list[str] | None,
-        typer.Option(metavar="SCENARIO", help="A further scenario for the same tables; may be repeated."),
+        typer.Option(
+            metavar="SCENARIO",
+            help="A further scenario for the same tables; may be repeated.",
+            autocompletion=scenarios_from,
+        ),
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
         "out/tables"
