@@ -17,10 +17,10 @@ from ortilo_drake.commands.options import (
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
-    out,
     progress_bar,
     say_if_compiling,
     say_written,
+    show_markdown,
     write_json,
 )
 from ortilo_drake.scenario import load_scenario
@@ -71,5 +71,5 @@ def analyze(
     text = analysis_text(analysis)
     write_text(report, text)
     write_json(json_file, analysis_data(analysis))
-    out.print(text, markup=False, soft_wrap=True)
+    show_markdown(text)
     say_written(report, *figures, json_file)

@@ -13,6 +13,7 @@ NEEDED, WANTED = "needed", "wanted"
 LIMIT: Final = 120.0  # for drawing a picture in another process [s]
 LEAST_DISK: Final = 2.0  # [GB]
 LEAST_MEMORY: Final = 2.0  # [GB]
+LEAST_SHARED: Final = 128.0  # [MB]
 _PICTURE: Final = """
 from pydrake.geometry import (ClippingRange, ColorRenderCamera, DepthRange, DepthRenderCamera, MakeRenderEngineVtk,
     RenderCameraCore, RenderEngineVtkParams, SceneGraph)
@@ -77,6 +78,22 @@ def pictures() -> Finding:
     return Finding(
         "drawn pictures", done.returncode == 0, WANTED, "EGL draws" if done.returncode == 0 else why[0], mend
     )
+
+
+def opencv() -> Finding:
+    """Look for one OpenCV: several of its packages overwrite each other's files."""
+    names = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
+    there = [f"{name} {_installed(name)}" for name in names if _installed(name)]
+    mend = "keep one: pip uninstall the others, then pip install --force-reinstall it"
+    return Finding("OpenCV", len(there) == 1, WANTED if there else NEEDED, ", ".join(there) or "not installed", mend)
+
+
+def shared_memory() -> Finding:
+    """Look how much shared memory there is, which containers give little of."""
+    folder = Path("/dev/shm")
+    size = shutil.disk_usage(folder).total / 1e6 if folder.is_dir() else 0.0
+    mend = "docker run --shm-size 256m: browsers and ROS 2 pass their data through it"
+    return Finding("shared memory", size >= LEAST_SHARED, WANTED, f"{size:.0f} MB", mend)
 
 
 def kernels() -> Finding:
@@ -171,6 +188,6 @@ def disk() -> Finding:
 
 
 CHECKS: Final = (
-    *(python, drake, pictures, kernels, cores, memory, disk),
+    *(python, drake, opencv, pictures, kernels, cores, memory, shared_memory, disk),
     *(onnxruntime, videos, multicast, graphviz, browser, ros, torch),
 )

@@ -24,6 +24,7 @@ from ortilo_drake.commands.terminal import (
     progress_bar,
     say_if_compiling,
     say_written,
+    show_rows,
     write_json,
 )
 from ortilo_drake.flight.files import write_text
@@ -37,20 +38,27 @@ LOST = 3  # exit code of a flight that was lost
 def _print_flight(result: Summary, said: str) -> None:
     out.print(f"[bold]{result.scenario}[/bold], seed {result.seed}")
     out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
-    mse = ", ".join(f"{axis} {value:.5f}" for axis, value in result.mse.items())
-    out.print(f"  estimation MSE      {mse} m²")
-    farthest = result.max_path_distance, result.max_reference_distance
-    out.print(f"  farthest from path  {farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m")
-    path = "not defined on this path" if result.path_mse is None else f"{result.path_mse:.5f} m²"
-    out.print(f"  path MSE            {path}, by distance {result.path_distance_mse:.5f} m²")
-    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result.arrivals.items()]
-    out.print(f"  fixes used of due   {', '.join(rates)}")
-    for sensor, error in result.fix_errors.items():
-        out.print(f"  error of {sensor:6} fixes  median {error.median:.3f} m, 95 % within {error.p95:.3f} m")
-    out.print(f"  position NEES       {result.nees:.2f} (3 if consistent)")
+    show_rows(_rows(result))
     if result.contacts:
-        out.print(f"  [yellow]touched[/yellow]             {', '.join(result.contacts)}")
-    out.print(f"  real-time factor    {result.real_time_factor:.3g}")
+        out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
+
+
+def _rows(result: Summary) -> dict[str, str]:
+    path = "not defined on this path" if result.path_mse is None else f"{result.path_mse:.5f} m²"
+    farthest = result.max_path_distance, result.max_reference_distance
+    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result.arrivals.items()]
+    return {
+        "estimation MSE": ", ".join(f"{axis} {value:.5f}" for axis, value in result.mse.items()) + " m²",
+        "farthest from path": f"{farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m",
+        "path MSE": f"{path}, by distance {result.path_distance_mse:.5f} m²",
+        "fixes used of due": ", ".join(rates),
+        **{
+            f"error of {sensor:6} fixes": f"median {error.median:.3f} m, 95 % within {error.p95:.3f} m"
+            for sensor, error in result.fix_errors.items()
+        },
+        "position NEES": f"{result.nees:.2f} (3 if consistent)",
+        "real-time factor": f"{result.real_time_factor:.3g}",
+    }
 
 
 def fly(

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_if_compiling, say_written, show_report, write_json
 
 
 def replay(
@@ -18,6 +18,7 @@ def replay(
     from ortilo_drake.interop.log.replay import replay_log
 
     quiet_drake()
+    say_if_compiling()
     result = replay_log(log)
     write_json(json_file, result)
     out.print(f"[bold]{log}[/bold]")

@@ -17,10 +17,10 @@ from ortilo_drake.commands.options import (
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
-    out,
     progress_bar,
     say_if_compiling,
     say_written,
+    show_markdown,
     write_json,
 )
 from ortilo_drake.flight.files import write_text
@@ -70,5 +70,5 @@ def sensitivity(
     write_text(report, text)
     sensitivity_figure(found, figure)
     write_json(json_file, found)
-    out.print(text, markup=False, soft_wrap=True)
+    show_markdown(text)
     say_written(report, figure, json_file)

@@ -16,7 +16,14 @@ from ortilo_drake.commands.options import (
     scenarios_from,
     with_camera,
 )
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    out,
+    progress_bar,
+    say_if_compiling,
+    show_markdown,
+    write_json,
+)
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
@@ -75,6 +82,7 @@ def tables(
             raise InputError(f"--beside {further}: '{flown.name}' is in the tables already")
         chosen[flown.name] = flown
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
+    say_if_compiling()
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.flight.ensemble import flight_file, fly_many
     from ortilo_drake.flight.saved_flight import load_flight
@@ -107,6 +115,6 @@ def tables(
     ]
     write_text(out_folder / f"tables_{preset.value}.md", text)
     write_json(json_file, result)
-    out.print(text, markup=False, soft_wrap=True)
+    show_markdown(text)
     for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):
         out.print(f"wrote {path}", markup=False, soft_wrap=True)

@@ -5,8 +5,12 @@ import os
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
 
 from ortilo_drake.flight.files import check_output, write_text
 from ortilo_drake.model.as_data import as_data
@@ -57,6 +61,28 @@ def say_if_compiling() -> None:
 def say_error(line: str) -> None:
     """Say a line on stderr, as it is."""
     err.print(line, markup=False, soft_wrap=True)
+
+
+def show_rows(rows: dict[str, str]) -> None:
+    """Print names and values: a table in a terminal, plain lines when piped."""
+    if out.is_terminal:
+        table = Table(box=box.SIMPLE, show_header=False, pad_edge=False)
+        table.add_column(style="cyan", no_wrap=True)
+        table.add_column()
+        for name, value in rows.items():
+            table.add_row(Text(name), Text(value))
+        out.print(table)
+        return
+    for name, value in rows.items():
+        out.print(f"  {name:20}{value}", markup=False, soft_wrap=True)
+
+
+def show_markdown(text: str) -> None:
+    """Print Markdown: with its tables drawn in a terminal, as it is when piped."""
+    if out.is_terminal:
+        out.print(Markdown(text))
+    else:
+        out.print(text, markup=False, soft_wrap=True)
 
 
 def show_report(report: Any) -> None:

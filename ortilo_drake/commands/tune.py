@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -85,6 +85,7 @@ def tune(
     from ortilo_drake.views.pictures import check_picture
 
     quiet_drake()
+    say_if_compiling()
     if figure is not None:
         check_picture(figure)
     files = find_flights(flights)

@@ -7,14 +7,17 @@ and no process serves HTTP.
 
 import logging
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
-from multiprocessing import resource_tracker
+from multiprocessing import current_process, resource_tracker
+from pathlib import Path
 from typing import Any
 
 from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
 
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.parts import load_plugin, plugin_files
 
 LOOPBACK = "127.0.0.1"
@@ -55,11 +58,15 @@ def run_all(
         jobs: its arguments.
         workers: processes; 1 works in this one.
         take: called here with each job's number and result as it comes in, in any order.
+
+    Raises:
+        InputError: if the script that runs would start processes again in each of them.
     """
     if workers == 1 or len(jobs) < 2:
         for number, job in enumerate(jobs):
             take(number, function(*job))
         return
+    _refuse_unguarded_script(workers)
     with ExitStack() as stack:
         client = _connect(workers, min(workers, len(jobs)), stack)
         files = plugin_files()
@@ -69,6 +76,28 @@ def run_all(
         }
         for future in as_completed(futures):
             take(futures[future], future.result())
+
+
+def _refuse_unguarded_script(workers: int) -> None:
+    """Refuse to start processes from a script that each of them, importing it, would run again.
+
+    A guard is looked for in its text; a call outside of it is met in the process that imports the script.
+    """
+    script = getattr(sys.modules["__main__"], "__file__", None)
+    imported_again = getattr(current_process(), "_inheriting", False)
+    if imported_again or (script and "__main__" not in _text(script)):
+        raise InputError(
+            f"workers={workers}: {script or 'the script'}: each worker process imports it; put the call under "
+            '`if __name__ == "__main__":`, or fly with workers=1'
+        )
+
+
+def _text(script: str) -> str:
+    """Return the text of a script; that of a guard if there is none to read, as of a notebook's or of <stdin>."""
+    try:
+        return Path(script).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return "__main__"
 
 
 def _with_plugins(files: tuple[str, ...], function: Callable[..., Any], *job: Any) -> Any:

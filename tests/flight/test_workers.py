@@ -152,3 +152,25 @@ def test_kept_workers_are_the_same_in_every_call_and_end_with_the_context() -> N
     for pid in found:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "refused"),
+    [
+        ("from ortilo_drake.flight.workers import run_all\nrun_all(print, [('x',)] * 2, 2)\n", True),
+        (
+            "from ortilo_drake.flight.workers import run_all\n"
+            "if __name__ == '__main__':\n    run_all(print, [('x',)] * 2, 2)\n",
+            False,
+        ),
+    ],
+)
+def test_a_script_that_its_workers_would_run_again_is_refused_before_one_starts(
+    text: str, refused: bool, tmp_path: Path
+) -> None:
+    script = tmp_path / "mine.py"
+    script.write_text(text)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert (done.returncode != 0) == refused
+    assert (f"workers=2: {script}: each worker process imports it" in done.stderr) == refused
+    assert ("failed to start" in done.stderr) is False

@@ -31,8 +31,26 @@ def test_what_is_not_installed_is_said_with_what_brings_it(nothing_installed: No
         assert (found.is_there, found.found) == (False, "not installed")
         assert f"'ortilo-drake[{extra}]'" in found.mend
     assert not doctor_checks.drake().is_there
+    assert (doctor_checks.opencv().is_there, doctor_checks.opencv().weight) == (False, NEEDED)
     assert "apt-get install graphviz" in doctor_checks.graphviz().mend
     assert not doctor_checks.browser().is_there
+
+
+def test_two_packages_of_opencv_are_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = {"opencv-python": "4.1", "opencv-python-headless": "5.0"}
+    monkeypatch.setattr(doctor_checks, "_installed", lambda package: there.get(package, ""))
+    found = doctor_checks.opencv()
+    assert not found.is_there
+    assert all(name in found.found for name in there)
+    there.pop("opencv-python")
+    assert doctor_checks.opencv().is_there
+
+
+@pytest.mark.parametrize(("size", "enough"), [(64e6, False), (256e6, True)])
+def test_little_shared_memory_is_told_of(size: float, enough: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(size, 0, size))
+    assert doctor_checks.shared_memory().is_there == enough
 
 
 def test_a_picture_is_drawn_or_the_reason_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,6 +154,8 @@ def test_an_unknown_key_is_answered_with_the_keys_of_its_own_group() -> None:
         load(GOOD.replace("size: [1.0, 2.0]", "size: [1.0, 2.0], cuont: 2"))
     with pytest.raises(InputError, match=r"part\.zzz: unknown key .*known are size, count$"):
         load(GOOD.replace("size: [1.0, 2.0]", "size: [1.0, 2.0], zzz: 2"))
+    with pytest.raises(InputError, match=r"count: unknown key .*did you mean 'part.count'"):
+        load(GOOD + "count: 2\n")  # of a group within
 
 
 @pytest.mark.parametrize(

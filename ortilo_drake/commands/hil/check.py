@@ -23,7 +23,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import check_writable, out, say_if_compiling, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
@@ -97,6 +97,7 @@ def check(
     from ortilo_drake.hil.wire.key_file import new_key
 
     quiet_drake()
+    say_if_compiling()
     url, key = url or _bus_of_our_own(), new_key()
     with (
         showing_flight("flying", flight_ticks(chosen), lockstep) as shown,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, ScenarioArgument, SetOption, finite, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
 
@@ -47,6 +47,7 @@ def place(
     from ortilo_drake.studies.room_design.room_file import room_text
 
     quiet_drake()
+    say_if_compiling()
     chosen = load_scenario(scenario, tuple(settings or ()))
     with progress_bar() as progress:
         task = progress.add_task("placing", total=None)

@@ -92,7 +92,10 @@ def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
     match problem["type"]:
         case "extra_forbidden":
             known = _place(schema, loc[:-1])[1].get("properties", {})
-            hint = nearest(str(loc[-1]), known) or f", known are {', '.join(known)}"
+            below = {group: _place(schema, (*loc[:-1], group))[1].get("properties", {}) for group in known}
+            inner = [f"{group}.{loc[-1]}" for group, names in below.items() if loc[-1] in names]
+            hint = f", did you mean '{inner[0]}'?" if inner else nearest(str(loc[-1]), known)
+            hint = hint or f", known are {', '.join(known)}"
             return f"{field}: unknown key (value {value}){hint}"
         case "missing":
             return f"{field}: is missing"

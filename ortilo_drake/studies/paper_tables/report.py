@@ -16,6 +16,12 @@ def _cell(value: float | None, interval: Interval | None, mark: str) -> str:
     return f"{value:.4f}" + (f" [{interval[0]:.4f}, {interval[1]:.4f}]{mark}" if interval else "")
 
 
+def _shown(flights: int) -> list[str]:
+    """Return the statistics that a table shows: no quartiles of fewer flights than say something of them."""
+    quartiles = ("p75", "p25")
+    return [s for s in STATISTICS if s not in quartiles or flights >= ENOUGH_FLIGHTS[s]]
+
+
 def _title(scenario: str) -> str:
     return TITLES.get(scenario, scenario)
 
@@ -39,7 +45,7 @@ def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, di
         f"| {_title(scenario)} | " + " | ".join(heads) + " |",
         "|---" * (1 + len(heads)) + "|",
     ]
-    for statistic in STATISTICS:
+    for statistic in _shown(_kept(tables, scenario)):
         cells, mark = [], _mark(_kept(tables, scenario), statistic)
         for name, (ours, paper) in columns.items():
             cells.append(_cell(ours[statistic], tables.intervals[scenario][name][statistic], mark))
@@ -64,7 +70,7 @@ def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
         name: [_ratio(ratio.value, ratio.interval, _mark(kept, "mean")) for ratio in ratios]
         for name, ratios in (("all flights", [c.all for c in columns]), ("tick by tick", [c.ticks for c in columns]))
     }
-    for statistic in STATISTICS:
+    for statistic in _shown(kept):
         mark = _mark(kept, statistic)
         rows[_NAME[statistic]] = [_ratio(getattr(c, statistic), c.intervals[statistic], mark) for c in columns]
     rows["mean floor [m²]"] = ["none" if c.floor is None else f"{c.floor:.6f}" for c in columns]
@@ -83,8 +89,8 @@ def table_text(tables: Tables) -> str:
     lines += [
         "Mean squared errors [m²] of flights not lost, with bootstrap 95 % intervals. An interval with (!) is too "
         "narrow to mean that: it takes more flights to hold the true value in 90 % of all cases, "
-        f"{ENOUGH_FLIGHTS['mean']} for a mean, {ENOUGH_FLIGHTS['p75']} for a quartile and {ENOUGH_FLIGHTS['median']} "
-        "for a median (found with log-normal errors).",
+        f"{ENOUGH_FLIGHTS['mean']} for a mean and {ENOUGH_FLIGHTS['median']} for a median (found with "
+        f"log-normal errors). Quartiles are shown of {ENOUGH_FLIGHTS['p75']} flights and more.",
         "",
     ]
     lines += ["## Table I: estimation error, xhat(k|k-1)", ""]
