@@ -17,6 +17,7 @@ from ortilo_drake.commands.options import (
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
+    made_by,
     progress_bar,
     say_if_compiling,
     say_written,
@@ -69,7 +70,7 @@ def analyze(
 
         analysis, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
     text = analysis_text(analysis)
-    write_text(report, text)
+    write_text(report, text + made_by())
     write_json(json_file, analysis_data(analysis))
     show_markdown(text)
     say_written(report, *figures, json_file)

@@ -17,6 +17,7 @@ from ortilo_drake.commands.options import (
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
+    made_by,
     progress_bar,
     say_if_compiling,
     say_written,
@@ -67,7 +68,7 @@ def sensitivity(
 
         found = study(vary, flights, out_folder / "flights", count, say, lambda n: progress.advance(task, n))
     text = sensitivity_text(found)
-    write_text(report, text)
+    write_text(report, text + made_by())
     sensitivity_figure(found, figure)
     write_json(json_file, found)
     show_markdown(text)

@@ -18,6 +18,7 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import (
     check_writable,
+    made_by,
     out,
     progress_bar,
     say_if_compiling,
@@ -113,7 +114,7 @@ def tables(
         error_figure(summaries, out_folder / f"errors_{preset.value}.png"),
         arrival_figure({n: rows[0] for n, rows in first.items()}, out_folder / f"arrivals_{preset.value}.png"),
     ]
-    write_text(out_folder / f"tables_{preset.value}.md", text)
+    write_text(out_folder / f"tables_{preset.value}.md", text + made_by())
     write_json(json_file, result)
     show_markdown(text)
     for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):

@@ -2,6 +2,8 @@
 
 import json
 import os
+import shlex
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from rich.text import Text
 
 from ortilo_drake.flight.files import check_output, write_text
 from ortilo_drake.model.as_data import as_data
+from ortilo_drake.views.page.shell import versions
 
 # Results go to stdout, progress and errors to stderr.
 out = Console(highlight=False)
@@ -41,6 +44,11 @@ def progress_bar() -> Progress:
     """Return a progress bar on stderr, shown only in a terminal and gone when done."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=err, transient=True, disable=not err.is_terminal)
+
+
+def made_by() -> str:
+    """Return a report's last lines: the command that made it, and with which versions."""
+    return f"\nMade by `{shlex.join(['ortilo', *sys.argv[1:]])}` with {versions()}.\n"
 
 
 def say_written(*paths: Path | None) -> None:
@@ -74,7 +82,7 @@ def show_rows(rows: dict[str, str]) -> None:
         out.print(table)
         return
     for name, value in rows.items():
-        out.print(f"  {name:20}{value}", markup=False, soft_wrap=True)
+        out.print(f"  {name:18}  {value}", markup=False, soft_wrap=True)
 
 
 def show_markdown(text: str) -> None:

@@ -18,6 +18,7 @@ from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.page.plain_data import data_html
 from ortilo_drake.views.page.plain_markdown import markdown_html
 from ortilo_drake.views.page.repeat_command import repeat_command
+from ortilo_drake.views.page.report_page import report_page
 
 SENSITIVITY = """# What must you know, how well: own_room
 
@@ -68,6 +69,16 @@ def folder(tmp_path: Path) -> Path:
     cv2.imwrite(str(tmp_path / "own_room.png"), np.full((8, 8, 3), 77, np.uint8))
     (tmp_path / "notes.md").write_text("# My notes\n\nnot a report", encoding="utf-8")
     return tmp_path
+
+
+def test_the_page_of_a_report_that_says_how_it_was_made_says_it_too(tmp_path: Path) -> None:
+    text = "# What must you know, how well: own_room\n\nMade by `ortilo sensitivity own_room --flights 2` with x 1.\n"
+    (tmp_path / "own_room.md").write_text(text)
+    page = report_page(tmp_path)
+    assert "<code>ortilo sensitivity own_room --flights 2</code>" in page
+    assert "not recorded" not in page
+    (tmp_path / "own_room.md").write_text(text.split("Made by")[0])
+    assert "not recorded" in report_page(tmp_path)
 
 
 def test_a_folder_s_text_tables_and_figures_are_on_its_page(folder: Path) -> None:

@@ -45,7 +45,8 @@ def say_next(file: Path) -> None:
     """Say that a room was written, and what to do with it."""
     say_written(file)
     out.print("  next: edit it, then", markup=False)
-    for words in (f"room check {file}", f"room show {file} --png room.png", f"fly imu_uwb --set room={file} {OPEN}"):
+    show = f"room show {file} --png out/room.png"
+    for words in (f"room check {file}", show, f"fly imu_uwb --set room={file} {OPEN}"):
         out.print(f"    ortilo {words}", markup=False, soft_wrap=True)
 
 

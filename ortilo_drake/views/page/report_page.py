@@ -120,7 +120,8 @@ def _figure(file: Path) -> str:
 def _page(title: str, body: str, path: Path, commands: list[str]) -> str:
     rows = [("read from", path.name), ("page made with", versions())]
     rows += [("written by", f"$ {command}") for command in commands]
-    rows.append(("not recorded", "its other options, such as --set and --flights, and the versions it was made with"))
+    if "<p>Made by " not in body:
+        rows.append(("not recorded", "its other options, such as --set and --flights, and its versions"))
     origin = f"<section><h2>Where it is from</h2>{facts(rows)}</section>"
     return whole_page(title, f'<main class="report"><section>{body}</section>{origin}</main>')
 
