@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption, finite
+from ortilo_drake.commands.options import JsonOption, SetOption, WorkersOption, finite
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
@@ -167,6 +167,40 @@ def evaluate(
             out.print(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}")
     out.print(f"{result.ms_per_frame:.1f} ms a picture on one core ({result.backend})")
     say_written(json_file, worst)
+
+
+@detector_app.command()
+def recognise(
+    network: NetworkOption = None,
+    backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
+    scenario: Annotated[str, typer.Option(help="Whose room, path and camera.")] = "imu_uwb_yolo",
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Say which landmarks of the room the detector recognises, along the way and from 2 m on all sides."""
+    check_writable(json_file)
+    chosen = load_scenario(scenario, tuple(settings or ()))
+    from ortilo_drake.onboard.detector.detector_network import load_detector
+    from ortilo_drake.training.judging.recognised import recognised
+
+    look = _settings(network, backend)
+    room = chosen.load_room()
+    camera = room.camera.scaled_to(chosen.camera.width)
+    all_boxes = validate(Detector, look.model_dump() | {"threshold": LOWEST}, "detector")
+    found = recognised(load_detector(all_boxes, room, (camera.width, camera.height)), chosen, look.threshold)
+    out.print(
+        f"best score of a box on it, and pictures in which one has {look.threshold:g} or more, as flights ask",
+        soft_wrap=True,
+    )
+    out.print(f"  {'landmark':18}{'on the way':>22}{'from near':>22}", markup=False)
+    for one in found:
+        views = [f"{v.best:.2f}, {v.found} of {v.pictures}" for v in (one.way, one.near)]
+        out.print(f"  {one.number:2} {one.label:15}{views[0]:>22}{views[1]:>22}", markup=False)
+    for name, best in (("on the way", [o.way.best for o in found]), ("from near", [o.near.best for o in found])):
+        counts = ", ".join(f"{sum(b >= at for b in best)} at {at:g}" for at in (0.1, 0.25, look.threshold))
+        out.print(f"  {name}: of {len(found)} landmarks {counts}")
+    write_json(json_file, found)
+    say_written(json_file)
 
 
 @detector_app.command()

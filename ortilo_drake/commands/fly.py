@@ -42,6 +42,10 @@ def _print_flight(result: Summary, said: str) -> None:
     if result.contacts:
         out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
 
+    if result.arrivals.get("camera") == 0.0:
+        line = "not one camera fix: `ortilo detector recognise` says which landmarks the detector knows"
+        out.print(f"  [yellow]camera[/yellow]              {line}", soft_wrap=True)
+
 
 def _rows(result: Summary) -> dict[str, str]:
     path = "not defined on this path" if result.path_mse is None else f"{result.path_mse:.5f} m²"
