@@ -1,6 +1,7 @@
 """A flight as a recording of Rerun: one .rrd file, written whole or not at all."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -11,6 +12,9 @@ from ortilo_drake.interop.rerun.series import all_series
 from ortilo_drake.interop.rerun.sightings import Sightings
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
+
+if TYPE_CHECKING:
+    import rerun as rr
 
 SUFFIX = ".rrd"
 APPLICATION = "ortilo-drake"
@@ -36,6 +40,18 @@ def recording_bytes(flight: xr.Dataset, seen: Sightings) -> bytes:
     """
     import rerun as rr
 
+    recording = rr.RecordingStream(APPLICATION)
+    memory = recording.memory_recording()
+    try:
+        _fill(recording, flight, seen)
+    finally:  # also after Ctrl-C: of what is never taken out, Rerun complains on stderr
+        data: bytes = memory.drain_as_bytes()
+    return data
+
+
+def _fill(recording: "rr.RecordingStream", flight: xr.Dataset, seen: Sightings) -> None:
+    import rerun as rr
+
     from ortilo_drake.interop.rerun.layout import default_layout
     from ortilo_drake.interop.rerun.room_drawn import send_room
     from ortilo_drake.interop.rerun.sending import send_series
@@ -43,8 +59,6 @@ def recording_bytes(flight: xr.Dataset, seen: Sightings) -> bytes:
 
     scenario = scenario_of(flight)
     room = scenario.load_room()
-    recording = rr.RecordingStream(APPLICATION)
-    memory = recording.memory_recording()
     recording.send_blueprint(default_layout("camera" in scenario.sensors))
     recording.send_recording_name(f"{scenario.name}, seed {flight.attrs['seed']}")
     text = scenario.model_dump_json(indent=2)
@@ -55,7 +69,6 @@ def recording_bytes(flight: xr.Dataset, seen: Sightings) -> bytes:
     send_camera(recording, scenario, room, seen)
     for path, series in all_series(flight, seen).items():
         send_series(recording, path, series)
-    return memory.drain_as_bytes()
 
 
 def save_recording(flight: xr.Dataset, seen: Sightings, path: Path) -> None:

@@ -105,8 +105,9 @@ def _sensors(flight: xr.Dataset) -> dict[str, Series]:
 
 def _ranges(seen: Sightings) -> dict[str, Series]:
     """Return the ranges to each anchor that came [m]."""
-    times = np.array([own.time for own in seen.ranges])
-    values = np.array([own.values for own in seen.ranges]).reshape(len(times), -1)
+    if not seen.ranges:
+        return {}
+    times, values = (np.array(part) for part in zip(*seen.ranges, strict=True))
     found = {}
     for i in range(values.shape[1]):
         there = np.isfinite(values[:, i])
