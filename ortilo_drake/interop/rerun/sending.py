@@ -24,6 +24,7 @@ def send_series(recording: rr.RecordingStream, path: str, series: Series) -> Non
         recording.log(path, rr.SeriesPoints(names=names, marker_sizes=[2.0] * len(names)), static=True)
     else:
         mode = rr.components.InterpolationMode.StepAfter if series.is_step else None
-        recording.log(path, rr.SeriesLines(names=names, interpolation_mode=mode), static=True)
+        colors = list(series.colors) or None
+        recording.log(path, rr.SeriesLines(names=names, colors=colors, interpolation_mode=mode), static=True)
     columns = rr.Scalars.columns(scalars=series.values[there])
     recording.send_columns(path, indexes=[time_column(series.times[there])], columns=columns)

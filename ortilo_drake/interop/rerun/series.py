@@ -18,6 +18,9 @@ PARTS = {
 }  # of the state: m, rad, m/s, rad/s
 
 
+ERROR_RED, BAND_GREY = (200, 60, 40), (150, 150, 150)
+
+
 class Series(NamedTuple):
     """Some lines over the same times.
 
@@ -27,6 +30,7 @@ class Series(NamedTuple):
         names: of the lines (k).
         is_sparse: whether there are values only where something arrived: drawn as points.
         is_step: whether each value holds until the next.
+        colors: of the lines, red, green, blue; none leaves them to the viewer.
     """
 
     times: np.ndarray
@@ -34,6 +38,7 @@ class Series(NamedTuple):
     names: tuple[str, ...]
     is_sparse: bool = False
     is_step: bool = False
+    colors: tuple[tuple[int, int, int], ...] = ()
 
 
 def all_series(flight: xr.Dataset, seen: Sightings) -> dict[str, Series]:
@@ -62,11 +67,12 @@ def _states(flight: xr.Dataset) -> dict[str, Series]:
 
 def _errors(flight: xr.Dataset) -> dict[str, Series]:
     """Return the error of each axis of the estimated position between minus and plus three sigma [m]."""
-    found, lines = {}, ("error", "3 sigma", "-3 sigma")
+    found, lines, colors = {}, ("error", "3 sigma", "-3 sigma"), (ERROR_RED, BAND_GREY, BAND_GREY)
     for i, axis in enumerate(AXES):
         error = flight["estimate"].values[:, i] - flight["truth"].values[:, i]
         band = 3.0 * np.sqrt(flight["covariance"].values[:, i, i])
-        found[f"errors/{axis}"] = Series(flight["time"].values, np.column_stack([error, band, -band]), lines)
+        values = np.column_stack([error, band, -band])
+        found[f"errors/{axis}"] = Series(flight["time"].values, values, lines, colors=colors)
     return found
 
 
@@ -93,7 +99,8 @@ def _sensors(flight: xr.Dataset) -> dict[str, Series]:
         names = tuple(measurement.outputs[rows])
         V2 = flight["measurement_covariance"].values[used, j, : len(names), : len(names)]
         sd = np.sqrt(np.diagonal(V2, axis1=1, axis2=2))
-        found[f"arrivals/{sensor}"] = Series(time, np.column_stack([due, used]) * 1.0, ("due", "used"), is_step=True)
+        there = np.column_stack([due, used]).astype(float)
+        found[f"arrivals/{sensor}"] = Series(time, there, (f"{sensor} due", f"{sensor} used"), is_step=True)
         for path, values in (
             ("measurement", flight["measurement"].values[used, rows]),
             ("measurement_sd", sd),
@@ -111,5 +118,5 @@ def _ranges(seen: Sightings) -> dict[str, Series]:
     found = {}
     for i in range(values.shape[1]):
         there = np.isfinite(values[:, i])
-        found[f"ranges/anchor_{i}"] = Series(times[there], values[there, i : i + 1], ("range",), is_sparse=True)
+        found[f"ranges/anchor_{i}"] = Series(times[there], values[there, i : i + 1], (f"anchor_{i}",), is_sparse=True)
     return found
