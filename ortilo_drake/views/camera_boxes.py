@@ -27,14 +27,19 @@ def draw_boxes(
     axes.imshow(picture)
     axes.set(xlim=(-0.5, picture.shape[1] - 0.5), ylim=(picture.shape[0] - 0.5, -0.5), xticks=[], yticks=[])
     axes.grid(False)
-    for u0, v0, u1, v1 in expected:
-        axes.add_patch(Rectangle((u0, v0), u1 - u0, v1 - v0, fill=False, ec="white", ls=":", lw=1.0))
-    for u0, v0, u1, v1 in boxes:
-        axes.add_patch(Rectangle((u0, v0), u1 - u0, v1 - v0, fill=False, ec=YELLOW, lw=1.3))
+    axes.apply_aspect()  # where the picture's corners come to lie decides where a name does
+    for corners, ec, ls, lw, label in (
+        *((box, "white", ":", 1.0, "expected by the map") for box in expected),
+        *((box, YELLOW, "-", 1.3, "found") for box in boxes),
+    ):
+        u0, v0, u1, v1 = corners
+        known = label in axes.get_legend_handles_labels()[1]
+        style = {"fill": False, "ec": ec, "ls": ls, "lw": lw}
+        axes.add_patch(Rectangle((u0, v0), u1 - u0, v1 - v0, label="_" if known else label, **style))
     if names:
         low, high = axes.transData.transform(boxes[:, :2]), axes.transData.transform(boxes[:, 2:])
         sizes = np.abs(high - low) / 2.0
         # The points that no name may cover are the boxes whole; a name belongs to the middle of its box's upper edge.
         middles = np.hstack([(boxes[:, :2] + boxes[:, 2:]) / 2.0, sizes])
         labels = [Label((u0 + u1) / 2.0, v0, name, YELLOW) for (u0, v0, u1, _), name in zip(boxes, names, strict=True)]
-        put_labels(axes, labels, middles, halo="black")
+        put_labels(axes, labels, middles, size=8.0, halo="black")

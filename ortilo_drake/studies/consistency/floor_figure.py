@@ -38,13 +38,13 @@ def draw_floor(flights: dict[str, Sequence[xr.Dataset]], floors: dict[str, Seque
             least = np.mean([floor[:n] for floor in floors[name]], axis=0)
             for axes in (left, right):
                 shade_blackouts(axes, group[0])
-                axes.set_yscale("log")
                 axes.set_title(f"{TITLE.get(name, name)}  (grey: UWB blacked out, seed {group[0].attrs['seed']})")
             whole = [np.sqrt(values.sum(axis=1)) for values in (squared, believed, least)]
             left.plot(time, whole[0], color=GREY, lw=0.8, label=f"error, RMS of {len(group)} flights")
             left.plot(time, whole[2], color=ORANGE, lw=4.5, alpha=0.45, label="Cramér-Rao floor")
             left.plot(time, whole[1], color=BLUE, lw=1.2, label="filter's own sd")
             left.set_ylabel("position [m]")
+            left.set_yscale("log")
             late = time > _START
             styles = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
             for axis, (color, style) in zip(AXES, styles, strict=True):
@@ -57,6 +57,7 @@ def draw_floor(flights: dict[str, Sequence[xr.Dataset]], floors: dict[str, Seque
         grid[0, 1].legend(loc="upper right", fontsize=8, ncols=3)
         grid[0, 0].set_xlim(time[0], time[-1])
         grid[0, 0].set_ylim(5e-3, 3.0)
+        grid[0, 1].set_ylim(bottom=0.0)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")
         return figure
