@@ -49,7 +49,7 @@ def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Fig
             axes.set_title(title, loc="left")
             axes.set_ylabel(f"{axis} [m]")
             axes.set_xlim(time[0], time[-1])
-        rows[0].legend(loc="upper right", ncols=2)
+        rows[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         rows[-1].set_xlabel("time [s]  (grey: UWB blacked out)")
         return figure
 

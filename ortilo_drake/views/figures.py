@@ -94,7 +94,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
             axes.plot(time, error[:, i], color="k", lw=0.8, label="estimate less truth")
             axes.set_ylabel(f"error {axis} [m]")
             axes.tick_params(labelbottom=False)
-        figure.axes[1].legend(loc="upper left", ncols=2, fontsize=7)
+        figure.axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=7)
         draw_arrivals(figure.add_subplot(grid[4]), flight)
         for axes in figure.axes[1:]:
             axes.set_xlim(time[0], time[-1])
