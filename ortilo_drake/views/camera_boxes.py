@@ -1,6 +1,7 @@
 """Boxes over a camera picture, with names of which none is over another nor over a box."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ def draw_boxes(
     ):
         u0, v0, u1, v1 = corners
         known = label in axes.get_legend_handles_labels()[1]
-        style = {"fill": False, "ec": ec, "ls": ls, "lw": lw}
+        style: Any = {"fill": False, "ec": ec, "ls": ls, "lw": lw}
         axes.add_patch(Rectangle((u0, v0), u1 - u0, v1 - v0, label="_" if known else label, **style))
     if names:
         low, high = axes.transData.transform(boxes[:, :2]), axes.transData.transform(boxes[:, 2:])

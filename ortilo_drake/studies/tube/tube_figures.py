@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -18,12 +17,12 @@ from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_flights import Flown, Point, PointResult
 from ortilo_drake.studies.tube.tube_map import MarginMap, map_sensors, with_rates
+from ortilo_drake.studies.tube.tube_plots import INSIDE, fill_margins
 from ortilo_drake.views.figures import draw_room
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE
 from ortilo_drake.views.pictures import save_picture
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
-_LEVELS = np.array([-2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 _NAME = {"uwb": "UWB"}
 _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
@@ -38,15 +37,9 @@ class ChanceGrid(NamedTuple):
 
 def _draw_margins(axes: Axes, figure: Figure, margins: MarginMap, chance: ChanceGrid | None) -> None:
     """Fill the margins over (a, b), and draw the two boundaries."""
-    norm = TwoSlopeNorm(0.0, _LEVELS[0], _LEVELS[-1])
-    # Purple to orange through white: told apart by everyone.
-    filled = axes.contourf(
-        margins.a, margins.b, margins.whole.T, levels=_LEVELS, cmap="PuOr_r", norm=norm, extend="both", alpha=0.85
-    )
+    filled = fill_margins(axes, margins)
     bar = figure.colorbar(filled, ax=axes, pad=0.02)
     bar.set_label("least of corridor less tube [m]")
-    axes.contour(margins.a, margins.b, margins.whole.T, levels=[0.0], colors="k", linewidths=2.2)
-    axes.contour(margins.a, margins.b, margins.guided.T, levels=[0.0], colors="k", linewidths=1.4, linestyles=":")
     if chance is not None:
         log = np.log10(np.maximum(chance.chance.T, 1e-12))
         level = [np.log10(THREE_SIGMA)]
@@ -168,7 +161,7 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
             draw_room(axes, scenario.load_room(), scenario)
             tube = predict_tube(with_rates(scenario, *pair), nominal)
             for r, radius in zip(tube.r[::4], tube.radius[::4], strict=True):
-                axes.add_patch(Circle((r[0], r[1]), radius, facecolor="#9fd0f0", lw=0, zorder=0.5))
+                axes.add_patch(Circle((r[0], r[1]), radius, facecolor=INSIDE, lw=0, zorder=0.5))
             axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3)
             for flight in flown:
                 n = len(flight.deviation)
