@@ -135,6 +135,7 @@ def test_the_tube_on_a_plan_is_orange_where_it_leaves_the_corridor() -> None:
         np.testing.assert_allclose(discs.get_widths(), 2.0 * tube.radius[part][::3])
         assert same_color(discs.get_facecolor(), color)
     np.testing.assert_array_equal(axes.get_lines()[0].get_xydata(), tube.r[:, :2])
+    assert axes.get_legend_handles_labels()[1] == ["planned", "tube in the corridor", "tube beyond it"]
 
 
 def test_deviations_are_the_flights_horizontal_ones_and_a_lost_one_ends_in_a_cross() -> None:

@@ -24,14 +24,16 @@ _EVERY = 3  # ticks from one drawn disc to the next
 def draw_tube(axes: Axes, tube: Tube, about: Corridor) -> None:
     """Draw the tube's discs along the plan from above [m]: blue within the corridor, orange where they leave it."""
     outside = tube.radius > about.radius
-    for part, color, label in ((~outside, INSIDE, "tube, inside the corridor"), (outside, OUTSIDE, "tube, beyond it")):
+    axes.plot(*tube.r[:, :2].T, color=PLANNED, ls="--", lw=1.0, label="planned")
+    for part, color, label in ((~outside, INSIDE, "tube in the corridor"), (outside, OUTSIDE, "tube beyond it")):
         size = 2.0 * tube.radius[part][::_EVERY]
         discs = EllipseCollection(
             size, size, 0.0 * size, units="xy", offsets=tube.r[part][::_EVERY, :2], offset_transform=axes.transData,
-            facecolors=color, edgecolors="none", zorder=0.5, label=label if part.any() else None,
+            facecolors=color, edgecolors="none", zorder=0.5,
         )  # fmt: skip
         axes.add_collection(discs)
-    axes.plot(*tube.r[:, :2].T, color=PLANNED, ls="--", lw=1.0, label="planned")
+        if part.any():
+            axes.plot([], [], "o", color=color, ms=9, label=label)  # a legend draws no such collection
 
 
 def draw_deviations(axes: Axes, tube: Tube, about: Corridor, flights: Sequence[Flown]) -> None:
