@@ -35,7 +35,7 @@ def write_pages(folder: Path) -> None:
 
 
 def with_outputs(notebook: Path) -> Path:
-    """Return the kept run of a notebook's very cells (scripts/run_notebooks.py), the notebook itself if there is none."""
+    """Return the kept run of a notebook's very cells (scripts/run_notebooks.py), else the notebook itself."""
     sys.path.append(str(ROOT / "scripts"))
     try:
         from run_notebooks import kept_file
