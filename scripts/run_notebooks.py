@@ -1,7 +1,7 @@
 """Run the notebooks and keep them with their outputs, for the site: `make docs NOTEBOOKS=1`.
 
-The name of a kept run holds a digest of the cells that were run. What is there already is not run again, so a run that was
-ended is continued. A notebook in the repository has no outputs.
+The name of a kept run holds a digest of the cells that were run. What is there already is not run again,
+so what was ended is continued. A notebook in the repository has no outputs.
 
     python scripts/run_notebooks.py [NOTEBOOK ...]
 """
