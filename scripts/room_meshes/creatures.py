@@ -61,23 +61,25 @@ def person(rng: np.random.Generator) -> Recipe:
 
 
 def dog(rng: np.random.Generator) -> Recipe:
-    """Return a standing brown dog: black saddle, fawn legs, pale ears, white muzzle and tail tip, red collar."""
-    white, brown, black, fawn = (242, 238, 230), (168, 98, 46), (38, 32, 30), (214, 168, 104)
+    """Return a standing beagle: black saddle, brown sides and head, white belly, legs, muzzle and tail tip."""
+    white, brown, black = (242, 238, 230), (168, 98, 46), (38, 32, 30)
     u, v = grid()
     away = np.abs(u - 0.5) + 0.035 * clouds(rng, 7)  # from the back's middle line
-    coat = mixed(plain(rng, brown), plain(rng, black), (away < 0.30) & (v < 0.8))
-    leg = mixed(plain(rng, fawn), plain(rng, brown), v + 0.05 * clouds(rng, 6) > 0.72)
+    coat = mixed(plain(rng, white), plain(rng, brown), away < 0.31)
+    coat = mixed(coat, plain(rng, black), (away < 0.20) & (v < 0.8))
+    head = mixed(plain(rng, brown), plain(rng, white), (np.abs(u - 0.5) < 0.06) & (v > 0.2))
+    leg = mixed(plain(rng, white), plain(rng, brown), v + 0.05 * clouds(rng, 6) > 0.72)
     swatches = {
         "coat": coat,
-        "head": plain(rng, brown),
+        "head": head,
         "leg": leg,
-        "ear": plain(rng, (232, 216, 190)),
+        "ear": plain(rng, (122, 66, 30), 10.0),
         "white": plain(rng, white),
         "black": plain(rng, (24, 22, 22), 4.0),
         "tail": mixed(plain(rng, black), plain(rng, white), v > 0.65),
         "eye": ellipses(plain(rng, (46, 28, 16), 3.0), (255, 255, 255), (0.5, 0.65, 0.1, 0.1)),
         "tongue": plain(rng, (225, 110, 120)),
-        "collar": plain(rng, (180, 30, 30)),
+        "collar": plain(rng, (40, 90, 200)),
     }
     spine = [(-0.31, 0, 0.40), (-0.28, 0, 0.39), (-0.18, 0, 0.385), (0.0, 0, 0.375), (0.13, 0, 0.37), (0.21, 0, 0.40)]
     parts: list[Part] = [
