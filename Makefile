@@ -3,7 +3,7 @@
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
 # make test      set up, run the tests but for notebooks, training, real time, processes of their own, videos, long ones
-# make test-all  set up, with ROS 2 where there are wheels of it, run all tests
+# make test-all  set up, with Rerun and, where there are wheels of it, ROS 2, run all tests
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
@@ -27,7 +27,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup ros2 kernels fly tables test test-all fuzz check bench docs mutants clean
+.PHONY: setup extras kernels fly tables test test-all fuzz check bench docs mutants clean
 
 setup: $(STAMP)
 
@@ -41,11 +41,11 @@ fly: setup
 tables: setup
 	@$(BIN)/ortilo tables --flights 20 --out out/tables --json out/tables/tables.json
 
-# The wheels of ROS 2 are for Python 3.11 on Linux; elsewhere this installs nothing.
-ros2: $(STAMP)-ros2
+# What few users need and `make setup` leaves out. The wheels of ROS 2 are for Python 3.11 on Linux, not elsewhere.
+extras: $(STAMP)-extras
 
-$(STAMP)-ros2: $(STAMP)
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[ros2]'
+$(STAMP)-extras: $(STAMP)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[rerun,ros2]'
 	@touch $@
 
 kernels: $(STAMP)-kernels
@@ -57,7 +57,7 @@ $(STAMP)-kernels: $(STAMP) tests/compile_kernels.py $(shell find ortilo_drake/ d
 test: kernels
 	@$(PYTEST) -m "not ($(LONG))" $(TESTS)
 
-test-all: ros2 kernels
+test-all: extras kernels
 	@$(PYTEST) $(TESTS)
 
 # Whatever reads ORTILO_FUZZ_CASES.

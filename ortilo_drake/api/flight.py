@@ -19,10 +19,13 @@ from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight import flight, metrics, saved_flight
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.interop.log.writer import LogWriter
+from ortilo_drake.interop.rerun.recording import check_recording, save_recording
+from ortilo_drake.interop.rerun.sightings import drawn_again
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, InputError, Scenario
 from ortilo_drake.views.figures import draw_flight
 from ortilo_drake.views.page.flight_page import flight_page
+from ortilo_drake.views.scene_view import make_camera_view
 
 
 class Flight:
@@ -128,6 +131,15 @@ class Flight:
             for k, row in enumerate(flight.logged_rows(self.data)):
                 log.write_tick(k, row.pop("state"), {}, row)
         return Path(folder)
+
+    def to_rerun(self, path: str | Path) -> Path:
+        """Write the flight as a recording for the Rerun viewer, .rrd; return the path.
+
+        A rendered camera's pictures are drawn again. Ranges are not kept: `ortilo fly --rerun` writes those too.
+        """
+        check_recording(Path(path))
+        save_recording(self.data, drawn_again(self.data, make_camera_view), Path(path))
+        return Path(path)
 
     def __repr__(self) -> str:
         error = float(np.sqrt(np.nanmean(np.sum(self.error.values**2, axis=1))))

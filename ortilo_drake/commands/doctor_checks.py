@@ -127,6 +127,11 @@ def videos() -> Finding:
     return _package("videos", "av", "video", "ortilo fly --video F.mp4")
 
 
+def recordings() -> Finding:
+    """Look for what writes recordings for the Rerun viewer, and for that viewer."""
+    return _package("recordings", "rerun-sdk", "rerun", "ortilo fly --rerun F.rrd")
+
+
 def ros() -> Finding:
     """Look for ROS 2."""
     there = importlib.util.find_spec("rclpy") is not None
@@ -189,5 +194,5 @@ def disk() -> Finding:
 
 CHECKS: Final = (
     *(python, drake, opencv, pictures, kernels, cores, memory, shared_memory, disk),
-    *(onnxruntime, videos, multicast, graphviz, browser, ros, torch),
+    *(onnxruntime, videos, recordings, multicast, graphviz, browser, ros, torch),
 )

@@ -81,6 +81,7 @@ def fly(
     log: Annotated[
         Path | None, typer.Option(help="Write everything as MCAP (rosbag2, for Foxglove) to this new folder.")
     ] = None,
+    rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D and signals for Rerun, .rrd.")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Fly one scenario; print how it went, its errors, arrival rates and real-time factor.
@@ -90,9 +91,10 @@ def fly(
     chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
     if detector is not None and not chosen.is_rendered:
         raise InputError(f"--detector: {chosen.name} flies without a camera that it could look through")
-    if meshcat and log:
-        raise InputError("--log: is written by a flight that is not shown live; leave --meshcat out")
-    check_writable(html, png, video, out_file, json_file)
+    for option, path in (("--log", log), ("--rerun", rerun)):
+        if meshcat and path:
+            raise InputError(f"{option}: is written by a flight that is not shown live; leave --meshcat out")
+    check_writable(html, png, video, out_file, rerun, json_file)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.flight import fly as fly_once
     from ortilo_drake.flight.flyable import flight_ticks
@@ -103,6 +105,13 @@ def fly(
         from ortilo_drake.views.video import check_video, flight_video
 
         check_video(video)
+    recorder = None
+    if rerun:
+        from ortilo_drake.interop.rerun.recording import check_recording, save_recording
+        from ortilo_drake.interop.rerun.sightings import SightingsRecorder
+
+        check_recording(rerun)
+        recorder = SightingsRecorder(chosen)
     quiet_drake()
     say_if_compiling()
 
@@ -112,10 +121,10 @@ def fly(
         def show(ticks: int) -> None:
             progress.update(task, completed=ticks, description="flying")
 
-        if log:
+        if log or recorder:
             from ortilo_drake.interop.log.logged_flight import fly_logged
 
-            flight = fly_logged(chosen, log, show)
+            flight = fly_logged(chosen, log, show, recorder.record if recorder else None)
         elif meshcat:
             from ortilo_drake.views.display import fly_live
 
@@ -139,8 +148,10 @@ def fly(
         with progress_bar() as progress:
             drawing = progress.add_task("drawing the video", total=None)
             flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
+    if rerun and recorder:
+        save_recording(flight, recorder.sightings, rerun)
     write_json(json_file, result)
     _print_flight(result, verdict(flight))
-    say_written(html, png, video, out_file, log, json_file)
+    say_written(html, png, video, out_file, log, rerun, json_file)
     if result.lost:
         raise typer.Exit(LOST)

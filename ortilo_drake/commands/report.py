@@ -19,8 +19,19 @@ def report(
     html: Annotated[
         Path | None, typer.Option("--out", help="The page; PATH.html, or report.html in PATH, if it is a folder.")
     ] = None,
+    rerun: Annotated[
+        Path | None,
+        typer.Option(help="Of a flight's .nc: write a recording for Rerun, .rrd, in place of a page."),
+    ] = None,
 ) -> None:
-    """Make one self-contained HTML page, text, tables and figures in it, of what another command wrote."""
+    """Make one self-contained HTML page, text, tables and figures in it, of what another command wrote.
+
+    With --rerun a page is made only if --out asks for it.
+    """
+    if rerun is not None:
+        _write_recording(path, rerun)
+        if html is None:
+            return
     page = html or (path / "report.html" if path.is_dir() else path.with_name(f"{path.stem}.html"))
     if page.resolve() == path.resolve():
         raise InputError(f"--out {page}: is the file to report on")
@@ -37,3 +48,20 @@ def report(
         text = report_page(path)
     write_text(page, text)
     say_written(page)
+
+
+def _write_recording(path: Path, rerun: Path) -> None:
+    """Write the flight of a .nc as a recording for the Rerun viewer."""
+    if path.suffix != ".nc":
+        raise InputError(f"--rerun: {path}: only a flight's .nc has a recording")
+    check_writable(rerun)
+    from ortilo_drake.flight.saved_flight import load_flight
+    from ortilo_drake.interop.rerun.recording import check_recording, save_recording
+    from ortilo_drake.interop.rerun.sightings import drawn_again
+    from ortilo_drake.views.scene_view import make_camera_view
+
+    check_recording(rerun)
+    quiet_drake()
+    flight = load_flight(path)
+    save_recording(flight, drawn_again(flight, make_camera_view), rerun)
+    say_written(rerun)

@@ -25,7 +25,7 @@ def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_not_installed_is_said_with_what_brings_it(nothing_installed: None) -> None:
-    extras = {"onnxruntime": "onnx", "torch": "torch", "videos": "video"}
+    extras = {"onnxruntime": "onnx", "torch": "torch", "videos": "video", "recordings": "rerun"}
     for name, extra in extras.items():
         found = getattr(doctor_checks, name)()
         assert (found.is_there, found.found) == (False, "not installed")

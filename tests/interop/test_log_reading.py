@@ -202,14 +202,21 @@ def test_absent_fields_are_zero_for_every_type():
     assert hypothesis.pose.covariance.shape == (36,)
 
 
-def test_layout_plots_what_is_logged():
+def test_layout_plots_what_is_logged(folder):
+    """Each of its paths is in a log of today, and under the name that the scenario has for it."""
     layout = json.loads((Path(log_reader.__file__).parent / "foxglove_layout.json").read_text())
     text = json.dumps(layout)
-    sizes = {"state": 12, "estimate": 15, "covariance": 225, "control": 4, "measurement": 39, "reference": 9}
+    log = list(read_logged(log_file(folder), lambda topic: True))
+    sizes = {m.topic: len(from_cdr(ARRAY_TYPE, m.data).data) for m in log if m.type_name == ARRAY_TYPE}
+    measurement = scenario().measurement
+    names = {"/ortilo/y": measurement.outputs, "/ortilo/delta": [f"{s} arrived" for s in measurement.sensors]}
     for panel in layout["configById"].values():
         for path in panel.get("paths", []):
-            name, index = path["value"].removeprefix("/ortilo/").rstrip("]").split(".data[")
-            assert int(index) < sizes[name]
+            topic, index = path["value"].rstrip("]").split(".data[")
+            assert int(index) < sizes[topic]
+            assert topic not in names or path["label"] == names[topic][int(index)]
+    shown = {topic for panel in layout["configById"].values() for topic in panel.get("topics", {})}
+    assert shown <= {message.topic for message in log}
     assert f'"/ortilo/state.data[{STATE_NAMES.index("phi")}]"' in text
     for panel in layout["configById"]:
         assert text.count(f'"{panel}"') == 2  # set up and placed

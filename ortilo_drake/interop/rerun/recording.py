@@ -1,0 +1,77 @@
+"""A flight as a recording of Rerun: one .rrd file, written whole or not at all."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from ortilo_drake import __version__
+from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.flight.flight import scenario_of
+from ortilo_drake.interop.rerun.series import all_series
+from ortilo_drake.interop.rerun.sightings import Sightings
+from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.typed_yaml import InputError
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+SUFFIX = ".rrd"
+APPLICATION = "ortilo-drake"
+
+
+def check_recording(path: Path) -> None:
+    """Check that a recording of that name can be made.
+
+    Raises:
+        InputError: naming the file and what is allowed, or what to install.
+    """
+    if path.suffix != SUFFIX:
+        raise InputError(f"{path}: unknown kind of recording '{path.suffix}', give {SUFFIX}")
+    check_installed("rerun", "rerun")
+
+
+def recording_bytes(flight: xr.Dataset, seen: Sightings) -> bytes:
+    """Return the content of an .rrd file.
+
+    Args:
+        flight: the flight.
+        seen: its pictures, boxes and ranges.
+    """
+    import rerun as rr
+
+    recording = rr.RecordingStream(APPLICATION)
+    memory = recording.memory_recording()
+    try:
+        _fill(recording, flight, seen)
+    finally:  # also after Ctrl-C: of what is never taken out, Rerun complains on stderr
+        data: bytes = memory.drain_as_bytes()
+    return data
+
+
+def _fill(recording: "rr.RecordingStream", flight: xr.Dataset, seen: Sightings) -> None:
+    import rerun as rr
+
+    from ortilo_drake.interop.rerun.layout import default_layout
+    from ortilo_drake.interop.rerun.room_drawn import send_room
+    from ortilo_drake.interop.rerun.sending import send_series
+    from ortilo_drake.interop.rerun.vehicle_drawn import send_camera, send_vehicle
+
+    scenario = scenario_of(flight)
+    room = scenario.load_room()
+    recording.send_blueprint(default_layout(room, "camera" in scenario.sensors))
+    recording.send_recording_name(f"{scenario.name}, seed {flight.attrs['seed']}")
+    text = scenario.model_dump_json(indent=2)
+    about = f"ortilo-drake {__version__}, seed {flight.attrs['seed']}, lost: {flight.attrs['lost']}\n\n{text}"
+    recording.log("scenario", rr.TextDocument(about), static=True)
+    send_room(recording, room)
+    send_vehicle(recording, flight)
+    send_camera(recording, scenario, room, seen)
+    for path, series in all_series(flight, seen).items():
+        send_series(recording, path, series)
+
+
+def save_recording(flight: xr.Dataset, seen: Sightings, path: Path) -> None:
+    """Write a flight as an .rrd file; see check_recording and flight.files.write_bytes for what is refused."""
+    check_recording(path)
+    write_bytes(path, recording_bytes(flight, seen))

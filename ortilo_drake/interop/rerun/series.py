@@ -1,0 +1,122 @@
+"""The signals of a flight as named time series: plain numbers, by the path at which they stand in a recording."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.interop.rerun.sightings import Sightings
+from ortilo_drake.model.signals import INTEGRAL_NAMES, STATE_NAMES
+from ortilo_drake.model.vehicle import mixing_inverse
+
+PARTS = {
+    "position": STATE_NAMES[0:3],
+    "attitude": STATE_NAMES[3:6],
+    "velocity": STATE_NAMES[6:9],
+    "attitude_rate": STATE_NAMES[9:12],
+}  # of the state: m, rad, m/s, rad/s
+
+
+ERROR_RED, BAND_GREY = (200, 60, 40), (150, 150, 150)
+
+
+class Series(NamedTuple):
+    """Some lines over the same times.
+
+    Attributes:
+        times: in simulated seconds (n).
+        values: one column a line (n, k).
+        names: of the lines (k).
+        is_sparse: whether there are values only where something arrived: drawn as points.
+        is_step: whether each value holds until the next.
+        colors: of the lines, red, green, blue; none leaves them to the viewer.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    names: tuple[str, ...]
+    is_sparse: bool = False
+    is_step: bool = False
+    colors: tuple[tuple[int, int, int], ...] = ()
+
+
+def all_series(flight: xr.Dataset, seen: Sightings) -> dict[str, Series]:
+    """Return every signal of a flight by its path.
+
+    Of the covariances there are the standard deviations alone.
+    """
+    return {**_states(flight), **_errors(flight), **_commands(flight), **_sensors(flight), **_ranges(seen)}
+
+
+def _states(flight: xr.Dataset) -> dict[str, Series]:
+    time, found = flight["time"].values, dict[str, Series]()
+    sd = np.sqrt(np.diagonal(flight["covariance"].values, axis1=1, axis2=2))
+    for part, names in PARTS.items():
+        columns = [STATE_NAMES.index(name) for name in names]
+        found[f"truth/{part}"] = Series(time, flight["truth"].values[:, columns], names)
+        found[f"estimate/{part}"] = Series(time, flight["estimate"].values[:, columns], names)
+        found[f"estimate_sd/{part}"] = Series(time, sd[:, columns], names)
+    integral = slice(len(STATE_NAMES), None)
+    found["estimate/integral"] = Series(time, flight["estimate"].values[:, integral], INTEGRAL_NAMES)
+    found["estimate_sd/integral"] = Series(time, sd[:, integral], INTEGRAL_NAMES)
+    for path, name in (("position", ""), ("velocity", "_velocity"), ("acceleration", "_acceleration")):
+        found[f"reference/{path}"] = Series(time, flight[f"reference{name}"].values, AXES)
+    return found
+
+
+def _errors(flight: xr.Dataset) -> dict[str, Series]:
+    """Return the error of each axis of the estimated position between minus and plus three sigma [m]."""
+    found, lines, colors = {}, ("error", "3 sigma", "-3 sigma"), (ERROR_RED, BAND_GREY, BAND_GREY)
+    for i, axis in enumerate(AXES):
+        error = flight["estimate"].values[:, i] - flight["truth"].values[:, i]
+        band = 3.0 * np.sqrt(flight["covariance"].values[:, i, i])
+        values = np.column_stack([error, band, -band])
+        found[f"errors/{axis}"] = Series(flight["time"].values, values, lines, colors=colors)
+    return found
+
+
+def _commands(flight: xr.Dataset) -> dict[str, Series]:
+    """Return thrust [N], torques [N m] and what thrust they ask of each rotor [N]."""
+    time, u, vehicle = flight["time"].values, flight["control"].values, scenario_of(flight).vehicle
+    rotors = vehicle.rotor_lift * u @ mixing_inverse(vehicle).T
+    names = tuple(f"rotor {i}" for i in range(vehicle.rotor_count))
+    return {
+        "control/thrust": Series(time, u[:, :1], ("f_T",), is_step=True),
+        "control/torque": Series(time, u[:, 1:], ("tau_x", "tau_y", "tau_z"), is_step=True),
+        "control/rotor_thrust": Series(time, rotors, names, is_step=True),
+    }
+
+
+def _sensors(flight: xr.Dataset) -> dict[str, Series]:
+    """Return for each sensor whether it was due and used, its values, their deviations and their innovations."""
+    measurement, time, found = scenario_of(flight).measurement, flight["time"].values, dict[str, Series]()
+    for j, sensor in enumerate(measurement.sensors):
+        due, used = flight["due"].values[:, j], flight["arrival"].values[:, j]
+        if not (due | used).any():
+            continue
+        rows = measurement.rows_of(sensor)
+        names = tuple(measurement.outputs[rows])
+        V2 = flight["measurement_covariance"].values[used, j, : len(names), : len(names)]
+        sd = np.sqrt(np.diagonal(V2, axis1=1, axis2=2))
+        there = np.column_stack([due, used]).astype(float)
+        found[f"arrivals/{sensor}"] = Series(time, there, (f"{sensor} due", f"{sensor} used"), is_step=True)
+        for path, values in (
+            ("measurement", flight["measurement"].values[used, rows]),
+            ("measurement_sd", sd),
+            ("innovation", flight["innovation"].values[used, rows]),
+        ):
+            found[f"{path}/{sensor}"] = Series(time[used], values, names, is_sparse=True)
+    return found
+
+
+def _ranges(seen: Sightings) -> dict[str, Series]:
+    """Return the ranges to each anchor that came [m]."""
+    if not seen.ranges:
+        return {}
+    times, values = (np.array(part) for part in zip(*seen.ranges, strict=True))
+    found = {}
+    for i in range(values.shape[1]):
+        there = np.isfinite(values[:, i])
+        found[f"ranges/anchor_{i}"] = Series(times[there], values[there, i : i + 1], (f"anchor_{i}",), is_sparse=True)
+    return found

@@ -1,0 +1,125 @@
+"""What a flight's Dataset does not keep: the pictures, the boxes found in them, and the ranges to the anchors.
+
+They come from what crosses between the halves while a scenario flies, as for a log (SightingsRecorder.record). Of a
+flight that is over the pictures are drawn again from its true states (drawn_again).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.flight import scenario_of
+from ortilo_drake.flight.signals import Signals
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
+from ortilo_drake.onboard.detector.detector import detections_message
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.scenario import Scenario
+
+QUALITY = 85  # of the JPEG
+
+CameraView = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+class Picture(NamedTuple):
+    """A picture: when it was taken [s], and its JPEG."""
+
+    time: float
+    jpeg: bytes
+
+
+class FoundBoxes(NamedTuple):
+    """The boxes found in a picture: when it was taken [s], rows (label, score, u_min, v_min, u_max, v_max) (k, 6)."""
+
+    time: float
+    rows: np.ndarray
+
+
+class Ranges(NamedTuple):
+    """Ranges to the anchors: when they were true [s], and one each, NaN if it did not come (n) [m]."""
+
+    time: float
+    values: np.ndarray
+
+
+@dataclass
+class Sightings:
+    """All that was seen in a flight, in the order in which it came."""
+
+    pictures: list[Picture] = field(default_factory=list)
+    boxes: list[FoundBoxes] = field(default_factory=list)
+    ranges: list[Ranges] = field(default_factory=list)
+
+
+def encode_jpeg(picture: np.ndarray) -> bytes:
+    """Return a picture, blue, green, red (height, width, 3), uint8, as JPEG."""
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return data.tobytes()
+
+
+def _found(message: np.ndarray) -> FoundBoxes:
+    rows = message[PAYLOAD:].reshape(-1, DETECTION_SIZE)
+    return FoundBoxes(float(message[STAMP]), rows[rows[:, 0] >= 0])
+
+
+class SightingsRecorder:
+    """Gathers what is seen while a scenario flies; its `record` is given to flight.lockstep.
+
+    A rendered camera's boxes do not cross between the halves: the detector is onboard. It looks again here, and finds
+    the same ones in the same picture.
+
+    Args:
+        scenario: what is flown.
+
+    Raises:
+        InputError: if a file of the scenario's detector is wrong.
+    """
+
+    def __init__(self, scenario: Scenario):
+        self.sightings = Sightings()
+        if scenario.is_rendered:
+            room = scenario.load_room()
+            camera = room.camera.scaled_to(scenario.image_width)
+            self._detect = load_detector(scenario.detector, room, (camera.width, camera.height))
+
+    def record(self, k: int, state: np.ndarray | None, messages: Signals, outputs: Signals) -> None:
+        """Take the messages of a tick; a flight.signals.Record."""
+        seen = self.sightings
+        if "image" in messages:
+            stamp, rgb = float(messages["shutter"][STAMP]), np.ascontiguousarray(messages["image"][..., :3])
+            seen.pictures.append(Picture(stamp, encode_jpeg(rgb[..., ::-1])))
+            seen.boxes.append(_found(detections_message(stamp, *self._detect(rgb))))
+        if "detections" in messages and messages["detections"][ARRIVED] == 1.0:
+            seen.boxes.append(_found(messages["detections"]))
+        if "uwb" in messages and messages["uwb"][ARRIVED] == 1.0:
+            values, there = messages["uwb"][PAYLOAD:].reshape(2, -1)
+            seen.ranges.append(Ranges(float(messages["uwb"][STAMP]), np.where(there > 0, values, np.nan)))
+
+
+def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
+    """Return the pictures and boxes of a flight that is over, drawn from its true states.
+
+    Each picture that was due is drawn, also if it did not arrive. There are none without a rendered camera, and no
+    ranges: a flight does not keep them.
+
+    Args:
+        flight: the flight.
+        make_view: views.scene_view.make_camera_view.
+
+    Raises:
+        InputError: if there is no EGL or a file of the scenario's detector is wrong.
+    """
+    scenario, seen = scenario_of(flight), Sightings()
+    if not scenario.is_rendered:
+        return seen
+    view = make_view(scenario)
+    for time, x in zip(flight["time"].values, flight["truth"].values, strict=True):
+        k = round(time * scenario.control_rate)
+        if k % scenario.every("camera") == 0 and np.isfinite(x).all():
+            picture, rows = view(float(time), x)
+            seen.pictures.append(Picture(float(time), encode_jpeg(picture)))
+            seen.boxes.append(FoundBoxes(float(time), rows))
+    return seen

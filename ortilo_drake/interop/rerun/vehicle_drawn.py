@@ -1,0 +1,107 @@
+"""The vehicle in a recording: where it was and where it believed to be, its paths and its camera."""
+
+import numpy as np
+import rerun as rr
+import xarray as xr
+
+from ortilo_drake.flight.flight import scenario_of
+from ortilo_drake.interop.rerun.sending import time_column
+from ortilo_drake.interop.rerun.sightings import Sightings
+from ortilo_drake.interop.ros.body_motion import quaternion
+from ortilo_drake.model.pinhole import R_BC
+from ortilo_drake.model.room import CameraModel, Room
+from ortilo_drake.model.vehicle import Vehicle, rotor_places
+from ortilo_drake.scenario import Scenario, WaypointPlanner
+
+TRUTH, ESTIMATE = "world/truth", "world/estimate"
+CAMERA = f"{TRUTH}/camera"
+PICTURE, BOXES = f"{CAMERA}/picture", f"{CAMERA}/picture/boxes"
+COLORS = {TRUTH: (40, 160, 40), ESTIMATE: (242, 13, 153), "planned": (26, 140, 255)}
+PICTURE_AT = 1.0  # from the camera, where the picture hangs [m]
+HALF_PIXEL = 0.5  # a pixel's centre has integer coordinates here; in Rerun its corner has
+
+
+def send_vehicle(recording: rr.RecordingStream, flight: xr.Dataset) -> None:
+    """Write true and estimated poses over time, both paths and the planned one, and the waypoints."""
+    scenario, time = scenario_of(flight), flight["time"].values
+    for path, name in ((TRUTH, "truth"), (ESTIMATE, "estimate")):
+        states = flight[name].values[:, :6]
+        there = np.isfinite(states).all(axis=1)
+        if there.any():
+            _send_pose(recording, path, time[there], states[there])
+            _send_line(recording, f"world/paths/{name}", states[there, :3], COLORS[path])
+            recording.log(f"{path}/body", _body(scenario.vehicle, COLORS[path]), static=True)
+    reference = flight["reference"].values
+    _send_line(recording, "world/paths/planned", reference[np.isfinite(reference).all(axis=1)], COLORS["planned"])
+    points = waypoints(scenario)
+    if len(points):
+        labels = [str(i) for i in range(len(points))]
+        dots = rr.Points3D(points, radii=[0.06], colors=[COLORS["planned"]], labels=labels)
+        recording.log("world/waypoints", dots, static=True)
+
+
+def waypoints(scenario: Scenario) -> np.ndarray:
+    """Return the waypoints p_W of a scenario that is flown through some (n, 3); none of another."""
+    planner = scenario.planner
+    return np.array(planner.points if isinstance(planner, WaypointPlanner) else []).reshape(-1, 3)
+
+
+def _send_pose(recording: rr.RecordingStream, path: str, times: np.ndarray, states: np.ndarray) -> None:
+    turns = np.array([quaternion(np.array(rpy)) for rpy in states[:, 3:6]])
+    columns = rr.Transform3D.columns(translation=states[:, :3], quaternion=turns)
+    recording.send_columns(path, indexes=[time_column(times)], columns=columns)
+
+
+def _send_line(recording: rr.RecordingStream, path: str, points: np.ndarray, color: tuple[int, int, int]) -> None:
+    if len(points):
+        recording.log(path, rr.LineStrips3D([points], colors=[color], radii=[0.012]), static=True)
+
+
+def _body(vehicle: Vehicle, color: tuple[int, int, int]) -> rr.LineStrips3D:
+    """Return a line from the body's origin to each rotor, and one forward."""
+    x, y, _ = rotor_places(vehicle)
+    ends = [*zip(x.tolist(), y.tolist(), [0.0] * len(x), strict=True), (float(np.hypot(x, y).max()), 0.0, 0.0)]
+    return rr.LineStrips3D([[(0.0, 0.0, 0.0), end] for end in ends], colors=[color], radii=[0.025])
+
+
+def send_camera(recording: rr.RecordingStream, scenario: Scenario, room: Room, seen: Sightings) -> None:
+    """Write the camera on the true vehicle, its pictures, and the boxes found in them with class and score."""
+    if "camera" not in scenario.sensors:
+        return
+    model = room.camera.scaled_to(scenario.image_width)
+    recording.log(CAMERA, rr.Transform3D(translation=model.position, mat3x3=R_BC), pinhole(model), static=True)
+    if seen.pictures:
+        times = np.array([picture.time for picture in seen.pictures])
+        columns = rr.EncodedImage.columns(
+            blob=[np.frombuffer(picture.jpeg, np.uint8) for picture in seen.pictures],
+            media_type=["image/jpeg"] * len(times),
+        )
+        recording.send_columns(PICTURE, indexes=[time_column(times)], columns=columns)
+    if seen.boxes:
+        _send_boxes(recording, room, seen)
+
+
+def pinhole(model: CameraModel) -> rr.Pinhole:
+    """Return the camera with the pixels' corner as origin."""
+    center = [model.center[0] + HALF_PIXEL, model.center[1] + HALF_PIXEL]
+    return rr.Pinhole(
+        focal_length=model.focal_length,
+        principal_point=center,
+        width=model.width,
+        height=model.height,
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=PICTURE_AT,
+    )
+
+
+def _send_boxes(recording: rr.RecordingStream, room: Room, seen: Sightings) -> None:
+    """Write the boxes of each picture as one row, also where none were found: that clears the earlier ones."""
+    rows = np.concatenate([boxes.rows for boxes in seen.boxes])
+    labels = [f"{room.classes[int(label)]} {score:.2f}" for label, score in rows[:, :2].tolist()]
+    low, high = rows[:, 2:4] + HALF_PIXEL, rows[:, 4:6] + HALF_PIXEL
+    columns = rr.Boxes2D.columns(
+        centers=(low + high) / 2, half_sizes=(high - low) / 2, labels=labels, class_ids=rows[:, 0].astype(int)
+    )
+    parted = columns.partition(lengths=[len(boxes.rows) for boxes in seen.boxes])
+    times = np.array([boxes.time for boxes in seen.boxes])
+    recording.send_columns(BOXES, indexes=[time_column(times)], columns=parted)
