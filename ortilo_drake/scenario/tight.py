@@ -28,8 +28,8 @@ class Datasheet(Frozen):
     specific_force_density: Positive
 
 
-# From the makers' data sheets: InvenSense ICM-42688-P (2021), 0.0028 deg/s/sqrt(Hz) and 70 ug/sqrt(Hz), at most 75 in z;
-# Bosch BMI088 (2018), 0.014 deg/s/sqrt(Hz) and 175 ug/sqrt(Hz), 230 in z.
+# From the makers' data sheets: InvenSense ICM-42688-P (2021), 0.0028 deg/s/sqrt(Hz) and 70 ug/sqrt(Hz), 75 in z; Bosch
+# BMI088 (2018), 0.014 deg/s/sqrt(Hz) and 175 ug/sqrt(Hz), 230 in z.
 DATASHEETS = {
     "icm_42688_p": Datasheet(rate_density=4.9e-5, specific_force_density=7.4e-4),
     "bmi088": Datasheet(rate_density=2.4e-4, specific_force_density=2.3e-3),
@@ -65,7 +65,7 @@ class InertialNoise(Frozen):
     level_sd: NonNegativeFloat = 0.0
     yaw_sd: NonNegativeFloat = 0.0
     angles_rate: NonNegativeFloat = 2.0e-4
-    coasting_sd: tuple[Positive, Positive] = (0.02, 0.15)
+    coasting_sd: tuple[Positive, Positive] = (0.004, 0.15)
 
 
 class TightRanges(Frozen):

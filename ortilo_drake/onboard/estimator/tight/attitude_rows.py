@@ -1,7 +1,7 @@
 """Rows of a measurement of angles, and of values that are linear in the paper's twelve states.
 
-The paper's states are [p_WB, rpy, v_WB, rpy rates]. A small turn theta of the body in B is d rpy = E(rpy)^-1 theta, with
-the E of model/equations.py, and to first order the Euler rates err by E^-1 of what the body rates do, -db_g.
+The paper's states are [p_WB, rpy, v_WB, rpy rates]. A small turn theta of the body in B is d rpy = E(rpy)^-1 theta,
+with the E of model/equations.py, and to first order the Euler rates err by E^-1 of what the body rates do, -db_g.
 """
 
 import numpy as np

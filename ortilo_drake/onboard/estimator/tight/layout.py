@@ -47,12 +47,12 @@ class Layout(NamedTuple):
 
 def make_layout(sizes: dict[str, int], clones: int) -> Layout:
     """Return the layout of the groups with these sizes, 0 leaving one out, in the order of Layout's fields."""
-    at, places = N_INERTIAL, []
+    at, places = N_INERTIAL, {}
     for name in Layout._fields[:6]:
         size = sizes.get(name, 0)
-        places.append(at if size else -1)
+        places[name] = at if size else -1
         at += size
-    return Layout(*places, at, clones, at + 6 * clones)
+    return Layout(**places, core=at, clones=clones, n=at + 6 * clones)
 
 
 def nominal_size(layout: Layout) -> int:

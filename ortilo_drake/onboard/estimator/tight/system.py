@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
-from scipy.stats import chi2
 
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.pinhole import Camera
@@ -49,7 +48,7 @@ class Aids:
         pixel_noise: see take_boxes (3).
         association: settings of the association.
         angle_sd: noise of a sample of the imu's angles [rad]; None leaves them out.
-        gates: largest squared innovations of a single number and of a box.
+        gates: largest squared innovations of a single number and of a box, and of a box that may be a landmark's.
         huber: see update.
     """
 
@@ -62,7 +61,7 @@ class Aids:
     pixel_noise: np.ndarray
     association: LandmarkFix
     angle_sd: float | None
-    gates: tuple[float, float]
+    gates: tuple[float, ...]
     huber: float
 
 
@@ -207,7 +206,7 @@ class TightFilter(LeafSystem):
             samples = np.ascontiguousarray(samples)
         residual = np.empty(3)
         count = go_on(x, C, kept, samples, now, motion, residual)
-        single, pair = aids.gates
+        single = aids.gates[0]
         if count and aids.angle_sd is not None:
             take_angles(x, C, layout, residual, aids.angle_sd**2 / count, single, aids.huber)
         for name, message in messages.items():
@@ -252,7 +251,7 @@ class TightFilter(LeafSystem):
             aids.room.landmark_labels,
             aids.camera,
             float(aids.pixel_noise[0]),
-            float(chi2.ppf(settings.gate, 2)),
+            aids.gates[2],
             float(aids.pixel_noise[1]),
             settings.margin,
             -np.inf if settings.inside is None else settings.inside,

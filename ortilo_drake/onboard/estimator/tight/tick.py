@@ -1,4 +1,4 @@
-"""A tick of the tight filter: through the imu's samples to now, the poses that are kept, one tick ahead for the servo."""
+"""A tick of the tight filter: through the imu's samples to now, one tick ahead for the servo, poses that are kept."""
 
 from typing import NamedTuple
 
