@@ -7,7 +7,8 @@
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
-# make docs      set up, with Sphinx, build the documentation site, say where it is
+# make docs      set up, with Sphinx, build the documentation site, say where it is; with NOTEBOOKS=1 run the notebooks
+#                before, so that it shows their outputs (minutes; what has been run is kept in out/notebooks)
 # make mutants   set up, change the code in 400 places and see whether a test notices (docs/mutants.md)
 
 PYTHON ?= python3
@@ -79,6 +80,9 @@ bench: setup
 
 # A warning fails the build; no network is needed once Sphinx is there.
 docs: $(STAMP)-docs
+ifneq ($(NOTEBOOKS),)
+	@$(ONE_THREAD) $(BIN)/python scripts/run_notebooks.py
+endif
 	@$(ONE_THREAD) $(BIN)/python -m sphinx -q -W --keep-going -b html -d out/doctrees docs out/docs
 	@echo "documentation: out/docs/index.html"
 

@@ -30,7 +30,7 @@ suppress_warnings = ["ref.python"]  # names of the page Python stand in Modules 
 # --- pages -----------------------------------------------------------------------------------------------------
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
-nb_execution_mode = "off"  # `make test-all` runs the notebooks
+nb_execution_mode = "off"  # site_pages.py takes outputs from kept runs; `make docs NOTEBOOKS=1` makes those
 nb_merge_streams = True
 
 # --- docstrings ------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Pages that the program writes of itself: its settings, its commands, its notebooks."""
 
 import re
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +24,7 @@ def write_pages(folder: Path) -> None:
     _write(folder / "reference/commands.md", commands_page())
     (folder / "notebooks").mkdir(exist_ok=True)
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
-        _write(folder / "notebooks" / notebook.name, notebook.read_text(encoding="utf-8"))
+        _write(folder / "notebooks" / notebook.name, with_outputs(notebook).read_text(encoding="utf-8"))
     for copy in (folder / "notebooks").glob("*.ipynb"):
         if not (ROOT / "notebooks" / copy.name).exists():
             copy.unlink()
@@ -31,6 +32,19 @@ def write_pages(folder: Path) -> None:
         module = ROOT.joinpath(*page.stem.split("."))
         if not (module.is_dir() or module.with_name(f"{module.name}.py").exists()):
             page.unlink()
+
+
+def with_outputs(notebook: Path) -> Path:
+    """Return the kept run of a notebook's very cells (scripts/run_notebooks.py), else the notebook itself."""
+    sys.path.append(str(ROOT / "scripts"))
+    try:
+        from run_notebooks import kept_file
+    except ModuleNotFoundError:  # nbclient is with what the tests need, and the site can be built without that
+        return notebook
+    finally:
+        sys.path.remove(str(ROOT / "scripts"))
+    kept = kept_file(notebook)
+    return kept if kept.exists() else notebook
 
 
 def settings_page() -> str:

@@ -124,6 +124,13 @@ def test_a_plot_is_a_figure_with_path_errors_and_arrivals(flown: od.Flight) -> N
     assert len(figure.axes) == 5
 
 
+def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight) -> None:
+    (axes,) = flown.plot_blackouts("z").axes
+    np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), abs(flown.error.sel(axis="z")))
+    assert f"seed {flown.seed}" in axes.get_title(loc="left")
+    assert [axes.get_ylabel() for axes in flown.plot_availability().axes] == ["error [m]", "used of due"]
+
+
 def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
     again = od.Flight.load(flown.to_netcdf(tmp_path / "flight.nc"))
     xr.testing.assert_identical(again.data, flown.data)

@@ -23,6 +23,7 @@ from ortilo_drake.interop.rerun.recording import check_recording, save_recording
 from ortilo_drake.interop.rerun.sightings import drawn_again
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, InputError, Scenario
+from ortilo_drake.views.blackout_figures import draw_availability, draw_blackout_errors
 from ortilo_drake.views.figures import draw_flight
 from ortilo_drake.views.page.flight_page import flight_page
 from ortilo_drake.views.scene_view import make_camera_view
@@ -76,6 +77,14 @@ class Flight:
     def plot(self) -> Figure:
         """Return a figure of the path, the errors in their 3-sigma bands and the arrivals."""
         return draw_flight(self.data)
+
+    def plot_blackouts(self, axis: str = "x") -> Figure:
+        """Return a figure of the error along an axis and the filter's own sd over time, UWB blackouts shaded."""
+        return draw_blackout_errors({f"{self.scenario.name}, seed {self.seed}": self.data}, axis)
+
+    def plot_availability(self) -> Figure:
+        """Return a figure along x of the camera fixes' errors and of the share of due fixes that were used."""
+        return draw_availability(self.data)
 
     def to_netcdf(self, path: str | Path) -> Path:
         """Write the flight as netCDF with a digest; return the path."""

@@ -1,7 +1,6 @@
 """Figures: trajectories in the room, errors, arrivals."""
 
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,20 +12,11 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
+from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
 from ortilo_drake.views.pictures import save_picture
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
-# Okabe and Ito's colours, which colour-blind readers can tell apart.
-COLOR = {"imu_uwb": "#0072B2", "imu_uwb_yolo": "#D55E00", "uwb": "#0072B2", "camera": "#D55E00", "flow": "#CC79A7"}
-OTHER = "#009E73"  # the altimeter's, and of scenarios and sensors without a colour of their own
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
-STYLE: Any = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "figure.dpi": 130,
-}
 
 
 def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
@@ -41,10 +31,10 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
         if isinstance(blackout, PositionBlackout) and blackout.axis == "x":
             low, high = room.interior.min[1], room.interior.max[1]
             width = blackout.end - blackout.start
-            axes.add_patch(Rectangle((blackout.start, low), width, high - low, color="#0072B2", alpha=0.10, lw=0))
+            axes.add_patch(Rectangle((blackout.start, low), width, high - low, color=BLUE, alpha=0.10, lw=0))
             axes.text(blackout.start + width / 2, high - 0.35, "no UWB", ha="center", va="top", fontsize=7)
-    axes.plot(*room.anchor_positions[:, :2].T, "^", color="#009E73", ms=6, label="anchor", ls="")
-    axes.plot(*room.landmark_positions[:, :2].T, "*", color="#CC79A7", ms=7, label="landmark", ls="")
+    axes.plot(*room.anchor_positions[:, :2].T, "^", color=GREEN, ms=6, label="anchor", ls="")
+    axes.plot(*room.landmark_positions[:, :2].T, "*", color=PURPLE, ms=7, label="landmark", ls="")
     axes.set_xlim(room.interior.min[0] - 0.6, room.interior.max[0] + 0.6)
     axes.set_ylim(room.interior.min[1] - 0.6, room.interior.max[1] + 0.6)
     axes.set_aspect("equal")
@@ -92,9 +82,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         grid = figure.add_gridspec(5, 1, height_ratios=[5, 1.2, 1.2, 1.2, 0.9])
         room_axes = figure.add_subplot(grid[0])
         draw_room(room_axes, scenario.load_room(), scenario)
-        room_axes.plot(*flight["reference"].values[:, :2].T, "k--", lw=1.0, label="planned")
-        room_axes.plot(*flight["truth"].values[:, :2].T, color="#D55E00", lw=1.6, label="true")
-        room_axes.plot(*flight["estimate"].values[:, :2].T, color="#0072B2", lw=0.9, label="estimated")
+        draw_paths(room_axes, flight)
         room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
         room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
         time = flight["time"].values
@@ -102,14 +90,22 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         sigma = np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
         for i, axis in enumerate(AXES):
             axes = figure.add_subplot(grid[1 + i])
-            axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
-            axes.plot(time, error[:, i], color="k", lw=0.8)
+            axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color=SKY, alpha=0.35, lw=0, label="3 sigma")
+            axes.plot(time, error[:, i], color="k", lw=0.8, label="estimate less truth")
             axes.set_ylabel(f"error {axis} [m]")
             axes.tick_params(labelbottom=False)
+        figure.axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=7)
         draw_arrivals(figure.add_subplot(grid[4]), flight)
         for axes in figure.axes[1:]:
             axes.set_xlim(time[0], time[-1])
         return figure
+
+
+def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
+    """Draw a flight's planned, true and estimated path from above [m]."""
+    axes.plot(*flight["reference"].values[:, :2].T, color=PLANNED, ls="--", lw=1.0, label="planned")
+    axes.plot(*flight["truth"].values[:, :2].T, color=TRUE, lw=1.6, label="true")
+    axes.plot(*flight["estimate"].values[:, :2].T, color=ESTIMATED, lw=0.9, label="estimated")
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:

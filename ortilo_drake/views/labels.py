@@ -31,7 +31,9 @@ class Label(NamedTuple):
     color: str
 
 
-def put_labels(axes: Axes, labels: Sequence[Label], points: np.ndarray, size: float = 7.0) -> list[Annotation]:
+def put_labels(
+    axes: Axes, labels: Sequence[Label], points: np.ndarray, size: float = 7.0, halo: str = "white"
+) -> list[Annotation]:
     """Put labels beside their points, each at the nearest place where it is over nothing; return them.
 
     Call it once limits and layout of the figure are what they will be.
@@ -41,6 +43,7 @@ def put_labels(axes: Axes, labels: Sequence[Label], points: np.ndarray, size: fl
         labels: the labels; earlier ones choose first.
         points: what no label may be over: x and y in the axes' data, half width and half height [px] (n, 4).
         size: of the text [pt].
+        halo: colour around the text, which sets it off from what is behind it.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -53,8 +56,8 @@ def put_labels(axes: Axes, labels: Sequence[Label], points: np.ndarray, size: fl
     ways = ways[np.argsort(-np.abs(ways[:, 0]))]  # to the side rather than above or below
     placed = []
     for label in labels:
-        halo = withStroke(linewidth=2.2, foreground="white", alpha=0.85)
-        style: Any = {"fontsize": size, "color": label.color, "ha": "center", "va": "center", "path_effects": [halo]}
+        stroke = withStroke(linewidth=2.2, foreground=halo, alpha=0.85)
+        style: Any = {"fontsize": size, "color": label.color, "ha": "center", "va": "center", "path_effects": [stroke]}
         text = axes.annotate(
             label.text, (label.x, label.y), (0.0, 0.0), textcoords="offset pixels", zorder=6.0, **style
         )

@@ -5,10 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
 from scipy.stats import binom
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
+from ortilo_drake.studies.tube.corridor import Corridor, corridor
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
@@ -24,6 +27,7 @@ from ortilo_drake.studies.tube.tube_flights import (
     worst_stretch,
 )
 from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
+from ortilo_drake.studies.tube.tube_plots import INSIDE, OUTSIDE, draw_deviations, draw_tube, fill_margins
 from ortilo_drake.studies.tube.tube_tails import arrivals_of_seed
 
 PAIR = (0.3, 0.5)
@@ -117,6 +121,46 @@ def test_worst_stretch_of_lost_flights_is_what_they_flew() -> None:
     whole, lost = np.ones(80, dtype=bool), np.ones(15, dtype=bool)
     lost[10:] = False
     assert worst_stretch([whole, lost], 80) == pytest.approx(10.0 / 15.0)
+
+
+def test_the_tube_on_a_plan_is_orange_where_it_leaves_the_corridor() -> None:
+    scenario, nominal = short()
+    tube = predict_tube(with_rates(scenario, *PAIR), nominal)
+    wide = tube.radius > np.median(tube.radius)
+    about = Corridor(np.full(len(wide), np.median(tube.radius)), np.ones(len(wide)), np.zeros(len(wide), dtype=int))
+    axes = Figure().subplots()
+    draw_tube(axes, tube, about)
+    for discs, part, color in zip(axes.collections, (~wide, wide), (INSIDE, OUTSIDE), strict=True):
+        np.testing.assert_allclose(discs.get_offsets(), tube.r[part][::3, :2])
+        np.testing.assert_allclose(discs.get_widths(), 2.0 * tube.radius[part][::3])
+        assert same_color(discs.get_facecolor(), color)
+    np.testing.assert_array_equal(axes.get_lines()[0].get_xydata(), tube.r[:, :2])
+    assert axes.get_legend_handles_labels()[1] == ["planned", "tube in the corridor", "tube beyond it"]
+
+
+def test_deviations_are_the_flights_horizontal_ones_and_a_lost_one_ends_in_a_cross() -> None:
+    scenario, nominal = short()
+    tube = predict_tube(with_rates(scenario, *PAIR), nominal)
+    about = corridor(scenario.load_room(), scenario.vehicle, nominal.r)
+    axes = Figure().subplots()
+    draw_deviations(axes, tube, about, straying(0.9, lost=2.0))
+    room, first, second, cross = axes.get_lines()
+    np.testing.assert_array_equal(room.get_ydata(), about.radius)
+    for line in (first, second):
+        np.testing.assert_allclose(line.get_ydata(), 0.9 * tube.radius)
+        np.testing.assert_array_equal(line.get_xdata(), tube.time)
+    np.testing.assert_allclose(cross.get_ydata(), 0.9 * tube.radius[-1])
+    assert axes.get_legend_handles_labels()[1] == ["tube", "corridor", "a flight", "lost"]
+    assert axes.get_ylabel() == "deviation [m]"
+
+
+def test_margins_are_filled_over_their_axes_and_0_is_drawn_for_both_paths() -> None:
+    a = np.linspace(0.1, 1.0, 4)
+    axes = Figure().subplots()
+    fill_margins(axes, MarginMap(a, a, np.add.outer(a, 0.0 * a) - 0.5, np.add.outer(a, 0.0 * a) - 0.7))
+    _, whole, guided = axes.collections
+    for line, at in ((whole, 0.5), (guided, 0.7)):
+        np.testing.assert_allclose(np.vstack([path.vertices for path in line.get_paths()])[:, 0], at)
 
 
 def test_figures_are_drawn(tmp_path: Path) -> None:

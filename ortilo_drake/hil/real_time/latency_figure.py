@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from ortilo_drake.views.palette import BLUE, ORANGE
 from ortilo_drake.views.pictures import save_picture
 
 
@@ -14,9 +15,9 @@ def latency_figure(latencies_ms: np.ndarray, h: float, path: Path) -> Path:
     axes = figure.subplots()
     if len(latencies_ms):
         bins = np.geomspace(max(latencies_ms.min(), 1e-2), latencies_ms.max() * 1.01, 60)
-        axes.hist(latencies_ms, bins=bins.tolist())
+        axes.hist(latencies_ms, bins=bins.tolist(), color=BLUE)
         axes.axvline(np.quantile(latencies_ms, 0.99), color="black", linestyle="--", label="99th percentile")
-    axes.axvline(1e3 * h, color="tab:red", label="one tick")
+    axes.axvline(1e3 * h, color=ORANGE, label="one tick")
     axes.set(xscale="log", xlabel="sense to command [ms]", ylabel="ticks", title=f"{len(latencies_ms)} ticks")
     axes.legend()
     return save_picture(figure, path)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -10,22 +9,16 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.metrics import position_nees
-from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, finite_part, in_blackout
+from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, finite_part
 from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.theory.consistency.consistency import average_band, ensemble_average
 from ortilo_drake.views.figures import TITLE
+from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, SKY, STYLE
 from ortilo_drake.views.pictures import save_picture
 
-_STYLE: Any = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "figure.dpi": 130,
-}
-_BLUE, _ORANGE, _GREEN, _SKY = "#0072B2", "#D55E00", "#009E73", "#56B4E9"
 _SENSOR = {"uwb": "UWB", "camera": "camera", "imu": "IMU"}  # others are called by their names
 _COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}  # others are numbered
 
@@ -40,9 +33,9 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     for flight in whole:
         here = in_blackout(flight["truth"].values, scenario_of(flight))
         black[: len(here)] += here
-    axes.fill_between(time, low, high, color=_SKY, alpha=0.4, lw=0, label="95 % band if consistent")
+    axes.fill_between(time, low, high, color=SKY, alpha=0.4, lw=0, label="95 % band if consistent")
     axes.plot(time, np.maximum(average, 1e-4), color="k", lw=0.9, label=f"mean of {len(flights)} flights")
-    axes.axhline(3.0, color=_BLUE, lw=0.8, ls="--")
+    axes.axhline(3.0, color=BLUE, lw=0.8, ls="--")
     axes.set_yscale("log")
     # The bar below the curve shows the share of flights in a UWB blackout, dark where it is all of them.
     bar = axes.inset_axes((0.0, 0.0, 1.0, 0.035))
@@ -61,7 +54,7 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
         flights: flights by scenario.
         path: the image file.
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.4 * len(flights) + 0.5), layout="constrained")
         for k, (name, rows) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, k + 1)
@@ -83,7 +76,7 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
         path: the image file.
     """
     sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
         grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
         for row, (name, report) in zip(grid, reports.items(), strict=True):
@@ -99,7 +92,7 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 band = np.array([np.nan if b is None else b for b in lagged.band], dtype=float)
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
-                for i, colour in zip(range(min(m, 3)), (_BLUE, _ORANGE, _GREEN), strict=False):
+                for i, colour in zip(range(min(m, 3)), (BLUE, ORANGE, GREEN), strict=False):
                     label = _COMPONENTS.get(sensor, "123")[i]
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
                 axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
@@ -119,17 +112,17 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
     """Draw the effect of a tuning: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
     fit = tuning.fit
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 0.32 * len(fit.values) + 2.2), layout="constrained")
         numbers, nees, nis = figure.subplots(1, 3, width_ratios=[1.7, 1.2, 1.0])
         for row, name in enumerate(fit.values):
             ratio = fit.values[name] / fit.before[name]
             error = 1.96 * (fit.robust_errors.get(name) or fit.errors.get(name, 0.0)) / fit.before[name]
-            colour = "0.6" if name in fit.kept else _ORANGE
+            colour = "0.6" if name in fit.kept else ORANGE
             low = max(ratio - error, 0.02 * ratio)  # the axis is logarithmic
             numbers.plot([low, ratio + error], [row, row], color=colour, lw=1.5)
             numbers.plot(ratio, row, "o", color=colour, ms=5)
-        numbers.axvline(1.0, color=_BLUE, lw=1.0, ls="--")
+        numbers.axvline(1.0, color=BLUE, lw=1.0, ls="--")
         numbers.set_xscale("log")
         numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
         numbers.invert_yaxis()
@@ -141,7 +134,7 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
         ):
             names = [name for name, found in averages[0].items() if found]
             for shift, colour, label, figures in zip(
-                (-0.15, 0.15), (_BLUE, _ORANGE), ("before", "after"), averages, strict=True
+                (-0.15, 0.15), (BLUE, ORANGE), ("before", "after"), averages, strict=True
             ):
                 for i, name in enumerate(names):
                     found = figures[name]

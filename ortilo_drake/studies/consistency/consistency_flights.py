@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.metrics import innovations
 from ortilo_drake.model.signals import N_X
@@ -15,7 +16,6 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.theory.consistency.consistency import Average, normalized_square, time_average
 from ortilo_drake.theory.consistency.whiteness import WhitenessReport, normalized_innovations, whiteness_report
-from ortilo_drake.world.radio.link import blackout_rows
 
 START = 3.0  # first seconds of a flight, reported apart: it starts with less error than P_0 says [s]
 AFTER = 3.0  # length of the region after a blackout [s]
@@ -44,15 +44,6 @@ class ConsistencyReport:
     nees: dict[str, Averages]
     nis: dict[str, Averages]
     whiteness: dict[str, WhitenessReport | None]
-
-
-def in_blackout(truth: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """Return in which ticks UWB is blacked out, by the true states (n, 12); see world/radio/link.py."""
-    black = np.zeros(len(truth), dtype=bool)
-    for axis, start, end in blackout_rows(scenario.uwb.link, scenario.h):
-        where = np.arange(len(truth)) if axis == 3 else truth[:, int(axis)]
-        black |= (where >= start) & (where < end)
-    return black
 
 
 def region_masks(flight: xr.Dataset) -> dict[str, np.ndarray]:

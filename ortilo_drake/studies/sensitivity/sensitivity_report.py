@@ -11,8 +11,8 @@ from ortilo_drake.studies.sensitivity.in_short import in_short
 from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, all_together
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
 from ortilo_drake.studies.sensitivity.sequential_test import ERROR
-from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.markdown import table
+from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
 _TOGETHER = all_together(MISMATCHES)
@@ -22,7 +22,7 @@ NO_LIMITS = (
     f"{ERROR:.0%}): no mismatch has a value that loses just {LOST_SHARE:.0%}, so none was searched."
 )
 ALL_BEYOND = f"No mismatch was found to lose {LOST_SHARE:.0%} of the flights at any value up to the largest flown."
-_BAR, _UNKNOWN = "#0072B2", "#999999"
+_BAR, _UNKNOWN = BLUE, "#999999"
 
 
 def sensitivity_text(found: Sensitivity) -> str:
@@ -87,9 +87,9 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
             text = f"{limit.value:.3g}" if limit.value is not None else "beyond"
             text = "below" if limit.value == 0.0 else text
             axes.text(1.01, i, f"{text}  ({_interval(limit)})", va="center", transform=axes.get_yaxis_transform())
-        axes.axvline(1.0, color="#D55E00", lw=1.2)
+        axes.axvline(1.0, color=ORANGE, lw=1.2)
         axes.text(
-            1.0, 1.0, "a careful team", color="#D55E00", ha="center", va="bottom", transform=axes.get_xaxis_transform()
+            1.0, 1.0, "a careful team", color=ORANGE, ha="center", va="bottom", transform=axes.get_xaxis_transform()
         )
         axes.set_xscale("log")
         axes.set_xlim(least, most)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -18,11 +17,12 @@ from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tube.tube_flights import Flown, Point, PointResult
 from ortilo_drake.studies.tube.tube_map import MarginMap, map_sensors, with_rates
+from ortilo_drake.studies.tube.tube_plots import INSIDE, fill_margins
 from ortilo_drake.views.figures import draw_room
+from ortilo_drake.views.palette import BLUE, GREEN, ORANGE
 from ortilo_drake.views.pictures import save_picture
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
-_LEVELS = np.array([-2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 _NAME = {"uwb": "UWB"}
 _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
@@ -37,19 +37,13 @@ class ChanceGrid(NamedTuple):
 
 def _draw_margins(axes: Axes, figure: Figure, margins: MarginMap, chance: ChanceGrid | None) -> None:
     """Fill the margins over (a, b), and draw the two boundaries."""
-    norm = TwoSlopeNorm(0.0, _LEVELS[0], _LEVELS[-1])
-    # Purple to orange through white: told apart by everyone.
-    filled = axes.contourf(
-        margins.a, margins.b, margins.whole.T, levels=_LEVELS, cmap="PuOr_r", norm=norm, extend="both", alpha=0.85
-    )
+    filled = fill_margins(axes, margins)
     bar = figure.colorbar(filled, ax=axes, pad=0.02)
     bar.set_label("least of corridor less tube [m]")
-    axes.contour(margins.a, margins.b, margins.whole.T, levels=[0.0], colors="k", linewidths=2.2)
-    axes.contour(margins.a, margins.b, margins.guided.T, levels=[0.0], colors="k", linewidths=1.4, linestyles=":")
     if chance is not None:
         log = np.log10(np.maximum(chance.chance.T, 1e-12))
         level = [np.log10(THREE_SIGMA)]
-        axes.contour(chance.a, chance.b, log, levels=level, colors="#D55E00", linewidths=2.2, linestyles="--")
+        axes.contour(chance.a, chance.b, log, levels=level, colors=ORANGE, linewidths=2.2, linestyles="--")
 
 
 def _boundaries(second: str, chance: ChanceGrid | None) -> list[Line2D]:
@@ -58,7 +52,7 @@ def _boundaries(second: str, chance: ChanceGrid | None) -> list[Line2D]:
         Line2D([], [], color="k", lw=1.4, ls=":", label=f"the same, up to the last measurement of {second}"),
     ]
     if chance is not None:
-        lines.append(Line2D([], [], color="#D55E00", lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"))
+        lines.append(Line2D([], [], color=ORANGE, lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"))
     return lines
 
 
@@ -66,7 +60,7 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
     """Mark the points that were flown, those below ``floor`` at it; return what the legend says of the marks."""
     for r in results:
         at = max(r.at[0], floor), max(r.at[1], floor)
-        marker, size, color = ("o", 9, "#009E73") if r.holds else ("X", 11, "#D55E00")
+        marker, size, color = ("o", 9, GREEN) if r.holds else ("X", 11, ORANGE)
         axes.plot(*at, marker, ms=size, mfc=color, mec="k", mew=1.0, clip_on=False, zorder=5)
         side = -1 if r.at[0] >= 0.85 else 1
         axes.annotate(
@@ -84,8 +78,8 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
         return []
     of = f"{results[0].flights} flights"
     return [
-        Line2D([], [], ls="", marker="o", ms=8, mfc="#009E73", mec="k", label=f"{of}: prediction holds"),
-        Line2D([], [], ls="", marker="X", ms=9, mfc="#D55E00", mec="k", label=f"{of}: it breaks down"),
+        Line2D([], [], ls="", marker="o", ms=8, mfc=GREEN, mec="k", label=f"{of}: prediction holds"),
+        Line2D([], [], ls="", marker="X", ms=9, mfc=ORANGE, mec="k", label=f"{of}: it breaks down"),
     ]
 
 
@@ -167,15 +161,15 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
             draw_room(axes, scenario.load_room(), scenario)
             tube = predict_tube(with_rates(scenario, *pair), nominal)
             for r, radius in zip(tube.r[::4], tube.radius[::4], strict=True):
-                axes.add_patch(Circle((r[0], r[1]), radius, facecolor="#9fd0f0", lw=0, zorder=0.5))
+                axes.add_patch(Circle((r[0], r[1]), radius, facecolor=INSIDE, lw=0, zorder=0.5))
             axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3)
             for flight in flown:
                 n = len(flight.deviation)
                 track = tube.r[:n, :2] + flight.deviation[:, :2]
-                color = "#0072B2" if flight.lost is None else "#D55E00"
+                color = BLUE if flight.lost is None else ORANGE
                 axes.plot(*track.T, color=color, lw=0.6, alpha=0.7, zorder=2)
                 if flight.lost is not None:
-                    axes.plot(*track[-1], "X", color="#D55E00", mec="k", ms=7, zorder=4)
+                    axes.plot(*track[-1], "X", color=ORANGE, mec="k", ms=7, zorder=4)
             lost = sum(flight.lost is not None for flight in flown)
             rates = ", ".join(f"{name} {rate:g}" for name, rate in zip(names, pair, strict=True))
             axes.set_title(f"{rates} of the messages: {len(flown)} flights, {lost} lost", fontsize=10)
