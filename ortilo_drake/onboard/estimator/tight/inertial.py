@@ -7,7 +7,7 @@ Trans. Robotics 33, 2017; Sola, "Quaternion kinematics for the error-state Kalma
     R' = R exp([w dt]x),  a = R_m f - g e_z,  v' = v + a dt,  p' = p + v dt + a dt^2 / 2
 
     theta' = exp([w dt]x)^T theta - dt db_g
-    dv'    = dv - dt R_m [f]x theta - dt R_m db_a
+    dv'    = dv - dt R_m [f]x theta_m - dt R_m db_a,   theta_m = exp([w dt / 2]x)^T theta - (dt / 2) db_g
     dp'    = dp + dt dv + (dt / 2) (dv' - dv)
 
 The noise of a sample enters theta by dt n_g and dv by dt n_a.
@@ -123,21 +123,31 @@ def inertial_step(
             [ty + 0.5 * tx * tz, -tx + 0.5 * ty * tz, 1.0 - s + 0.5 * tz * tz],
         ]
     )
-    _advance(A, B, D, R, dt, True)
-    _advance(N, B, D, R, dt, False)  # F N, then (F N) F^T by the columns
-    _advance(N.T, B, D, R, dt, False)
+    half = np.array([0.5 * tx, 0.5 * ty, 0.5 * tz])
+    _advance(A, B, D, R, half, dt, True)
+    _advance(N, B, D, R, half, dt, False)  # F N, then (F N) F^T by the columns
+    _advance(N.T, B, D, R, half, dt, False)
     for i in range(3):
         N[V + i, V + i] += dt * dt * variances[1]
         N[THETA + i, THETA + i] += dt * dt * variances[0]
 
 
 @register_jitable
-def _advance(M: np.ndarray, B: np.ndarray, D: np.ndarray, R: np.ndarray, dt: float, biased: bool) -> None:
+def _advance(
+    M: np.ndarray, B: np.ndarray, D: np.ndarray, R: np.ndarray, half: np.ndarray, dt: float, biased: bool
+) -> None:
     """Replace the rows (dp, dv, theta) of M by F M; biased adds what the biases' own columns (GYRO, ACCEL) do."""
     for j in range(M.shape[1]):
         t0, t1, t2 = M[THETA, j], M[THETA + 1, j], M[THETA + 2, j]
+        m0 = t0 - (half[1] * t2 - half[2] * t1)
+        m1 = t1 - (half[2] * t0 - half[0] * t2)
+        m2 = t2 - (half[0] * t1 - half[1] * t0)
+        if biased and GYRO <= j < ACCEL:
+            m0 -= 0.5 * dt if j == GYRO else 0.0
+            m1 -= 0.5 * dt if j == GYRO + 1 else 0.0
+            m2 -= 0.5 * dt if j == GYRO + 2 else 0.0
         for i in range(3):
-            dv = B[i, 0] * t0 + B[i, 1] * t1 + B[i, 2] * t2
+            dv = B[i, 0] * m0 + B[i, 1] * m1 + B[i, 2] * m2
             if biased and ACCEL <= j < N_INERTIAL:
                 dv -= dt * R[i, j - ACCEL]
             M[P + i, j] += dt * M[V + i, j] + 0.5 * dt * dv
