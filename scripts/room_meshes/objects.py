@@ -15,17 +15,14 @@ def rod(a: tuple[float, float, float], b: tuple[float, float, float], radius: fl
 
 
 def fire_hydrant(rng: np.random.Generator) -> Recipe:
-    """Return a red hydrant with a yellow bonnet and three yellow caps."""
+    """Return a red hydrant with a yellow bonnet, three yellow caps and dark nuts."""
     red, yellow = (205, 25, 25), (250, 200, 20)
-    _, v = grid()
-    barrel = mixed(plain(rng, red, 10.0), plain(rng, (245, 245, 240)), np.abs(v - 0.80) < 0.07)
-    bonnet = striped(rng, yellow, (225, 165, 10), 8, 0.0, across=True)
     swatches = {
         "red": spotted(rng, red, (170, 15, 20), 0.9),
-        "barrel": barrel,
-        "bonnet": bonnet,
-        "cap": ellipses(plain(rng, yellow), (200, 140, 0), (0.5, 0.98, 0.5, 0.06)),
-        "iron": plain(rng, (70, 70, 75)),
+        "barrel": plain(rng, red, 10.0),
+        "bonnet": striped(rng, yellow, (225, 165, 10), 8, 0.0, across=True),
+        "cap": plain(rng, yellow),
+        "iron": plain(rng, (40, 40, 44)),
     }
     parts: list[Part] = [
         ("red", turned([(0.135, 0.0), (0.135, 0.05), (0.10, 0.05)], 8)),
@@ -49,15 +46,15 @@ def fire_hydrant(rng: np.random.Generator) -> Recipe:
 def potted_plant(rng: np.random.Generator) -> Recipe:
     """Return a bush of long arched leaves in a terracotta pot."""
     u, v = grid()
-    green = striped(rng, (60, 150, 50), (38, 118, 36), 7, 0.2)
+    green = striped(rng, (140, 180, 110), (50, 90, 45), 12, 0.2)
+    pot = mixed(plain(rng, (190, 92, 52), 10.0), plain(rng, (166, 78, 46)), v < 0.1)
     vein = np.abs((u % 0.5) - 0.25) < 0.025
-    pot = mixed(plain(rng, (190, 92, 52), 10.0), plain(rng, (222, 130, 86)), np.abs(v - 0.5) < 0.07)
     swatches = {
         "pot": pot,
-        "rim": plain(rng, (205, 108, 66), 8.0),
+        "rim": plain(rng, (222, 130, 86), 8.0),
         "soil": spotted(rng, (62, 42, 28), (30, 20, 14), 0.3, 16),
-        "leaf": mixed(green, plain(rng, (150, 205, 100)), vein),
-        "dark": mixed(plain(rng, (30, 95, 40), 10.0), plain(rng, (90, 160, 80)), vein),
+        "leaf": mixed(green, plain(rng, (200, 230, 160)), vein),
+        "dark": mixed(plain(rng, (30, 95, 40), 10.0), plain(rng, (40, 70, 38)), vein),
     }
     parts: list[Part] = [
         ("pot", turned([(0.10, 0.0), (0.145, 0.17)], 8)),
