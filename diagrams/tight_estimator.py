@@ -8,12 +8,11 @@ from pydrake.systems.primitives import Demultiplexer
 from scipy.stats import chi2
 
 from ortilo_drake.diagrams.estimator import make_detector
-from ortilo_drake.model.parts import Part, Sensor, register_part
+from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layout_of, motion_of
 from ortilo_drake.onboard.estimator.tight.system import Aids, TightFilter
 from ortilo_drake.scenario import Belief
-from ortilo_drake.scenario.tight import TightFilter as Settings
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.sensors.messages import message_port
 
@@ -87,6 +86,3 @@ def make_tight(scenario: Belief, xbar_0: np.ndarray) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("estimator")
     return diagram
-
-
-register_part("estimator", Part("tight", Settings, make_tight))
