@@ -10,6 +10,7 @@ from ortilo_drake.flight.efficiency import efficiency, floor_at_ticks, mean_floo
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.lost import contacts
 from ortilo_drake.flight.summary import FixError, Loss, Summary
+from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import N_X
 
 
@@ -96,13 +97,19 @@ def fix_errors(flight: xr.Dataset) -> dict[str, FixError]:
     errors = {}
     measurement = scenario_of(flight).measurement
     for sensor, is_position in zip(measurement.sensors, measurement.layout.is_position, strict=True):
-        there = flight["arrival"].sel(sensor=sensor).values
+        there = _made_fixes(flight, sensor, measurement)
         if is_position and there.any():
             fix = flight["measurement"].values[there, measurement.rows_of(sensor)][:, :3]
             truth = flight["truth"].values[there, :3]
             error = np.linalg.norm(fix - truth, axis=1)
             errors[sensor] = FixError(float(np.median(error)), float(np.quantile(error, 0.95)))
     return errors
+
+
+def _made_fixes(flight: xr.Dataset, sensor: str, measurement: Measurement) -> np.ndarray:
+    """Return in which ticks a sensor's message arrived as a value of y (n): a tight filter makes none of ranges."""
+    values = flight["measurement"].values[:, measurement.rows_of(sensor)]
+    return np.asarray(flight["arrival"].sel(sensor=sensor).values & np.isfinite(values).all(axis=1))
 
 
 def _finite(value: float) -> float | None:
@@ -120,7 +127,7 @@ def summary(flight: xr.Dataset) -> Summary:
     scenario = scenario_of(flight)
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
-    used = [str(s) for s in flight["sensor"].values if flight["arrival"].sel(sensor=s).any()]
+    used = [str(s) for s in flight["sensor"].values if _made_fixes(flight, str(s), scenario.measurement).any()]
     mse, floor = estimation_mse(flight), floor_at_ticks(flight)
     return Summary(
         scenario=scenario.name,

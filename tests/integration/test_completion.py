@@ -18,7 +18,7 @@ def offered(line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("ortilo fly realistic_", ["realistic_altimeter", "realistic_flow"]),
+        ("ortilo fly realistic_", ["realistic_altimeter", "realistic_flow", "realistic_tight"]),
         ("ortilo scenario show out", ["outage"]),
         ("ortilo hil check bur", ["bursty_link"]),
         ("ortilo tables --beside alt", ["altimeter"]),

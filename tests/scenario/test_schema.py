@@ -24,7 +24,14 @@ def is_ours(sensor: parts.Sensor) -> bool:
 
 
 OWN = tuple(sensor for sensor in map(find_sensor, known_sensors()) if sensor and is_ours(sensor))
-MODELS = list(dict.fromkeys((*models_in(Scenario), *(model for sensor in OWN for model in models_in(sensor.settings)))))
+OWN_PARTS = {
+    (role, kind): part
+    for role in parts.KINDS
+    for kind in parts.known_kinds(role)
+    if (part := parts.find_part(role, kind)) and part.settings.__module__.startswith("ortilo_drake.")
+}
+SETTINGS = (Scenario, *(sensor.settings for sensor in OWN), *(part.settings for part in OWN_PARTS.values()))
+MODELS = list(dict.fromkeys(model for settings in SETTINGS for model in models_in(settings)))
 NO_QUANTITY = {"seed"}
 
 
@@ -32,7 +39,7 @@ NO_QUANTITY = {"seed"}
 def no_parts_of_other_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only what the package itself registers: the stored schema is of that."""
     monkeypatch.setattr(parts, "_SENSORS", {sensor.name: sensor for sensor in OWN})
-    monkeypatch.setattr(parts, "_PARTS", {})
+    monkeypatch.setattr(parts, "_PARTS", OWN_PARTS)
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
@@ -109,6 +116,7 @@ def matches(schema: dict[str, Any], place: dict[str, Any], data: Any) -> bool:
     if data not in place.get("enum", [place.get("const", data)]):
         return False
     types = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
+    types["boolean"] = bool
     if "type" in place and not isinstance(data, types[place["type"]]):
         return False
     if isinstance(data, int | float):

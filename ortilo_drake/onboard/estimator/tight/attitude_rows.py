@@ -1,0 +1,122 @@
+"""Rows of a measurement of angles, and of values that are linear in the paper's twelve states.
+
+The paper's states are [p_WB, rpy, v_WB, rpy rates]. A small turn theta of the body in B is d rpy = E(rpy)^-1 theta,
+with the E of model/equations.py, and to first order the Euler rates err by E^-1 of what the body rates do, -db_g.
+"""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.onboard.estimator.tight.inertial import angles_of
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.update import update
+
+
+@register_jitable
+def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
+    """Return E(rpy)^-1 (3, 3): body rates to Euler rates; singular at theta = +-pi/2."""
+    s, c, t = np.sin(rpy[0]), np.cos(rpy[0]), np.tan(rpy[1])
+    k = 1.0 / np.cos(rpy[1])
+    return np.array([[1.0, s * t, c * t], [0.0, c, -s], [0.0, s * k, c * k]])
+
+
+@register_jitable
+def wrapped(angle: float) -> float:
+    """Return an angle in [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@njit(cache=True)
+def take_angles(
+    x: np.ndarray, C: np.ndarray, layout: Layout, residual: np.ndarray, variance: float, gate: float, huber: float
+) -> int:
+    """Take the imu's roll, pitch and yaw; return how many were used.
+
+    Args:
+        x: nominal state; changed.
+        C: covariance; changed.
+        layout: of both.
+        residual: measured less predicted angles, the mean over a tick's samples (3) [rad]; the errors b of the angles
+            are not in it.
+        variance: of its noise [rad^2].
+        gate: largest e^2 / S.
+        huber: see update.
+    """
+    where, row, PHt = np.zeros(4, np.int64), np.zeros(4), np.empty(C.shape[0])
+    where[:3] = np.arange(THETA, THETA + 3)
+    before, used = angles_of(x[Q : Q + 4]), 0
+    for i in range(3):
+        rpy = angles_of(x[Q : Q + 4])
+        row[:3] = inverse_rate_matrix(rpy)[i]
+        e, m = residual[i] - wrapped(rpy[i] - before[i]), 3
+        if layout.angles >= 0:
+            where[3], row[3] = layout.angles + i, 1.0
+            e -= x[ADDITIVE + layout.angles + i - GYRO]
+            m = 4
+        used += update(x, C, where, row, m, e, variance, gate, huber, layout.core, PHt) >= 0.0
+    return used
+
+
+@njit(cache=True)
+def take_fix(
+    x: np.ndarray,
+    C: np.ndarray,
+    layout: Layout,
+    value: np.ndarray,
+    covariance: np.ndarray,
+    rows: np.ndarray,
+    rates: np.ndarray,
+    gate: float,
+    huber: float,
+) -> bool:
+    """Take values y = C x + v of the paper's twelve states; return whether one was used.
+
+    Correlated values are turned into independent ones first: with the Cholesky factor L of V, L^-1 y has noise I.
+
+    Args:
+        x: nominal state; changed.
+        C: covariance; changed.
+        layout: of both.
+        value: y (m).
+        covariance: V (m, m).
+        rows: C over the twelve states (m, 12).
+        rates: the body rates as measured (3) [rad/s].
+        gate: largest e^2 / S of each.
+        huber: see update.
+    """
+    m = value.size
+    L = np.linalg.cholesky(covariance)
+    where, PHt, used = np.arange(12), np.empty(C.shape[0]), False
+    for k in range(m):
+        rpy = angles_of(x[Q : Q + 4])
+        E = inverse_rate_matrix(rpy)
+        state = np.zeros(12)
+        state[0:3], state[3:6], state[6:9] = x[P : P + 3], rpy, x[V : V + 3]
+        for i in range(3):
+            for j in range(3):
+                state[9 + i] += E[i, j] * (rates[j] - x[ADDITIVE + j])
+        # Row k of L^-1 by forward substitution.
+        weights = np.zeros(m)
+        weights[k] = 1.0 / L[k, k]
+        for j in range(k - 1, -1, -1):
+            total = 0.0
+            for i in range(j + 1, k + 1):
+                total += weights[i] * L[i, j]
+            weights[j] = -total / L[j, j]
+        seen, e = np.zeros(12), 0.0
+        for i in range(m):
+            e += weights[i] * value[i]
+            for j in range(12):
+                seen[j] += weights[i] * rows[i, j]
+        row = np.zeros(12)  # over dp, dv, theta, db_g
+        for j in range(12):
+            e -= seen[j] * state[j]
+        row[0:3], row[3:6] = seen[0:3], seen[6:9]
+        for i in range(3):
+            for j in range(3):
+                row[6 + j] += seen[3 + i] * E[i, j]
+                row[9 + j] -= seen[9 + i] * E[i, j]
+        if update(x, C, where, row, 12, e, 1.0, gate, huber, layout.core, PHt) >= 0.0:
+            used = True
+    return used

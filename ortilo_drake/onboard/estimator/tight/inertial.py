@@ -1,0 +1,199 @@
+"""Inertial propagation: what one sample of gyroscope and accelerometer does to state and covariance.
+
+With w the body rates less their bias, averaged with those of the sample before, f the specific force less its bias, and
+R_m the attitude half way (Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE
+Trans. Robotics 33, 2017; Sola, "Quaternion kinematics for the error-state Kalman filter", 2017):
+
+    R' = R exp([w dt]x),  a = R_m f - g e_z,  v' = v + a dt,  p' = p + v dt + a dt^2 / 2
+
+    theta' = exp([w dt]x)^T theta - dt db_g
+    dv'    = dv - dt R_m [f]x theta_m - dt R_m db_a,   theta_m = exp([w dt / 2]x)^T theta - (dt / 2) db_g
+    dp'    = dp + dt dv + (dt / 2) (dv' - dv)
+
+The noise of a sample enters theta by dt n_g and dv by dt n_a.
+"""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL, THETA, P, Q, V
+
+
+@register_jitable
+def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the product of quaternions (w, x, y, z)."""
+    return np.array(
+        [
+            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+        ]
+    )
+
+
+@register_jitable
+def turned(q: np.ndarray, x: float, y: float, z: float) -> np.ndarray:
+    """Return the unit quaternion of R(q) exp([(x, y, z)]x)."""
+    half = 0.5 * np.sqrt(x * x + y * y + z * z)
+    s = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * np.sin(half) / half
+    product = quaternion_product(q, np.array([np.cos(half), s * x, s * y, s * z]))
+    return product / np.sqrt(product[0] ** 2 + product[1] ** 2 + product[2] ** 2 + product[3] ** 2)
+
+
+@register_jitable
+def matrix_of(q: np.ndarray) -> np.ndarray:
+    """Return R_WB (3, 3) of a unit quaternion."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+@register_jitable
+def quaternion_of(rpy: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion of R_z(psi) R_y(theta) R_x(phi)."""
+    c, s = np.cos(0.5 * rpy), np.sin(0.5 * rpy)
+    return np.array(
+        [
+            c[0] * c[1] * c[2] + s[0] * s[1] * s[2],
+            s[0] * c[1] * c[2] - c[0] * s[1] * s[2],
+            c[0] * s[1] * c[2] + s[0] * c[1] * s[2],
+            c[0] * c[1] * s[2] - s[0] * s[1] * c[2],
+        ]
+    )
+
+
+@register_jitable
+def angles_of(q: np.ndarray) -> np.ndarray:
+    """Return roll, pitch and yaw of a unit quaternion; at theta = +-pi/2 roll and yaw are not unique."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    sine = min(1.0, max(-1.0, 2.0 * (w * y - z * x)))
+    return np.array(
+        [
+            np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            np.arcsin(sine),
+            np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+        ]
+    )
+
+
+@njit(cache=True)
+def inertial_step(
+    x: np.ndarray, A: np.ndarray, N: np.ndarray, w: np.ndarray, f: np.ndarray, dt: float, variances: np.ndarray
+) -> None:
+    """Propagate the nominal state, and the transition and noise of what has passed of a tick, by one sample.
+
+    Args:
+        x: nominal state; changed.
+        A: transition of (dp, dv, theta) by the fifteen inertial errors since the tick's beginning (9, 15); changed.
+        N: covariance of the noise that entered (dp, dv, theta) since then (9, 9); changed.
+        w: body rates as measured, averaged over the step (3) [rad/s].
+        f: specific force as measured (3) [m/s^2].
+        dt: length of the step [s].
+        variances: of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2).
+    """
+    wx, wy, wz = w[0] - x[Q + 4], w[1] - x[Q + 5], w[2] - x[Q + 6]
+    fx, fy, fz = f[0] - x[Q + 7], f[1] - x[Q + 8], f[2] - x[Q + 9]
+    q = x[Q : Q + 4].copy()
+    R = matrix_of(turned(q, 0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz))
+    x[Q : Q + 4] = turned(q, dt * wx, dt * wy, dt * wz)
+    for i in range(3):
+        a = R[i, 0] * fx + R[i, 1] * fy + R[i, 2] * fz - (GRAVITY if i == 2 else 0.0)
+        x[P + i] += dt * x[V + i] + 0.5 * dt * dt * a
+        x[V + i] += dt * a
+    # -dt R [f]x by theta, and exp([w dt]x)^T to second order.
+    B = np.empty((3, 3))
+    for i in range(3):
+        B[i, 0] = -dt * (R[i, 1] * fz - R[i, 2] * fy)
+        B[i, 1] = -dt * (R[i, 2] * fx - R[i, 0] * fz)
+        B[i, 2] = -dt * (R[i, 0] * fy - R[i, 1] * fx)
+    tx, ty, tz = dt * wx, dt * wy, dt * wz
+    s = 0.5 * (tx * tx + ty * ty + tz * tz)
+    D = np.array(
+        [
+            [1.0 - s + 0.5 * tx * tx, tz + 0.5 * tx * ty, -ty + 0.5 * tx * tz],
+            [-tz + 0.5 * tx * ty, 1.0 - s + 0.5 * ty * ty, tx + 0.5 * ty * tz],
+            [ty + 0.5 * tx * tz, -tx + 0.5 * ty * tz, 1.0 - s + 0.5 * tz * tz],
+        ]
+    )
+    half = np.array([0.5 * tx, 0.5 * ty, 0.5 * tz])
+    _advance(A, B, D, R, half, dt, True)
+    _advance(N, B, D, R, half, dt, False)  # F N, then (F N) F^T by the columns
+    _advance(N.T, B, D, R, half, dt, False)
+    for i in range(3):
+        N[V + i, V + i] += dt * dt * variances[1]
+        N[THETA + i, THETA + i] += dt * dt * variances[0]
+
+
+@register_jitable
+def _advance(
+    M: np.ndarray, B: np.ndarray, D: np.ndarray, R: np.ndarray, half: np.ndarray, dt: float, biased: bool
+) -> None:
+    """Replace the rows (dp, dv, theta) of M by F M; biased adds what the biases' own columns (GYRO, ACCEL) do."""
+    for j in range(M.shape[1]):
+        t0, t1, t2 = M[THETA, j], M[THETA + 1, j], M[THETA + 2, j]
+        m0 = t0 - (half[1] * t2 - half[2] * t1)
+        m1 = t1 - (half[2] * t0 - half[0] * t2)
+        m2 = t2 - (half[0] * t1 - half[1] * t0)
+        if biased and GYRO <= j < ACCEL:
+            m0 -= 0.5 * dt if j == GYRO else 0.0
+            m1 -= 0.5 * dt if j == GYRO + 1 else 0.0
+            m2 -= 0.5 * dt if j == GYRO + 2 else 0.0
+        for i in range(3):
+            dv = B[i, 0] * m0 + B[i, 1] * m1 + B[i, 2] * m2
+            if biased and ACCEL <= j < N_INERTIAL:
+                dv -= dt * R[i, j - ACCEL]
+            M[P + i, j] += dt * M[V + i, j] + 0.5 * dt * dv
+            M[V + i, j] += dv
+            turned_i = D[i, 0] * t0 + D[i, 1] * t1 + D[i, 2] * t2
+            if biased and j == GYRO + i:
+                turned_i -= dt
+            M[THETA + i, j] = turned_i
+
+
+@njit(cache=True)
+def propagate_covariance(
+    C: np.ndarray, A: np.ndarray, N: np.ndarray, keeps: np.ndarray, steps: np.ndarray, scratch: np.ndarray
+) -> None:
+    """Propagate the covariance over a tick: C <- F C F^T + noise, symmetric.
+
+    Args:
+        C: covariance (n, n); changed.
+        A: transition of the first nine errors by the first fifteen (9, 15).
+        N: covariance of their noise (9, 9).
+        keeps: factor by which each further error goes on, from GYRO to the clones (core - 9).
+        steps: variance that each of them gets (core - 9).
+        scratch: of the caller's (9, n).
+    """
+    n, core = C.shape[0], keeps.size + GYRO
+    for i in range(GYRO):
+        for j in range(n):
+            total = 0.0
+            for k in range(N_INERTIAL):
+                total += A[i, k] * C[k, j]
+            scratch[i, j] = total
+    # (A C)[:, :15] A^T in the corner; the other columns as they are.
+    for i in range(GYRO):
+        for j in range(GYRO, n):
+            C[i, j] = scratch[i, j]
+            C[j, i] = scratch[i, j]
+        for j in range(i, GYRO):
+            total = N[i, j]
+            for k in range(N_INERTIAL):
+                total += scratch[i, k] * A[j, k]
+            C[i, j] = total
+            C[j, i] = total
+    for i in range(GYRO, core):
+        if keeps[i - GYRO] != 1.0:
+            for j in range(n):
+                C[i, j] *= keeps[i - GYRO]
+            for j in range(n):
+                C[j, i] *= keeps[i - GYRO]
+        C[i, i] += steps[i - GYRO]

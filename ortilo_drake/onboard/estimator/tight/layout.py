@@ -1,0 +1,60 @@
+"""Where each part of the tight filter's state stands.
+
+The nominal state is a position, a velocity, a unit quaternion and additive numbers; then come the clones, poses of the
+last ticks. The error state has three numbers for an attitude, R_WB = R_hat exp([theta]x), theta in B:
+
+    error    dp, dv, theta, db_g, db_a, the rest (additive), then (dp, theta) of each clone        (n)
+    nominal  p_WB, v_WB, q_WB, b_g, b_a, the rest, then (p_WB, q_WB) of each clone                 (n + 1 + clones)
+"""
+
+from typing import Final, NamedTuple
+
+P: Final = 0  # p_WB [m]
+V: Final = 3  # v_WB [m/s]
+THETA: Final = 6  # attitude [rad]
+GYRO: Final = 9  # bias of the body rates [rad/s]
+ACCEL: Final = 12  # bias of the specific force [m/s^2]
+N_INERTIAL: Final = 15
+Q: Final = 6  # the quaternion in the nominal state (w, x, y, z)
+ADDITIVE: Final = 10  # where the additive part begins in the nominal state; GYRO is its place in the error state
+
+
+class Layout(NamedTuple):
+    """Where the states beside the inertial ones begin in the error state; -1 where there are none.
+
+    Attributes:
+        angles: errors of the imu's roll, pitch and yaw [rad] (3).
+        clock: how much older than its stamp a uwb, a camera message is [s] (2).
+        range_bias: constant error of each anchor's ranges [m].
+        range_slow: slow error of each anchor's ranges [m].
+        survey: from where each landmark was surveyed to where it is [m] (3 each).
+        pixel_slow: slow error of each landmark's box centre, u and v, in units of its standard deviation (2 each).
+        core: numbers without the clones.
+        clones: poses of past ticks that are kept.
+        n: all numbers of the error state.
+    """
+
+    angles: int
+    clock: int
+    range_bias: int
+    range_slow: int
+    survey: int
+    pixel_slow: int
+    core: int
+    clones: int
+    n: int
+
+
+def make_layout(sizes: dict[str, int], clones: int) -> Layout:
+    """Return the layout of the groups with these sizes, 0 leaving one out, in the order of Layout's fields."""
+    at, places = N_INERTIAL, {}
+    for name in Layout._fields[:6]:
+        size = sizes.get(name, 0)
+        places[name] = at if size else -1
+        at += size
+    return Layout(**places, core=at, clones=clones, n=at + 6 * clones)
+
+
+def nominal_size(layout: Layout) -> int:
+    """Return the size of the nominal state."""
+    return layout.n + 1 + layout.clones

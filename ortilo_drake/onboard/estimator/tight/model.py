@@ -1,0 +1,92 @@
+"""What the tight filter believes, from the scenario: which states there are, their noise, their first covariance."""
+
+import numpy as np
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL, THETA, Layout, P, V, make_layout
+from ortilo_drake.onboard.estimator.tight.tick import Motion
+from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario.tight import DATASHEETS
+from ortilo_drake.scenario.tight import TightFilter as Settings
+
+
+def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float) -> Layout:
+    """Return which states there are: those whose error is not 0, of sensors that fly."""
+    imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
+    anchors = len(room.anchors) if "uwb" in sensors else 0
+    landmarks = len(room.landmarks) if "camera" in sensors else 0
+    clocks = (ranges.clock_sd > 0.0 and anchors > 0) or (pixels.clock_sd > 0.0 and landmarks > 0)
+    sizes = {
+        "angles": 3 * (imu.level_sd > 0.0 or imu.yaw_sd > 0.0),
+        "clock": 2 * clocks,
+        "range_bias": anchors * (ranges.bias_sd > 0.0),
+        "range_slow": anchors * (ranges.slow_sd > 0.0),
+        "survey": 3 * landmarks * (pixels.survey_sd > 0.0),
+        "pixel_slow": 2 * landmarks * (pixels.slow_share > 0.0),
+    }
+    return make_layout(sizes, round(settings.horizon / h))
+
+
+def _sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float]:
+    """Return the noise of a sample of body rates [rad/s] and specific force [m/s^2]."""
+    imu = settings.imu
+    if imu.datasheet == "none":
+        return imu.rate_sd, imu.specific_force_sd
+    sheet, root = DATASHEETS[imu.datasheet], np.sqrt(samples / h)
+    return sheet.rate_density * root, sheet.specific_force_density * root
+
+
+def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
+    """Return what the filter believes of imu and vehicle."""
+    imu, ranges, pixels, h = settings.imu, settings.ranges, settings.pixels, scenario.h
+    rate_sd, force_sd = _sample_sds(settings, scenario.samples("imu"), h)
+    keeps, steps = np.ones(layout.core - GYRO), np.zeros(layout.core - GYRO)
+    steps[:3], steps[3:6] = h * imu.gyroscope_rate**2, h * imu.accelerometer_rate**2
+
+    def set_group(at: int, size: int, step: float, keep: float = 1.0) -> None:
+        if at >= 0:
+            keeps[at - GYRO : at - GYRO + size], steps[at - GYRO : at - GYRO + size] = keep, step
+
+    anchors, landmarks = _counts(layout)
+    set_group(layout.angles, 3, h * imu.angles_rate**2)
+    set_group(layout.range_bias, anchors, h * ranges.bias_rate**2)
+    keep = np.exp(-h / ranges.slow_time)
+    set_group(layout.range_slow, anchors, (1.0 - keep**2) * ranges.slow_sd**2, keep)
+    keep = np.exp(-h / pixels.slow_time)
+    set_group(layout.pixel_slow, 2 * landmarks, 1.0 - keep**2, keep)
+    coasting = np.square(imu.coasting_sd)
+    inertia = np.array(scenario.vehicle.inertia, dtype=float)
+    return Motion(np.array([rate_sd**2, force_sd**2]), coasting, keeps, steps, scenario.vehicle.mass, inertia, h)
+
+
+def _counts(layout: Layout) -> tuple[int, int]:
+    """Return how many anchors and landmarks the layout is for, as far as it has states of them."""
+    starts = [at for at in (*layout[:6], layout.core) if at >= 0]
+
+    def size(at: int) -> int:
+        return min(s for s in starts if s > at) - at if at >= 0 else 0
+
+    anchors = max(size(layout.range_bias), size(layout.range_slow))
+    return anchors, max(size(layout.survey) // 3, size(layout.pixel_slow) // 2)
+
+
+def initial_covariance(settings: Settings, layout: Layout) -> np.ndarray:
+    """Return the first covariance (n, n); all clones are the first pose."""
+    imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
+    sd = np.zeros(layout.core)
+    sd[P : P + 3], sd[THETA : THETA + 3], sd[V : V + 3] = settings.initial_sd
+    sd[GYRO : GYRO + 3], sd[ACCEL:N_INERTIAL] = imu.gyroscope_sd, imu.accelerometer_sd
+    anchors, landmarks = _counts(layout)
+    for at, sds in (
+        (layout.angles, [imu.level_sd, imu.level_sd, imu.yaw_sd]),
+        (layout.clock, [ranges.clock_sd, pixels.clock_sd]),
+        (layout.range_bias, [ranges.bias_sd] * anchors),
+        (layout.range_slow, [ranges.slow_sd] * anchors),
+        (layout.survey, [pixels.survey_sd] * 3 * landmarks),
+        (layout.pixel_slow, [1.0] * 2 * landmarks),
+    ):
+        if at >= 0:
+            sd[at : at + len(sds)] = sds
+    pose = [P, P + 1, P + 2, THETA, THETA + 1, THETA + 2]
+    from_ = np.concatenate((np.arange(layout.core), *([pose] * layout.clones))).astype(int)
+    return np.diag(sd**2)[np.ix_(from_, from_)]

@@ -1,0 +1,151 @@
+"""Landmark bearings as pixels: each box's centre is two measurements, of whatever landmarks are in view.
+
+    z_i = h(p_WB, R_WB, p_WL_i + c_i) + sd_i s_i - (dh/dt) tau + noise
+
+with h the centre of the landmark's box (model/pinhole.py), c_i from where it was surveyed to where it is, sd_i s_i the
+part of the box's error that lasts from picture to picture, and tau the time by which the message is older than its
+stamp: dh/dt is what velocity and body rates make of h. Boxes are given to landmarks by onboard/landmarks'
+association, the covariance being that of the pose at the stamp.
+"""
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.pinhole import Camera, box_center, extent_box
+from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
+from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.update import correct, innovation_variance, update
+from ortilo_drake.onboard.landmarks.landmark_association import center_sd
+
+
+@njit(cache=True)
+def pose_of(x: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return p_WB (3) and q_WB (4) of a clone, or of the present at clone -1."""
+    if clone < 0:
+        return x[P : P + 3], x[Q : Q + 4]
+    at = layout.core + 1 + 7 * clone
+    return x[at : at + 3], x[at + 3 : at + 7]
+
+
+@njit(cache=True)
+def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a pose as the association takes it: xhat (15), and P (225) of position and Euler angles in it."""
+    p_WB, q_WB = pose_of(x, layout, clone)
+    xhat, rpy = np.zeros(15), angles_of(q_WB)
+    xhat[0:3], xhat[3:6] = p_WB, rpy
+    E = inverse_rate_matrix(rpy)
+    T = np.zeros((6, 6))
+    T[:3, :3] = np.eye(3)
+    T[3:, 3:] = E
+    at = np.empty(6, np.int64)
+    for k in range(3):
+        at[k] = P + k if clone < 0 else layout.core + 6 * clone + k
+        at[3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
+    whole = np.zeros((15, 15))
+    for a in range(6):
+        for b in range(6):
+            total = 0.0
+            for i in range(6):
+                for j in range(6):
+                    total += T[a, i] * C[at[i], at[j]] * T[b, j]
+            whole[a, b] = total
+    return xhat, whole.ravel()
+
+
+@njit(cache=True)
+def take_boxes(
+    x: np.ndarray,
+    C: np.ndarray,
+    layout: Layout,
+    chosen: np.ndarray,
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    camera: Camera,
+    noise: np.ndarray,
+    rates: np.ndarray,
+    gate: float,
+    huber: float,
+    clone: int,
+) -> tuple[int, int, float]:
+    """Take boxes that were given to landmarks; return how many were used, how many refused, and the mean of e^T S^-1 e.
+
+    Args:
+        x: nominal state; changed.
+        C: covariance; changed.
+        layout: of both.
+        chosen: landmarks (k).
+        centers: centres of their boxes (k, 2) [px].
+        positions: p_WL as surveyed (n, 3).
+        outlines: see model/pinhole.py (n, m, 3).
+        camera: the camera.
+        noise: sd of a small box's centre [px], its growth [1/px], and the share of the variance that lasts (3).
+        rates: body rates at the stamp (3) [rad/s].
+        gate: largest e^T S^-1 e of a box, two degrees of freedom.
+        huber: see update.
+        clone: the clone that belongs to the stamp, -1 for the present.
+    """
+    PHt, first = np.empty(C.shape[0]), np.empty(C.shape[0])
+    where, rows = np.zeros((2, 11), np.int64), np.zeros((2, 11))
+    z, J, box = np.empty(2), np.empty((2, 6)), np.empty(4)
+    used = refused = 0
+    total = 0.0
+    for b in range(chosen.size):
+        i = chosen[b]
+        position = positions[i].copy()
+        if layout.survey >= 0:
+            for k in range(3):
+                position[k] += x[ADDITIVE + layout.survey + 3 * i + k - GYRO]
+        sd, m, e = np.empty(2), 0, np.empty(2)
+        for pass_ in range(2):  # the second time after the first row has corrected the state
+            p_WB, q_WB = pose_of(x, layout, clone)
+            rpy, R = angles_of(q_WB), matrix_of(q_WB)
+            if not box_center(position, outlines[i], p_WB, rpy, R, camera, z, J):
+                break
+            if pass_ == 0:
+                extent_box(position, outlines[i], p_WB, R, camera, box)
+                for axis in range(2):
+                    sd[axis] = center_sd(box[2 + axis] - box[axis], noise[0], noise[1])
+            E = inverse_rate_matrix(rpy)
+            for axis in range(2):
+                m, e[axis] = 6, centers[b, axis] - z[axis]
+                for k in range(3):
+                    where[axis, k] = P + k if clone < 0 else layout.core + 6 * clone + k
+                    where[axis, 3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
+                    rows[axis, k] = J[axis, k]
+                    rows[axis, 3 + k] = J[axis, 3] * E[0, k] + J[axis, 4] * E[1, k] + J[axis, 5] * E[2, k]
+                if layout.survey >= 0:  # a landmark moved is the vehicle moved the other way
+                    for k in range(3):
+                        where[axis, m], rows[axis, m] = layout.survey + 3 * i + k, -J[axis, k]
+                        m += 1
+                if layout.pixel_slow >= 0:
+                    at = layout.pixel_slow + 2 * i + axis
+                    where[axis, m], rows[axis, m] = at, sd[axis] * np.sqrt(noise[2])
+                    e[axis] -= rows[axis, m] * x[ADDITIVE + at - GYRO]
+                    m += 1
+                if layout.clock >= 0:
+                    moved = 0.0
+                    for k in range(3):
+                        moved += rows[axis, k] * x[V + k] + rows[axis, 3 + k] * rates[k]
+                    where[axis, m], rows[axis, m] = layout.clock + 1, -moved
+                    e[axis] += moved * x[ADDITIVE + layout.clock + 1 - GYRO]
+                    m += 1
+            r_u, r_v = (1.0 - noise[2]) * sd[0] ** 2, (1.0 - noise[2]) * sd[1] ** 2
+            if pass_ == 0:
+                S_u = innovation_variance(C, where[0], rows[0], m, first) + r_u
+                S_v = innovation_variance(C, where[1], rows[1], m, PHt) + r_v
+                S_uv = 0.0
+                for k in range(m):
+                    S_uv += rows[1, k] * first[where[1, k]]
+                squared = (S_v * e[0] ** 2 - 2.0 * S_uv * e[0] * e[1] + S_u * e[1] ** 2) / (S_u * S_v - S_uv**2)
+                if not squared <= gate:
+                    refused += 1
+                    break
+                used += 1
+                total += squared
+                weight = max(1.0, np.sqrt(squared) / huber)
+                correct(x, C, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
+            else:
+                update(x, C, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
+    return used, refused, total / max(used, 1)

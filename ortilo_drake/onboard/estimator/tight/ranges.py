@@ -1,0 +1,136 @@
+"""Single ranges: each one is a measurement, also where it is the only one.
+
+    r_i = |p_WB + R_WB l_B - a_i| + b_i + s_i - (u . v) tau + noise
+
+with the antenna's lever arm l, constant and slow errors b_i and s_i of an anchor's ranges, u the direction from the
+anchor, and tau the time by which the message is older than its stamp. With differences the tick's clock offset is one
+more unknown, common to all ranges of a message: that is the same as differences to any one of them (TDoA).
+"""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.update import inject, innovation_variance, update
+
+MIN_SD = 1e-3  # no range is believed better than this [m]
+CLOCK_SD = 100.0  # of a clock that says nothing [m]
+
+
+@register_jitable
+def predicted_range(p_WB: np.ndarray, R_WB: np.ndarray, lever: np.ndarray, anchor: np.ndarray) -> float:
+    """Return |p_WB + R_WB l_B - a| [m]."""
+    total = 0.0
+    for i in range(3):
+        d = p_WB[i] + R_WB[i, 0] * lever[0] + R_WB[i, 1] * lever[1] + R_WB[i, 2] * lever[2] - anchor[i]
+        total = total + d * d
+    return np.sqrt(total)
+
+
+@register_jitable
+def range_row(p_WB: np.ndarray, R_WB: np.ndarray, lever: np.ndarray, anchor: np.ndarray, row: np.ndarray) -> float:
+    """Return the predicted range and write its gradient by (dp, theta) to row (6)."""
+    d = predicted_range(p_WB, R_WB, lever, anchor)
+    for i in range(3):
+        lever_W = R_WB[i, 0] * lever[0] + R_WB[i, 1] * lever[1] + R_WB[i, 2] * lever[2]
+        row[i] = (p_WB[i] + lever_W - anchor[i]) / max(d, 1e-9)
+    # u^T R [-l]x theta
+    x = row[0] * R_WB[0, 0] + row[1] * R_WB[1, 0] + row[2] * R_WB[2, 0]
+    y = row[0] * R_WB[0, 1] + row[1] * R_WB[1, 1] + row[2] * R_WB[2, 1]
+    z = row[0] * R_WB[0, 2] + row[1] * R_WB[1, 2] + row[2] * R_WB[2, 2]
+    row[3], row[4], row[5] = z * lever[1] - y * lever[2], x * lever[2] - z * lever[0], y * lever[0] - x * lever[1]
+    return d
+
+
+@njit(cache=True)
+def take_ranges(
+    x: np.ndarray,
+    C: np.ndarray,
+    layout: Layout,
+    message: np.ndarray,
+    anchors: np.ndarray,
+    lever: np.ndarray,
+    noise: np.ndarray,
+    gate: float,
+    huber: float,
+    clone: int,
+    differences: bool,
+) -> tuple[int, int, float]:
+    """Take a uwb message range by range; return how many were used, how many refused, and the mean of e^2 / S.
+
+    Args:
+        x: nominal state; changed.
+        C: covariance; changed.
+        layout: of both.
+        message: the uwb message.
+        anchors: a_i in W (n, 3).
+        lever: l_B (3).
+        noise: s_0 [m] and s_1 of s_0 + s_1 r (2).
+        gate: largest e^2 / S.
+        huber: see update.
+        clone: the clone that belongs to the stamp, -1 for the present.
+        differences: whether the ranges have a clock offset in common, new in every message.
+    """
+    n = anchors.shape[0]
+    where, row = np.zeros(12, np.int64), np.zeros(12)
+    PHt, gradient = np.empty(C.shape[0]), np.empty(6)
+    used = refused = 0
+    total = 0.0
+    # A common offset is a state of this message alone: its mean, variance and covariance with the error state.
+    offset, offset_variance = 0.0, CLOCK_SD**2 if differences else 0.0
+    with_offset = np.zeros(C.shape[0])
+    for i in range(n):
+        if message[PAYLOAD + n + i] == 0.0:
+            continue
+        measured = message[PAYLOAD + i]
+        at = Q if clone < 0 else layout.core + 1 + 7 * clone + 3
+        p_at = P if clone < 0 else layout.core + 1 + 7 * clone
+        R = matrix_of(x[at : at + 4])
+        d = range_row(x[p_at : p_at + 3], R, lever, anchors[i], gradient)
+        m = 6
+        for k in range(3):
+            where[k] = P + k if clone < 0 else layout.core + 6 * clone + k
+            where[3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
+        row[:6] = gradient
+        for group in (layout.range_bias, layout.range_slow):
+            if group >= 0:
+                where[m], row[m] = group + i, 1.0
+                d += x[ADDITIVE + group + i - GYRO]
+                m += 1
+        if layout.clock >= 0:
+            along = gradient[0] * x[V] + gradient[1] * x[V + 1] + gradient[2] * x[V + 2]
+            where[m], row[m] = layout.clock, -along
+            d -= along * x[ADDITIVE + layout.clock - GYRO]
+            m += 1
+        r = max(noise[0] + noise[1] * measured, MIN_SD) ** 2
+        if not differences:
+            squared = update(x, C, where, row, m, measured - d, r, gate, huber, layout.core, PHt)
+        else:
+            own = innovation_variance(C, where, row, m, PHt)
+            cross = 0.0
+            for k in range(m):
+                cross += row[k] * with_offset[where[k]]
+            S = own + 2.0 * cross + offset_variance + r
+            e = measured - d - offset
+            squared = e * e / S
+            if squared <= gate:
+                gain = PHt + with_offset
+                seen = cross + offset_variance
+                for a in range(gain.size):
+                    for b in range(gain.size):
+                        C[a, b] -= gain[a] * gain[b] / S
+                with_offset -= gain * (seen / S)
+                offset_variance -= seen * seen / S
+                offset += seen * e / S
+                inject(x, gain * (e / S), layout.core)
+            else:
+                squared = -squared
+        if squared >= 0.0:
+            used += 1
+            total += squared
+        else:
+            refused += 1
+    return used, refused, total / max(used, 1)

@@ -1,0 +1,189 @@
+"""A tick of the tight filter: through the imu's samples to now, one tick ahead for the servo, poses that are kept."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
+from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL, THETA, Layout, P, Q, V
+
+# What is kept of the imu and the control, beside state and covariance.
+RATES, FORCE, TIME, THRUST, TORQUE = 0, 3, 6, 7, 8
+N_KEPT = 11
+
+
+class Motion(NamedTuple):
+    """What the tight filter believes of imu and vehicle.
+
+    Attributes:
+        variances: of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2).
+        coasting: likewise of what stands for them in a tick without samples (2).
+        keeps: factor by which each additive error goes on in a tick (core - 9).
+        steps: variance that each of them gets (core - 9).
+        mass: of the vehicle [kg].
+        inertia: about its axes (3) [kg m^2].
+        h: tick [s].
+    """
+
+    variances: np.ndarray
+    coasting: np.ndarray
+    keeps: np.ndarray
+    steps: np.ndarray
+    mass: float
+    inertia: np.ndarray
+    h: float
+
+
+@njit(cache=True)
+def go_on(
+    x: np.ndarray,
+    C: np.ndarray,
+    kept: np.ndarray,
+    samples: np.ndarray,
+    now: float,
+    motion: Motion,
+    residual: np.ndarray,
+) -> int:
+    """Propagate state and covariance to now; return how many samples of the imu there were.
+
+    Where samples are missing the last one stands for them, the specific force changed as the thrust was.
+
+    Args:
+        x: nominal state; changed.
+        C: covariance; changed.
+        kept: of imu and control (N_KEPT); changed.
+        samples: rows [arrived, stamp, rpy, body rates, specific force], oldest first (m, 11).
+        now: t_k [s].
+        motion: imu and vehicle.
+        residual: written to: the mean of measured less predicted angles (3) [rad].
+    """
+    A, N = np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
+    for i in range(9):
+        A[i, i] = 1.0
+    residual[:] = 0.0
+    count = 0
+    for k in range(samples.shape[0]):
+        stamp = samples[k, 1]
+        if samples[k, 0] == 0.0 or stamp > now + 1e-9 or not np.isfinite(samples[k]).all():
+            continue
+        dt = stamp - kept[TIME]
+        if dt < -1e-9:
+            continue
+        w, f = samples[k, 5:8], samples[k, 8:11]
+        if dt > 1e-9:
+            inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.variances)
+        rpy = angles_of(x[Q : Q + 4])
+        for i in range(3):
+            residual[i] += wrapped(samples[k, 2 + i] - rpy[i])
+        kept[RATES:FORCE], kept[FORCE:TIME], kept[TIME] = w, f, stamp
+        count += 1
+    if count > 0:
+        residual /= count
+    dt = now - kept[TIME]
+    if dt > 1e-9:  # what is left without a sample
+        w, f = kept[RATES:FORCE].copy(), kept[FORCE:TIME].copy()
+        w += dt * kept[TORQUE : TORQUE + 3] / motion.inertia
+        inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.coasting)
+        kept[RATES:FORCE], kept[TIME] = w, now
+    propagate_covariance(C, A, N, motion.keeps, motion.steps, np.empty((9, C.shape[0])))
+    for i in range(motion.keeps.size):
+        if motion.keeps[i] != 1.0:
+            x[ADDITIVE + i] *= motion.keeps[i]
+    return count
+
+
+@njit(cache=True)
+def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
+    """Make the present pose the first of the clones; the oldest is dropped."""
+    if layout.clones == 0:
+        return
+    core, n = layout.core, layout.n
+    for at in range(x.size - 1, core + 7, -1):
+        x[at] = x[at - 7]
+    x[core + 1 : core + 4] = x[P : P + 3]
+    x[core + 4 : core + 8] = x[Q : Q + 4]
+    from_ = np.arange(n)
+    for at in range(n - 1, core + 5, -1):
+        from_[at] = at - 6
+    for k in range(3):
+        from_[core + k], from_[core + 3 + k] = P + k, THETA + k
+    C[core:] = C[from_[core:]]
+    for i in range(n):
+        C[i, core:] = C[i, from_[core:]]
+
+
+@register_jitable
+def _euler_rates(x: np.ndarray, rates: np.ndarray, E: np.ndarray) -> np.ndarray:
+    w = rates - x[ADDITIVE : ADDITIVE + 3]
+    return np.array([E[i, 0] * w[0] + E[i, 1] * w[1] + E[i, 2] * w[2] for i in range(3)])
+
+
+@njit(cache=True)
+def one_ahead(x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray) -> None:
+    """Write the prediction for the next tick, estimate (12) and covariance (144), to ahead.
+
+    The specific force is the last one, changed as the thrust is; the body rates change by the torque commanded.
+
+    Args:
+        x: nominal state at t_k.
+        C: its covariance.
+        kept: of imu and control (N_KEPT); thrust and torque become those of u.
+        u: control from now on (4).
+        motion: imu and vehicle.
+        ahead: written to (156).
+    """
+    kept[FORCE + 2] += (u[0] - kept[THRUST]) / motion.mass
+    kept[THRUST], kept[TORQUE : TORQUE + 3] = u[0], u[1:4]
+    y, A, N = x.copy(), np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
+    for i in range(9):
+        A[i, i] = 1.0
+    w = kept[RATES:FORCE] + motion.h * u[1:4] / motion.inertia
+    inertial_step(y, A, N, 0.5 * (kept[RATES:FORCE] + w), kept[FORCE:TIME], motion.h, motion.coasting)
+    rpy = angles_of(y[Q : Q + 4])
+    E = inverse_rate_matrix(rpy)
+    ahead[0:3], ahead[3:6], ahead[6:9] = y[P : P + 3], rpy, y[V : V + 3]
+    ahead[9:12] = _euler_rates(y, w, E)
+    # Errors of [dp, dv, theta, db_g] ahead, then as the paper's states.
+    F = np.zeros((12, N_INERTIAL))
+    F[:9] = A
+    for i in range(3):
+        F[9 + i, GYRO + i] = 1.0
+    T = np.zeros((12, 12))
+    for i in range(3):
+        T[i, P + i], T[6 + i, V + i] = 1.0, 1.0
+        for j in range(3):
+            T[3 + i, THETA + j], T[9 + i, 9 + j] = E[i, j], -E[i, j]
+    G = np.zeros((12, N_INERTIAL))
+    for i in range(12):
+        for k in range(12):
+            if T[i, k] != 0.0:
+                for j in range(N_INERTIAL):
+                    G[i, j] += T[i, k] * F[k, j]
+    noise = np.zeros((12, 12))
+    noise[:9, :9] = N
+    for i in range(3):
+        noise[9 + i, 9 + i] = motion.variances[0] + motion.coasting[0]
+    P_ahead = ahead[12:].reshape((12, 12))
+    P_ahead[:] = 0.0
+    for i in range(12):
+        own, new = np.zeros(N_INERTIAL), np.zeros(12)
+        for k in range(N_INERTIAL):
+            for j in range(N_INERTIAL):
+                own[j] += G[i, k] * C[k, j]
+        for k in range(12):
+            if T[i, k] != 0.0:
+                for j in range(12):
+                    new[j] += T[i, k] * noise[k, j]
+        for b in range(12):
+            total = 0.0
+            for j in range(N_INERTIAL):
+                total += own[j] * G[b, j]
+            for j in range(12):
+                total += new[j] * T[b, j]
+            P_ahead[i, b] = total
+    for i in range(12):
+        for j in range(i):
+            P_ahead[i, j] = P_ahead[j, i] = 0.5 * (P_ahead[i, j] + P_ahead[j, i])

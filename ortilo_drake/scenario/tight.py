@@ -1,0 +1,143 @@
+"""Settings of the tightly coupled estimator."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat
+
+from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.scenario.estimator import InitialSd
+from ortilo_drake.scenario.onboard import Gate
+from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
+
+Metres = tuple[
+    Annotated[float, Field(ge=-10.0, le=10.0)],
+    Annotated[float, Field(ge=-10.0, le=10.0)],
+    Annotated[float, Field(ge=-10.0, le=10.0)],
+]
+
+
+class Datasheet(Frozen):
+    """Noise of a small inertial sensor as its maker states it.
+
+    Attributes:
+        rate_density: of the body rates [rad/s/sqrt(Hz)].
+        specific_force_density: of the specific force [m/s^2/sqrt(Hz)].
+    """
+
+    rate_density: Positive
+    specific_force_density: Positive
+
+
+# From the makers' data sheets: InvenSense ICM-42688-P (2021), 0.0028 deg/s/sqrt(Hz) and 70 ug/sqrt(Hz), 75 in z; Bosch
+# BMI088 (2018), 0.014 deg/s/sqrt(Hz) and 175 ug/sqrt(Hz), 230 in z.
+DATASHEETS = {
+    "icm_42688_p": Datasheet(rate_density=4.9e-5, specific_force_density=7.4e-4),
+    "bmi088": Datasheet(rate_density=2.4e-4, specific_force_density=2.3e-3),
+}
+
+
+class InertialNoise(Frozen):
+    """What the tight filter believes of the imu.
+
+    Attributes:
+        datasheet: whose noise density the body rates and the specific force have; 'none' goes by the next two.
+        rate_sd: noise of one sample of the body rates per axis [rad/s].
+        specific_force_sd: of one sample of the specific force per axis [m/s^2].
+        angle_sd: of one sample of roll, pitch and yaw [rad]; null leaves the angles out.
+        gyroscope_sd: bias of the body rates per axis at first [rad/s].
+        gyroscope_rate: its random walk, a standard deviation after 1 s [rad/s].
+        accelerometer_sd: bias of the specific force per axis at first [m/s^2].
+        accelerometer_rate: its random walk, likewise [m/s^2].
+        level_sd: error of roll and pitch, which lasts [rad]; 0 has none estimated.
+        yaw_sd: error of the yaw, which lasts [rad].
+        angles_rate: random walk of both, likewise [rad].
+        coasting_sd: what a tick without samples may change of body rates [rad/s] and specific force [m/s^2].
+    """
+
+    datasheet: Literal["none", "icm_42688_p", "bmi088"] = "none"
+    rate_sd: Positive = 0.001
+    specific_force_sd: Positive = 0.05
+    angle_sd: Positive | None = 0.01
+    gyroscope_sd: NonNegativeFloat = 3.0e-4
+    gyroscope_rate: NonNegativeFloat = 1.0e-5
+    accelerometer_sd: NonNegativeFloat = 0.1
+    accelerometer_rate: NonNegativeFloat = 5.0e-4
+    level_sd: NonNegativeFloat = 0.0
+    yaw_sd: NonNegativeFloat = 0.0
+    angles_rate: NonNegativeFloat = 2.0e-4
+    coasting_sd: tuple[Positive, Positive] = (0.004, 0.15)
+
+
+class TightRanges(Frozen):
+    """What the tight filter believes of single ranges.
+
+    Attributes:
+        noise: what is new in every range.
+        bias_sd: error of each anchor's ranges that lasts [m]: bias, survey; 0 has none estimated.
+        bias_rate: its random walk, a standard deviation after 1 s [m]: a survey's error is another one from elsewhere.
+        slow_sd: error of each anchor's ranges that changes slowly [m]; 0 has none estimated.
+        slow_time: its correlation time [s].
+        clock_sd: by how much a message may be older than its stamp [s]; 0 has it not estimated.
+        lever: where the antenna is in B [m].
+        differences: whether only differences of ranges count, as where the vehicle's clock is not that of the anchors
+            (TDoA).
+    """
+
+    noise: RangeNoise = ProportionalNoise()
+    bias_sd: NonNegativeFloat = 0.0
+    bias_rate: NonNegativeFloat = 0.0
+    slow_sd: NonNegativeFloat = 0.0
+    slow_time: Positive = 3.0
+    clock_sd: NonNegativeFloat = 0.0
+    lever: Metres = (0.0, 0.0, 0.0)
+    differences: bool = False
+
+
+class TightPixels(Frozen):
+    """What the tight filter believes of the boxes' centres.
+
+    The defaults are those of our own network, by what `ortilo detector calibrate` measured of it.
+
+    Attributes:
+        sd: error of a small box's centre [px].
+        growth: share of the box's size by which it grows, over sd [1/px].
+        slow_share: share of the variance that lasts from picture to picture [1].
+        slow_time: for how long [s].
+        survey_sd: error of each landmark's surveyed position per axis [m]; 0 has none estimated.
+        clock_sd: by how much a message may be older than its stamp [s]; 0 has it not estimated.
+    """
+
+    sd: Positive = 0.5
+    growth: NonNegativeFloat = 0.022
+    slow_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.44
+    slow_time: Positive = 0.7
+    survey_sd: NonNegativeFloat = 0.0
+    clock_sd: NonNegativeFloat = 0.0
+
+
+class TightFilter(Frozen):
+    """The tightly coupled estimator: single ranges, pixels and inertial samples in one error-state Kalman filter.
+
+    Attributes:
+        kind: 'tight'.
+        force: 'measured': it reads the imu's specific force ...
+        rates: ... and its body rates.
+        imu: what it believes of the imu.
+        ranges: of the ranges.
+        pixels: of the boxes.
+        initial_sd: what it believes of its initial error in position [m], angles [rad] and velocity [m/s].
+        gate: probability [1] beyond which a range or a box is refused.
+        huber: standard deviations of an innovation from which on it weighs less [1].
+        horizon: how late a message may be [s]: poses of so many past ticks are kept.
+    """
+
+    kind: Literal["tight"]
+    force: Literal["measured"] = "measured"
+    rates: Literal["measured"] = "measured"
+    imu: InertialNoise = InertialNoise()
+    ranges: TightRanges = TightRanges()
+    pixels: TightPixels = TightPixels()
+    initial_sd: tuple[InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05)
+    gate: Gate = 0.9999
+    huber: Positive = 3.0
+    horizon: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1
