@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
@@ -20,7 +21,6 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
 )
 from ortilo_drake.onboard.estimator.late_measurements import (
     empty_history,
-    history_ticks,
     put_in,
     replay_step,
     row_of_past,

@@ -19,6 +19,7 @@ import numpy as np
 from ortilo_drake.flight.lost import MAX_TILT
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import (
+    ACTS,
     ARRIVED,
     DETECTION_SIZE,
     MAX_DETECTIONS,
@@ -143,6 +144,9 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         own[name] = _message(
             *(sensor.limits(scenario, room) if sensor.limits else bounds), oldest(name), samples=scenario.samples(name)
         )
+    row = [np.array([-1.0, -1.0, *-u]), np.array([np.inf, np.inf, *u])]
+    acted = (np.tile(ends, ACTS) for ends in row)
+    report = scenario.report_link
     return own | {
         "imu": _message(-inertial, inertial, oldest("imu"), samples=scenario.samples("imu")),
         "uwb": _message(np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), oldest("uwb"), list(range(n, 2 * n))),
@@ -150,6 +154,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         "shutter": _message(nothing, nothing, oldest("camera")),
         "image": Limits(nothing, nothing, oldest=oldest("camera")),
         "velocity": _message(-motion, motion, 0),
+        "acted": _message(*acted, report.delay + report.random_delay),
         "command": _symmetric(u),
         "y": _symmetric(values),
         "delta": Limits(np.zeros(measurement.sizes["delta"]), np.ones(measurement.sizes["delta"])),

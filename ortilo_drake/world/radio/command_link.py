@@ -19,7 +19,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.scalars import time_in
+from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
@@ -75,6 +75,15 @@ def applied_command(
 
 
 @njit(cache=True)
+def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> int:
+    """Return the tick of the command that begins to act in tick k, -1 if none arrives; arguments as applied_command."""
+    d = (state.shape[0] - _FLYING) // _PACKET
+    if d == 0:
+        return -1 if is_lost(k, state[_BAD] == 1.0, loss, seed, stream) else k
+    return k - d if state[_FLYING + (k % d) * _PACKET] == 1.0 else -1
+
+
+@njit(cache=True)
 def link_after(
     k: int,
     state: np.ndarray,
@@ -108,6 +117,7 @@ def CommandLink_(T: type) -> type:
         Ports:
             control (4): the command u of this tick, f_T absolute.
             applied (4, output): the control that acts over this tick; without a delay it depends on control.
+            stamp (1, output): time of the tick whose command arrives now [s], -1 if none does.
 
         State (discrete, updated each tick): whether the loss chain is bad, which it is not at the start; the control
         that acted over the last tick, hover at the start; and d rows (sent, command) of packets in flight, none at the
@@ -140,6 +150,7 @@ def CommandLink_(T: type) -> type:
             self.DeclareDiscreteState(BasicVector_[T](start))
             self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
             needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
+            self.DeclareVectorOutputPort("stamp", 1, self._calc_stamp, prerequisites_of_calc=set(needs))
             if not self._is_late:
                 needs.add(self._control.ticket())
             self._applied = self.DeclareVectorOutputPort(
@@ -156,6 +167,12 @@ def CommandLink_(T: type) -> type:
             output.set_value(
                 self._applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream)
             )
+
+        def _calc_stamp(self, context: Any, output: Any) -> None:
+            k = tick_of(time_in(context), self._h)
+            state = values_of(context.get_discrete_state_vector().CopyToVector())
+            sent = arriving(k, state, self._loss, self.seed_in(context), self._stream)
+            output.SetAtIndex(0, sent * self._h if sent >= 0 else -1.0)
 
         def _update(self, context: Any, values: Any) -> None:
             k = tick_of(time_in(context), self._h)
