@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from ortilo_drake.model.signals import ACT_SIZE, ACTS, ARRIVED, N_U, PAYLOAD
+from ortilo_drake.model.signals import ACT_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
 
 SINCE, SENT, U = 0, 1, 2  # of a row of acts
 SENT_SIZE: Final = 1 + N_U  # a row of what was sent: time of its tick [s], u
@@ -30,7 +30,8 @@ def with_report(acts: np.ndarray, message: np.ndarray) -> np.ndarray:
         return known
     for i in range(ACTS - 1, -1, -1):
         row = message[PAYLOAD + i * ACT_SIZE : PAYLOAD + (i + 1) * ACT_SIZE]
-        if row[SINCE] >= 0.0 and row[SINCE] > known[-1, SINCE]:
+        is_past = 0.0 <= row[SINCE] <= message[STAMP] and row[SENT] <= row[SINCE]
+        if is_past and row[SINCE] > known[-1, SINCE]:
             known[:-1] = known[1:].copy()
             known[-1] = row
     return known

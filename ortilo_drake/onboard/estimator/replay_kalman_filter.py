@@ -32,8 +32,8 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
             one where no message arrived or its stamp is of this tick (or of a later one), that of the oldest tick kept
             where the stamp is older.
 
-        timeline (n): what acted and what will, see onboard/commands/command_log.py; only where the filter goes by it. The
-            control of a tick is then the mean over the tick of what acts.
+        timeline (n): what acted and what will, see onboard/commands/command_log.py; only where the filter goes by it.
+            The control of a tick is then the mean over the tick of what acts.
 
     The last N ticks are a discrete state of their own. Equations: late_measurements.py.
 
