@@ -3,8 +3,8 @@
     python benchmarks/bench_late.py                           # the relay's faults, in virtual time: half an hour
     python benchmarks/bench_late.py --real-time --seeds 2     # in processes and by the clock, on an idle machine
     python benchmarks/bench_late.py --simulated               # by the scenario's own links, in whole ticks: minutes
-    python benchmarks/bench_late.py --commands                # what is made of late commands, in virtual time: half an hour
-    python benchmarks/bench_late.py --margins --seeds 4       # the delays they may have, predicted and hovering: minutes
+    python benchmarks/bench_late.py --commands                # late commands, in virtual time: half an hour
+    python benchmarks/bench_late.py --margins --seeds 4       # how late they may be, predicted and flown: minutes
 
 20 % of all packets are lost, and they come 40 +- 20 ms late. In real time the three modes of a seed fly at the same
 time, each a world, a relay and an onboard half in processes and on buses of their own, so that a slow moment of the

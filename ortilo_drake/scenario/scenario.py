@@ -90,7 +90,7 @@ class Scenario(Belief):
 
     @model_validator(mode="after")
     def _losses_exist(self) -> "Scenario":
-        links = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}} | {
+        links: dict[str, Any] = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}} | {
             "command_link": self.command_link,
             "report_link": self.report_link,
         }

@@ -35,7 +35,7 @@ class WayReport:
 
 def ways(delay: float) -> dict[str, dict[str, object]]:
     """Return settings of `commands` by name; delay [s] is what the gain that is computed beforehand reckons with."""
-    acted = {"filter": "acted"}
+    acted: dict[str, object] = {"filter": "acted"}
     return {
         "as sent": {},
         "predicted, measured": acted | {"servo": "predicted"},
