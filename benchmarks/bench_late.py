@@ -43,7 +43,7 @@ from ortilo_drake.studies.late.late_flights import (
 from ortilo_drake.views.markdown import table
 
 FAULTS = "{loss: 0.2, delay: 0.04, spread: 0.02}"
-MEAN_DELAY = 0.077  # from a tick to when its command acts behind the relay: half a tick and the ways there and back
+TOLD = 0.077  # from a tick to when its command acts behind the relay at 30 Hz, which a delay that is told is [s]
 DELAYS = range(6)  # ticks
 PORT = 7680  # first of six UDP ports
 BAD, NONE = Faults(loss=0.2, delay=0.04, spread=0.02), Faults()
@@ -126,13 +126,18 @@ def in_virtual_time(seeds: int, out: Path) -> Iterator[LateReport]:
         yield report(name, rate, f"relay, {way}", in_order)
 
 
-def late_commands(seeds: int, out: Path, name: str, rate: float) -> Iterator[list[str]]:
+def mean_delay(rate: float, relay: Faults) -> float:
+    """Return from a tick to when its command acts [s]: half a tick, the least way there and the mean way back."""
+    return round(0.5 / rate + 2.0 * relay.delay - relay.spread, 3)
+
+
+def late_commands(seeds: int, out: Path, name: str, rate: float, relay: Faults) -> Iterator[list[str]]:
     """Yield the rows of each way to reckon with late commands, behind the relay's faults both ways."""
     before: list[Summary] = []
-    for way, settings in ways(MEAN_DELAY).items():
+    for way, settings in ways(mean_delay(rate, relay)).items():
         scenario = with_way(load_scenario(name, settings_at(rate)), settings).model_dump_json()
-        folder = out / f"{name}_{rate:g}_commands_{way.replace(' ', '_').replace(',', '')}"
-        faults = BAD.model_dump_json(), BAD.model_dump_json()
+        folder = out / f"{name}_{rate:g}_{1e3 * relay.delay:g}_{way.replace(' ', '_').replace(',', '')}"
+        faults = relay.model_dump_json(), relay.model_dump_json()
         flown: dict[int, Summary] = {}
         jobs = [(scenario, *faults, seed, str(folder / f"{seed}.json")) for seed in range(seeds)]
         run_all(summary_in_virtual_time, jobs, os.cpu_count() or 1, flown.__setitem__)
@@ -148,7 +153,7 @@ def late_commands(seeds: int, out: Path, name: str, rate: float) -> Iterator[lis
 def margins(seeds: int, out: Path, name: str, rate: float) -> Iterator[list[str]]:
     """Yield the rows of each way to reckon with late commands: the delays it bears, and flights behind delays."""
     scenario = load_scenario(name, settings_at(rate))
-    for found in delay_ways(scenario, MEAN_DELAY, DELAYS, range(seeds), out / "hover", workers=os.cpu_count() or 1):
+    for found in delay_ways(scenario, TOLD, DELAYS, range(seeds), out / "hover", workers=os.cpu_count() or 1):
         high = f"{found.stable.high:.2f}" if found.stable.high is not None else "no end"
         in_ms = f"{1e3 * found.stable.high * scenario.h:.0f} ms" if found.stable.high is not None else ""
         cells = [_hovering(case.predicted_rms, case.flown_rms, case.lost, case.flights) for case in found.cases]
@@ -197,13 +202,16 @@ def main() -> None:
     parser.add_argument("--one-way", action="store_true", help="faults only on the way to the onboard half")
     parser.add_argument("--commands", action="store_true", help="late commands, with --scenario and --rate")
     parser.add_argument("--margins", action="store_true", help="the same hovering, with --scenario and --rate")
+    parser.add_argument("--relay-delay", type=float, default=BAD.delay, help="mean delay of --commands [s]")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     if chosen.commands or chosen.margins:
         header = ["commands", "lost", "path MSE", "estimation MSE", "NEES", "path: better than as sent"]
         if chosen.margins:
             header = ["commands", "stable [ticks]", "up to", *(f"{d} ticks: rms [cm]" for d in DELAYS)]
-        rows = (margins if chosen.margins else late_commands)(chosen.seeds, chosen.out, chosen.scenario, chosen.rate)
+        args = chosen.seeds, chosen.out, chosen.scenario, chosen.rate
+        relay = BAD.model_copy(update={"delay": chosen.relay_delay})
+        rows = margins(*args) if chosen.margins else late_commands(*args, relay)
         for number, row in enumerate(rows):
             print("\n".join(table(header, [row])[2 * (number > 0) :]).strip(), flush=True)
         return

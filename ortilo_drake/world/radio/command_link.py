@@ -4,7 +4,8 @@ One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at
 Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; what is in flight arrives.
 In a tick in which nothing arrives the rotors either hold the last command that did or fall back to hover.
 
-The sender hears nothing back, as over UDP: filter and servo take every command for applied at once. L. Schenato,
+The sender hears nothing back, as over UDP: filter and servo take every command for applied at once, unless what acted is
+reported (world/vehicle/acted_report.py). L. Schenato,
 "To zero or to hold control inputs with lossy links?", IEEE Trans. Automatic Control 54 (2009), compares the two
 strategies.
 """
