@@ -70,7 +70,8 @@ def add_vehicle(
         for port in (*commanded[1:], *([report.GetInputPort("control")] if report else [])):
             builder.ConnectInput(control, port)
     else:
-        link = builder.AddSystem(CommandLink_[float](scenario.command_link, scenario.vehicle, scenario.seed, h))
+        settings, told = scenario.command_link, report is not None
+        link = builder.AddSystem(CommandLink_[float](settings, scenario.vehicle, scenario.seed, h, told))
         builder.ExportInput(link.get_input_port(), "control")
         for port in (*commanded, *([report.GetInputPort("control")] if report else [])):
             builder.Connect(link.GetOutputPort("applied"), port)

@@ -40,7 +40,7 @@ def make(link: CommandLinkSettings, seed: int) -> Diagram:
     radio = builder.AddSystem(CommandLink_[float](link, M100, seed, H))
     log = builder.AddNamedSystem("log", VectorLogSink(4, H))
     builder.Connect(commands.get_output_port(), radio.get_input_port())
-    builder.Connect(radio.GetOutputPort("applied"), log.get_input_port())
+    builder.Connect(radio.get_output_port(), log.get_input_port())
     return builder.Build()
 
 

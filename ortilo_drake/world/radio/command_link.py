@@ -4,8 +4,8 @@ One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at
 Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; what is in flight arrives.
 In a tick in which nothing arrives the rotors either hold the last command that did or fall back to hover.
 
-The sender hears nothing back, as over UDP: filter and servo take every command for applied at once, unless what acted is
-reported (world/vehicle/acted_report.py). L. Schenato,
+The sender hears nothing back, as over UDP: filter and servo take every command for applied at once, unless what
+acted is reported (world/vehicle/acted_report.py). L. Schenato,
 "To zero or to hold control inputs with lossy links?", IEEE Trans. Automatic Control 54 (2009), compares the two
 strategies.
 """
@@ -118,7 +118,7 @@ def CommandLink_(T: type) -> type:
         Ports:
             control (4): the command u of this tick, f_T absolute.
             applied (4, output): the control that acts over this tick; without a delay it depends on control.
-            stamp (1, output): time of the tick whose command arrives now [s], -1 if none does.
+            stamp (1, output): time of the tick whose command arrives now [s], -1 if none does; only if it tells.
 
         State (discrete, updated each tick): whether the loss chain is bad, which it is not at the start; the control
         that acted over the last tick, hover at the start; and d rows (sent, command) of packets in flight, none at the
@@ -129,15 +129,22 @@ def CommandLink_(T: type) -> type:
             vehicle: whose hover thrust the link falls back to.
             seed: seed of all noise; the stream is 'link/command'.
             h: tick [s].
+            tells: whether it tells which command arrives.
         """
 
         def _construct(
-            self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float, converter: Any = None
+            self,
+            settings: CommandLinkSettings,
+            vehicle: Vehicle,
+            seed: int,
+            h: float,
+            tells: bool = False,
+            converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("command_link")
             self.declare_seed(seed)
-            self._arguments = {"settings": settings, "vehicle": vehicle, "seed": seed, "h": h}
+            self._arguments = {"settings": settings, "vehicle": vehicle, "seed": seed, "h": h, "tells": tells}
             functions = applied_command, link_after
             self._applied_command, self._link_after = (f if T is float else f.py_func for f in functions)
             self._loss, self._holds = loss_parameters(settings.loss, h), settings.when_lost == "hold"
@@ -151,7 +158,8 @@ def CommandLink_(T: type) -> type:
             self.DeclareDiscreteState(BasicVector_[T](start))
             self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
             needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
-            self.DeclareVectorOutputPort("stamp", 1, self._calc_stamp, prerequisites_of_calc=set(needs))
+            if tells:
+                self.DeclareVectorOutputPort("stamp", 1, self._calc_stamp, prerequisites_of_calc=set(needs))
             if not self._is_late:
                 needs.add(self._control.ticket())
             self._applied = self.DeclareVectorOutputPort(
