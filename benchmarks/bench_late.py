@@ -1,8 +1,10 @@
-"""Late measurements ignored, dropped and replayed over the same seeds: the tables of docs/how_to/hil.md.
+"""Late measurements and late commands over the same seeds, by what is made of them: the tables of docs/how_to/hil.md.
 
     python benchmarks/bench_late.py                           # the relay's faults, in virtual time: half an hour
     python benchmarks/bench_late.py --real-time --seeds 2     # in processes and by the clock, on an idle machine
     python benchmarks/bench_late.py --simulated               # by the scenario's own links, in whole ticks: minutes
+    python benchmarks/bench_late.py --commands                # late commands, in virtual time: half an hour
+    python benchmarks/bench_late.py --margins --seeds 4       # how late they may be, predicted and flown: minutes
 
 20 % of all packets are lost, and they come 40 +- 20 ms late. In real time the three modes of a seed fly at the same
 time, each a world, a relay and an onboard half in processes and on buses of their own, so that a slow moment of the
@@ -26,6 +28,7 @@ from ortilo_drake.hil.relay.faults import Faults
 from ortilo_drake.hil.relay.virtual_time import summary_in_virtual_time
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.command_link.delay_ways import delay_ways, ways, with_way
 from ortilo_drake.studies.late.late_flights import (
     AT_30_HZ,
     BOTH_WAYS_AT_30_HZ,
@@ -37,8 +40,11 @@ from ortilo_drake.studies.late.late_flights import (
     mode_report,
     paired,
 )
+from ortilo_drake.views.markdown import table
 
 FAULTS = "{loss: 0.2, delay: 0.04, spread: 0.02}"
+TOLD = 0.077  # from a tick to when its command acts behind the relay at 30 Hz, which a delay that is told is [s]
+DELAYS = range(6)  # ticks
 PORT = 7680  # first of six UDP ports
 BAD, NONE = Faults(loss=0.2, delay=0.04, spread=0.02), Faults()
 CASES = [
@@ -120,6 +126,45 @@ def in_virtual_time(seeds: int, out: Path) -> Iterator[LateReport]:
         yield report(name, rate, f"relay, {way}", in_order)
 
 
+def mean_delay(rate: float, relay: Faults) -> float:
+    """Return from a tick to when its command acts [s]: half a tick, the least way there and the mean way back."""
+    return round(0.5 / rate + 2.0 * relay.delay - relay.spread, 3)
+
+
+def late_commands(seeds: int, out: Path, name: str, rate: float, relay: Faults) -> Iterator[list[str]]:
+    """Yield the rows of each way to reckon with late commands, behind the relay's faults both ways."""
+    before: list[Summary] = []
+    for way, settings in ways(mean_delay(rate, relay)).items():
+        scenario = with_way(load_scenario(name, settings_at(rate)), settings).model_dump_json()
+        folder = out / f"{name}_{rate:g}_{1e3 * relay.delay:g}_{way.replace(' ', '_').replace(',', '')}"
+        faults = relay.model_dump_json(), relay.model_dump_json()
+        flown: dict[int, Summary] = {}
+        jobs = [(scenario, *faults, seed, str(folder / f"{seed}.json")) for seed in range(seeds)]
+        run_all(summary_in_virtual_time, jobs, os.cpu_count() or 1, flown.__setitem__)
+        found = [flown[seed] for seed in range(seeds)]
+        figures = mode_report(way, found)
+        against = paired(found, before)["path_mse"] if before else None
+        better = f"{against.better} of {against.pairs}, p = {against.p:.1g}" if against else ""
+        before = before or found
+        errors = [f"{getattr(figures, error):.4f}" for error in ("path_mse", "estimation_mse")]
+        yield [way, f"{figures.lost} of {figures.flights}", *errors, f"{figures.nees:.1f}", better]
+
+
+def margins(seeds: int, out: Path, name: str, rate: float) -> Iterator[list[str]]:
+    """Yield the rows of each way to reckon with late commands: the delays it bears, and flights behind delays."""
+    scenario = load_scenario(name, settings_at(rate))
+    for found in delay_ways(scenario, TOLD, DELAYS, range(seeds), out / "hover", workers=os.cpu_count() or 1):
+        high = f"{found.stable.high:.2f}" if found.stable.high is not None else "no end"
+        in_ms = f"{1e3 * found.stable.high * scenario.h:.0f} ms" if found.stable.high is not None else ""
+        cells = [_hovering(case.predicted_rms, case.flown_rms, case.lost, case.flights) for case in found.cases]
+        yield [found.way, f"{found.stable.low:.2f} to {high}", in_ms, *cells]
+
+
+def _hovering(predicted: float | None, flown: float | None, lost: int, flights: int) -> str:
+    there = "unstable" if predicted is None else f"{100 * predicted:.1f}"
+    return f"{there} / " + (f"{lost} of {flights} lost" if lost or flown is None else f"{100 * flown:.1f}")
+
+
 def simulated(seeds: int, out: Path) -> Iterator[LateReport]:
     """Yield the reports of flights behind the scenario's own links."""
     cases = [
@@ -155,8 +200,21 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=30.0, help="control_rate [Hz]")
     parser.add_argument("--seconds", type=float, help="end each flight after that long [s]")
     parser.add_argument("--one-way", action="store_true", help="faults only on the way to the onboard half")
+    parser.add_argument("--commands", action="store_true", help="late commands, with --scenario and --rate")
+    parser.add_argument("--margins", action="store_true", help="the same hovering, with --scenario and --rate")
+    parser.add_argument("--relay-delay", type=float, default=BAD.delay, help="mean delay of --commands [s]")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
+    if chosen.commands or chosen.margins:
+        header = ["commands", "lost", "path MSE", "estimation MSE", "NEES", "path: better than as sent"]
+        if chosen.margins:
+            header = ["commands", "stable [ticks]", "up to", *(f"{d} ticks: rms [cm]" for d in DELAYS)]
+        args = chosen.seeds, chosen.out, chosen.scenario, chosen.rate
+        relay = BAD.model_copy(update={"delay": chosen.relay_delay})
+        rows = margins(*args) if chosen.margins else late_commands(*args, relay)
+        for number, row in enumerate(rows):
+            print("\n".join(table(header, [row])[2 * (number > 0) :]).strip(), flush=True)
+        return
     if chosen.real_time:
         args = chosen.scenario, chosen.rate, chosen.seconds, chosen.one_way
         reports: Iterable[LateReport] = [in_real_time(chosen.seeds, chosen.out, *args)]

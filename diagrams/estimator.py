@@ -4,15 +4,16 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
 
+from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_XBAR
+from ortilo_drake.onboard.commands.command_log import log_ticks, timeline_size
 from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
-from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.onboard.sample_mean import SampleMean
@@ -39,6 +40,7 @@ class IntermittentEstimator(Diagram):
         image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
         control (4): u_k, f_T absolute.
         reference (9): r, r_dot, r_ddot.
+        timeline (n): what acted and what will, see onboard/commands/command_log.py; only with commands.filter 'acted'.
         estimate (15, output): xhat_{k|k-1} and the integral.
         covariance (225, output): P_k row by row.
         force (3, output): the disturbance force in W as estimated [N]; only where estimator.force has it estimated.
@@ -74,7 +76,10 @@ class IntermittentEstimator(Diagram):
         if replays:
             sizes = {name: message_port(solvers[name]).size() for name in about}
             ticks = history_ticks(settings.horizon, h)
-            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, variances))
+            acted = timeline_size(log_ticks(scenario)) if scenario.commands.filter == "acted" else 0
+            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, variances, acted))
+            if acted:
+                builder.ExportInput(kalman.GetInputPort("timeline"), "timeline")
         else:
             kalman = builder.AddSystem(KalmanFilter_[float](*arguments, variances))
         self._kalman = kalman

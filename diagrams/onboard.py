@@ -26,9 +26,12 @@ from ortilo_drake.diagrams.estimator import IntermittentEstimator
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.commands.command_log import make_command_log
+from ortilo_drake.onboard.commands.state_ahead import StateAhead
 from ortilo_drake.onboard.planner.path_player import PathPlayer
 from ortilo_drake.onboard.planner.planned import Planned, planned, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
+from ortilo_drake.onboard.servo.augmented_servo import AugmentedServo
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral
 from ortilo_drake.scenario import Belief, LqServo
@@ -63,6 +66,7 @@ class Onboard(Diagram):
         uwb, detections, imu, ...: messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
         velocity: the true velocities, only where the scenario lends them to the servo.
+        acted: which commands acted, only where the scenario's commands want it; see onboard/commands.
         path (object): the path to fly, see onboard/planner/path_player.py; only if takes_paths.
         control (4, output): u_k, f_T absolute.
         estimate (15, output): xhat_{k|k-1}.
@@ -117,9 +121,20 @@ class Onboard(Diagram):
         estimate, covariance = _whole_estimate(builder, estimator, reference, scenario.h)
         signals = {"control": control, "estimate": estimate, "covariance": covariance, "reference": reference}
         parts_flown = {"planner": planner, "estimator": estimator, "servo": servo}
+        commands, h = scenario.commands, scenario.h
+        instead: dict[str, dict[str, OutputPort]] = {}
+        timeline: dict[str, OutputPort] = {}
+        if commands.are_kept:
+            parts_flown["command_log"] = builder.AddSystem(make_command_log(scenario))
+            timeline["timeline"] = parts_flown["command_log"].GetOutputPort("timeline")
+        if commands.servo == "predicted":
+            size = timeline["timeline"].size()
+            ahead = builder.AddSystem(StateAhead(scenario.vehicle, h, size, estimator.HasOutputPort("force")))
+            parts_flown["state_ahead"] = ahead
+            instead["servo"] = {name: ahead.GetOutputPort(f"{name}_ahead") for name in ("estimate", "reference")}
         wants_force = any(part.HasInputPort("force") for part in parts_flown.values())
         force = {"force": _output_or_zeros(builder, estimator, "force", 3)} if wants_force else {}
-        _connect(builder, parts_flown, signals | force)
+        _connect(builder, parts_flown, signals | force | timeline, instead)
         for name, size in scenario.measurement.sizes.items():
             signals[name] = _output_or_zeros(builder, estimator, name, size)
         for name, port in signals.items():
@@ -161,6 +176,9 @@ def _servo_of(scenario: Belief, make: Callable[[Belief], System] | None, knows_f
     if make is None:
         found = None if isinstance(scenario.servo, LqServo) else find_part("servo", scenario.servo.kind)
         if found is None:
+            if scenario.commands.servo == "augmented":
+                delay = scenario.commands.delay or 0.0
+                return AugmentedServo(scenario.servo, scenario.vehicle, scenario.h, delay, knows_force)
             return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h, knows_force)
         make = found.make
     return make(scenario)
@@ -185,10 +203,23 @@ def _output_or_zeros(builder: DiagramBuilder, estimator: System, name: str, size
     return builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size))).get_output_port()
 
 
-def _connect(builder: DiagramBuilder, parts: dict[str, System], signals: dict[str, OutputPort]) -> None:
-    """Connect the inputs of each part to the signals of their names; all others are messages, and come from outside."""
+def _connect(
+    builder: DiagramBuilder,
+    parts: dict[str, System],
+    common: dict[str, OutputPort],
+    instead: dict[str, dict[str, OutputPort]],
+) -> None:
+    """Connect the inputs of each part to the signals of their names; all others are messages, and come from outside.
+
+    Args:
+        builder: of the diagram.
+        parts: by role.
+        common: signals by name.
+        instead: signals of a part alone, by its role, in the place of those.
+    """
     exported: dict[str, InputPortIndex] = {}
     for role, part in parts.items():
+        signals = common | instead.get(role, {})
         for i in range(part.num_input_ports()):
             port = part.get_input_port(i)
             name = port.get_name()

@@ -9,6 +9,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.world.radio.command_link import CommandLink_
 from ortilo_drake.world.slow_error import SlowError_, gauss_markov
+from ortilo_drake.world.vehicle.acted_report import ActedReport
 from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
 from ortilo_drake.world.vehicle.failsafe import Failsafe
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
@@ -21,7 +22,9 @@ Ports = dict[str, OutputPort]
 def add_vehicle(
     builder: DiagramBuilder, scenario: Scenario, hold: ZeroOrderHold, command_period: float | None
 ) -> tuple[System, Ports]:
-    """Add the plant with what commands and pushes it; return it, and the ports state, control and disturbance.
+    """Add the plant with what commands and pushes it; return it, and its ports.
+
+    They are state, control, disturbance and, where the scenario wants it, acted.
 
     Args:
         builder: of the world.
@@ -51,31 +54,48 @@ def add_vehicle(
         for port in commanded:
             builder.Connect(error.get_output_port(), port)
         commanded = [error.get_input_port()]
+    report = _add_report(builder, scenario, command_period) if scenario.commands.are_reported else None
     if command_period is not None:
         failsafe = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
         builder.ExportInput(failsafe.GetInputPort("command"), "command")
         builder.Connect(failsafe.GetOutputPort("control"), commanded[0])
         builder.Connect(plant.GetOutputPort("state"), failsafe.GetInputPort("state"))
         builder.ExportOutput(failsafe.GetOutputPort("mode"), "failsafe_mode")
+        if report is not None:
+            builder.Connect(failsafe.GetOutputPort("control"), report.GetInputPort("control"))
+            builder.Connect(failsafe.GetOutputPort("mode"), report.GetInputPort("mode"))
+            builder.ExportInput(report.GetInputPort("stamp"), "command_stamp")
     elif scenario.command_link == CommandLinkSettings():  # a perfect link
         control = builder.ExportInput(commanded[0], "control")
-        for port in commanded[1:]:
+        for port in (*commanded[1:], *([report.GetInputPort("control")] if report else [])):
             builder.ConnectInput(control, port)
     else:
-        link = builder.AddSystem(CommandLink_[float](scenario.command_link, scenario.vehicle, scenario.seed, h))
+        settings, told = scenario.command_link, report is not None
+        link = builder.AddSystem(CommandLink_[float](settings, scenario.vehicle, scenario.seed, h, told))
         builder.ExportInput(link.get_input_port(), "control")
-        for port in commanded:
-            builder.Connect(link.get_output_port(), port)
+        for port in (*commanded, *([report.GetInputPort("control")] if report else [])):
+            builder.Connect(link.GetOutputPort("applied"), port)
+        if report is not None:
+            builder.Connect(link.GetOutputPort("stamp"), report.GetInputPort("stamp"))
     if sampled:
         builder.Connect(disturbance, plant.GetInputPort("disturbance"))
     else:
         builder.Connect(actuator.get_output_port(), plant.GetInputPort("control"))
         builder.Connect(disturbance_hold.get_output_port(), plant.GetInputPort("disturbance"))
-    return plant, {
+    ports = {
         "state": plant.GetOutputPort("state"),
         "control": actuator.get_output_port(),
         "disturbance": disturbance_hold.get_output_port(),
     }
+    return plant, ports | ({"acted": report.get_output_port()} if report is not None else {})
+
+
+def _add_report(builder: DiagramBuilder, scenario: Scenario, command_period: float | None) -> ActedReport:
+    """Add what tells the onboard half which commands acted."""
+    in_real_time = command_period is not None
+    is_late = in_real_time or scenario.command_link != CommandLinkSettings()
+    period = command_period or scenario.h
+    return builder.AddSystem(ActedReport(scenario.vehicle, scenario.h, period, is_late, in_real_time))
 
 
 def _add_disturbance(builder: DiagramBuilder, scenario: Scenario) -> OutputPort:

@@ -38,12 +38,15 @@ class World(Diagram):
         control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get
             of it is the command link's affair, a perfect one adds nothing.
         command (5): with a command_period, in place of control: u and the time at which it was received [s].
+        command_stamp (1): with a command_period and only where the scenario wants `acted`: the time of the tick that
+            sent it [s], -1 before the first.
         state (12, output): the true x.
         failsafe_mode (output): with a command_period, who flies: an index in world.failsafe.MODES.
         uwb, detections, imu, ... (outputs): the messages of the sensors that the scenario flies.
         image (ImageRgba8U), shutter (outputs): a rendered camera's picture and its message, in place of detections.
         depth_image, label_image (outputs): see diagrams/rendered_camera.py; drawn only if asked for.
         velocity (output): the true velocities, only where the scenario lends them to the servo.
+        acted (output): which commands acted, only where the scenario's commands want it.
 
     Layouts of the messages: model/signals.py.
 
@@ -80,12 +83,17 @@ class World(Diagram):
             self._payloads[name] = source.get_output_port().size() - PAYLOAD
             message = _with_errors(builder, scenario, name, source.get_output_port())
             message = _collected(builder, scenario, name, message)
-            delivered = _add_link(builder, scenario, name, message, ports["state"], latency)
+            settings = scenario.link_of(name)
+            settings = settings.model_copy(update={"delay": settings.delay + latency})
+            delivered = _add_link(builder, settings, scenario, name, message, ports["state"])
             builder.ExportOutput(delivered, source.get_output_port().get_name())
         if scenario.lends_velocities:
             velocity = builder.AddSystem(TrueVelocity_[float]())
             builder.Connect(ports["state"], velocity.get_input_port())
             builder.ExportOutput(velocity.get_output_port(), "velocity")
+        if "acted" in ports:
+            delivered = _add_link(builder, scenario.report_link, scenario, "acted", ports["acted"], ports["state"])
+            builder.ExportOutput(delivered, "acted")
         builder.BuildInto(self)
         self.set_name("world")
 
@@ -179,11 +187,9 @@ def _collected(builder: DiagramBuilder, scenario: Scenario, sensor: str, message
 
 
 def _add_link(
-    builder: DiagramBuilder, scenario: Scenario, sensor: str, message: OutputPort, state: OutputPort, latency: int = 0
+    builder: DiagramBuilder, settings: Link, scenario: Scenario, sensor: str, message: OutputPort, state: OutputPort
 ) -> OutputPort:
-    """Add the link of a sensor's messages; return where they come out."""
-    settings = scenario.link_of(sensor)
-    settings = settings.model_copy(update={"delay": settings.delay + latency})
+    """Add the link of a sensor's messages, or of the report; return where they come out."""
     if settings == Link():  # a perfect link
         link = builder.AddNamedSystem(f"{sensor}_link", PassThrough(message.size()))
         builder.Connect(message, link.get_input_port())
@@ -204,7 +210,7 @@ def _add_rendered_camera(
     builder.Connect(seen["state"], rendered.GetInputPort("state"))
     source = builder.AddSystem(Shutter())
     _connect(builder, seen, source)
-    shutter = _add_link(builder, scenario, "camera", source.get_output_port(), state)
+    shutter = _add_link(builder, link, scenario, "camera", source.get_output_port(), state)
     builder.ExportOutput(shutter, "shutter")
     image, ticks = rendered.GetOutputPort("color_image"), link.delay + link.random_delay
     if ticks:

@@ -26,6 +26,7 @@ from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
 from ortilo_drake.onboard.planner.path_player import path_value
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Belief, Scenario
+from ortilo_drake.world.vehicle.acted_report import NO_COMMAND
 from ortilo_drake.world.vehicle.failsafe import MODES
 
 
@@ -46,6 +47,8 @@ class WorldHalf:
         self._image = self._diagram.GetOutputPort("image") if scenario.is_rendered and draws else None
         self._state, self._h = self._diagram.GetOutputPort("state"), scenario.h
         self._control = self._diagram.GetInputPort("control" if command_period is None else "command")
+        is_told = self._diagram.HasInputPort("command_stamp")
+        self._stamp = self._diagram.GetInputPort("command_stamp") if is_told else None
         self._hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0])[: self._control.size()]
         # A short flight that is thrown away, as in flight/flight.py: numba compiles, and VTK, whose very first picture
         # of a scene differs from the later ones in the last bits of a few pixels, has drawn one.
@@ -61,6 +64,8 @@ class WorldHalf:
         self._diagram.SetSeed(self._simulator.get_mutable_context(), scenario.seed)
         self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, scenario.yaw)
         self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
+        if self._stamp is not None:
+            self._stamp.FixValue(self._simulator.get_mutable_context(), np.array([NO_COMMAND]))
         self._simulator.Initialize()
 
     @property
@@ -94,8 +99,10 @@ class WorldHalf:
         self._k += 1
         self.advance_to(self._k * self._h, control)
 
-    def advance_to(self, time: float, control: np.ndarray) -> None:
-        """Go on to a time [s], otherwise as advance."""
+    def advance_to(self, time: float, control: np.ndarray, stamp: float = NO_COMMAND) -> None:
+        """Go on to a time [s], otherwise as advance; the stamp is the time of the tick that sent the command [s]."""
+        if self._stamp is not None:
+            self._stamp.FixValue(self._simulator.get_mutable_context(), np.array([stamp]))
         self._control.FixValue(self._simulator.get_mutable_context(), control)
         self._simulator.AdvanceTo(time, interruptible=False)
 

@@ -16,6 +16,9 @@ which its content was true. The payloads:
     detections  MAX_DETECTIONS rows of (label, score, u_min, v_min, u_max, v_max), label -1 = unused
     fix         p_WB [m] (3), its covariance row by row [m^2] (9)
     <own>       what a registered sensor sends, see model/parts.py
+    acted       ACTS rows of (since, stamp, u): the newest commands that acted, newest first: from when [s], the time
+                of the tick that sent it [s], u [N, N m]; stamp -1 where no command acted but what flies without
+                one, since -1 of an unused row; only where a scenario wants it
     velocity    v_WB [m/s], Euler-angle rates [rad/s]; only where a scenario lends the servo the truth  (6)
 
 A sensor faster than the tick sends n samples in one message a tick: its payload is n rows [arrived, stamp, payload of
@@ -50,6 +53,9 @@ SHUTTER_SIZE: Final = PAYLOAD
 IMU_SIZE: Final = PAYLOAD + 9
 FIX_SIZE: Final = PAYLOAD + 12
 VELOCITY_SIZE: Final = PAYLOAD + 6
+ACTS: Final = 8
+ACT_SIZE: Final = 2 + N_U
+ACTED_SIZE: Final = PAYLOAD + ACTS * ACT_SIZE
 MAX_DETECTIONS: Final = 32
 DETECTION_SIZE: Final = 6
 DETECTIONS_SIZE: Final = PAYLOAD + MAX_DETECTIONS * DETECTION_SIZE

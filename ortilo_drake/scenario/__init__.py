@@ -10,6 +10,7 @@ Its groups of settings are modules of this folder, one a subject; whatever they 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.belief import Belief
+from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import Biases, DiagonalW, DisturbanceW, IntermittentFilter, Noise, Walks
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import (
@@ -58,6 +59,7 @@ __all__ = [
     "BurstLoss",
     "Camera",
     "CommandLink",
+    "Commands",
     "ConstantNoise",
     "Detector",
     "DiagonalW",

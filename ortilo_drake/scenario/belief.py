@@ -18,6 +18,7 @@ from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import IntermittentFilter
 from ortilo_drake.scenario.link import LinkRate
 from ortilo_drake.scenario.onboard import Detector, LandmarkFix, LqServo, Multilateration
@@ -56,6 +57,7 @@ class Belief(Frozen):
         estimator: what makes a state of the fixes and the imu's angles.
         servo: what makes a control of state and reference.
         planner: the path to fly.
+        commands: what is made of commands that act late.
     """
 
     name: Name = "default"
@@ -72,6 +74,7 @@ class Belief(Frozen):
     estimator: IntermittentFilter = IntermittentFilter()
     servo: LqServo = LqServo()
     planner: Planner = GcsPlanner()
+    commands: Commands = Commands()
 
     @property
     def belief(self) -> "Belief":

@@ -176,7 +176,8 @@ def check_rate(sensor: str, rate: float, control_rate: float) -> None:
 class CommandLink(Frozen):
     """How the control packets reach the rotors, one a tick.
 
-    The sender hears nothing back (as over UDP): filter and servo go on as if every command were applied at once.
+    The sender hears nothing back (as over UDP): filter and servo go on as if every command were applied at once, unless
+    the scenario's `commands` have the world report what acted.
 
     Attributes:
         loss: what is lost at random; a number is the probability of independent losses.

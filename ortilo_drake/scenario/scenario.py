@@ -12,6 +12,7 @@ from ortilo_drake.scenario.belief import Belief
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import CommandLink, Link, check_rate
 from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.scenario.onboard import LqServo
 from ortilo_drake.scenario.sensors import Camera, Imu, Uwb
 from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.scenario.world import World
@@ -39,11 +40,13 @@ class Scenario(Belief):
         estimator: what makes a state of the fixes and the imu's angles.
         servo: what makes a control of state and reference.
         planner: the path to fly.
+        commands: what is made of commands that act late.
         seed: the seed of all noise; the same seed gives the same flight bit for bit.
         settle: time flown after the path's end [s].
         world: the simulated physics apart from the sensors.
         truth: how the world differs from what the onboard half believes; by default not at all.
         command_link: delivery of the control packets; perfect by default.
+        report_link: delivery of the reports of which commands acted; only where `commands` wants them.
         failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
     """
 
@@ -55,6 +58,7 @@ class Scenario(Belief):
     world: World = World()
     truth: Truth = Truth()
     command_link: CommandLink = CommandLink()
+    report_link: Link = Link()
     failsafe: Failsafe = Failsafe()
 
     @property
@@ -86,8 +90,9 @@ class Scenario(Belief):
 
     @model_validator(mode="after")
     def _losses_exist(self) -> "Scenario":
-        links = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}} | {
-            "command_link": self.command_link
+        links: dict[str, Any] = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}} | {
+            "command_link": self.command_link,
+            "report_link": self.report_link,
         }
         for name, link in links.items():
             try:
@@ -115,6 +120,33 @@ class Scenario(Belief):
     def _rates_with_specific_force(self) -> "Scenario":
         if getattr(self.estimator, "rates", "none") == "measured" and self.estimator.force != "measured":
             raise ValueError("estimator.rates: measured: must be none, or force measured as well")
+        return self
+
+    @model_validator(mode="after")
+    def _reports_fit_control_rate(self) -> "Scenario":
+        if self.report_link.rate is not None:
+            if self.report_link.rate > self.control_rate:
+                raise ValueError(f"report_link.rate: {self.report_link.rate}: must not exceed {self.control_rate:g} Hz")
+            check_rate("report_link", self.report_link.rate, self.control_rate)
+        return self
+
+    @model_validator(mode="after")
+    def _acted_commands_are_replayed(self) -> "Scenario":
+        if self.commands.filter == "acted" and getattr(self.estimator, "delay", None) != "replay":
+            raise ValueError("commands.filter: acted: must be sent, or estimator.delay replay: it is known only later")
+        return self
+
+    @model_validator(mode="after")
+    def _late_commands_have_a_delay(self) -> "Scenario":
+        late, delay = self.commands.servo, self.commands.delay
+        if late == "augmented" and delay is None:
+            raise ValueError("commands.delay: null: must be given for servo augmented, its gain is computed before")
+        if late == "augmented" and not isinstance(self.servo, LqServo):
+            raise ValueError("commands.servo: augmented: must be present or predicted with a servo of one's own")
+        if late != "present" and self.lends_velocities:
+            raise ValueError(f"commands.servo: {late}: must be present where servo.velocities are of the truth")
+        if late == "present" and self.commands.filter == "sent" and delay is not None:
+            raise ValueError(f"commands.delay: {delay}: must be null with filter sent and servo present: none reads it")
         return self
 
     @model_validator(mode="after")

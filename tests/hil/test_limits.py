@@ -177,3 +177,17 @@ def test_the_largest_command_is_the_most_that_some_of_the_rotors_make() -> None:
     at_full_speed = np.array(list(product((0.0, 838.0**2), repeat=5)))
     most = np.abs(at_full_speed @ mixing_matrix(vehicle).T).max(axis=0)
     np.testing.assert_allclose(largest_command(vehicle), 8.0 * most, rtol=1e-12)
+
+
+def test_both_sides_of_each_bound_of_a_report_of_what_acted() -> None:
+    message = vector("acted")
+    assert verdict("acted", encode_vector(7, TICK, message)) == "accepted"
+    limits = FLIGHT.limits["acted"]
+    for i in range(PAYLOAD, message.size):
+        for bound, beyond in ((limits.low[i], -np.inf), (limits.high[i], np.inf)):
+            for value, expected in ((bound, "accepted"), (np.nextafter(bound, beyond), "value"), (np.nan, "value")):
+                at = message.copy()
+                at[i] = value
+                assert verdict("acted", encode_vector(7, TICK, at)) == expected
+    message[1] += FLIGHT.h
+    assert verdict("acted", encode_vector(7, TICK, message)) == "stamp"

@@ -33,7 +33,7 @@ from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.hil.wire.seal import MAC_SIZE, flight_key, hello_key, seal
 from ortilo_drake.hil.wire.unpack import Packet, decode
 from ortilo_drake.model.measurement import make_measurement
-from ortilo_drake.model.signals import IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
+from ortilo_drake.model.signals import ACTED_SIZE, IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
 
 SESSION, TICK, SHAPE = 77, 30, (6, 9)
 FLIGHT = flight_for_packets(SESSION, SHAPE)
@@ -76,6 +76,7 @@ VALID = {
         "detections": encode_vector(SESSION, TICK, detections()),
         "shutter": encode_vector(SESSION, TICK, np.array([1.0, 1.0])),
         "velocity": encode_vector(SESSION, TICK, message(VELOCITY_SIZE)),
+        "acted": encode_vector(SESSION, TICK, np.concatenate(([1.0, 1.0], np.zeros(ACTED_SIZE - 2)))),
         "image": encode_picture(SESSION, TICK, 1.0, PICTURE),
         "tick": encode_tick(SESSION, TICK, ("imu", "uwb")),
         "command": encode_command(SESSION, TICK, RNG.normal(size=4)),

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
@@ -20,11 +21,11 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
 )
 from ortilo_drake.onboard.estimator.late_measurements import (
     empty_history,
-    history_ticks,
     put_in,
     replay_step,
     row_of_past,
     slot_of,
+    with_acted,
 )
 from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.scenario import load_scenario
@@ -299,3 +300,39 @@ def test_the_row_of_a_tick_is_its_own_or_the_oldest_before_it_and_none_after() -
     assert row_of_past(history, 10) == -1
     history[[0, 1, 2, 3], SLOT.tick] = [4, 5, 6, 7]
     assert row_of_past(history, 3) == 0
+
+
+@given(
+    delays=st.lists(st.sampled_from([0, 1, 2, 5, LOST]), min_size=3 * TICKS, max_size=3 * TICKS),
+    late=st.integers(0, 4),
+    heard=st.lists(st.integers(1, 6), min_size=TICKS, max_size=TICKS),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=30, deadline=None)
+def test_once_it_is_known_what_acted_it_is_the_filter_that_knew(
+    delays: list[int], late: int, heard: list[int], seed: int
+) -> None:
+    """Until then each tick goes by a guess: hovering. What acted in tick j is known from tick j + heard[j] on."""
+    data, arrivals = Data(seed), delivered(delays)
+    data.us[:] = 0.1 * data.us
+    true = Data(seed)
+    true.us = np.vstack([np.zeros((late, 4)), data.us])[:TICKS]  # a command acts so many ticks late
+    history, model = empty_history(30, SLOT), FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD)
+    state, hover = np.concatenate([np.zeros(15), P_0.ravel()]), np.zeros(4)
+    for k in range(TICKS):
+        known = [j for j in range(k) if j + heard[j] <= k]
+        acts = np.array([true.us[j] if j in known else hover for j in range(k)]).reshape(-1, 4)
+        timeline = np.vstack([[-1.0, *hover], np.column_stack([np.arange(k) * H, acts])])
+        state = with_acted(history, SLOT, state, k, timeline, hover, H, model, LAYOUT)
+        rows = {s: j for (j, s), when in arrivals.items() if when == k}
+        stamps = np.array([rows.get(s, 0) * H for s in range(3)])
+        last = k == TICKS - 1
+        u = true.us[k] if last else hover
+        measured = data.measurement(rows)
+        if last:  # all is known by now
+            timeline[1:, 1:] = true.us[:k]
+            state = with_acted(history, SLOT, state, k, timeline, hover, H, model, LAYOUT)
+        state = replay_step(history, SLOT, state, k, *measured, stamps, H, u, data.rs[k], model, LAYOUT)
+    there = {(j, s) for (j, s), when in arrivals.items() if when < TICKS}
+    expected = in_order(true, there, TICKS - 1, INTEGRATOR_HOLD)
+    np.testing.assert_allclose(state, expected, rtol=1e-9, atol=1e-10)

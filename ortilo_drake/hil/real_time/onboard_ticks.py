@@ -14,8 +14,8 @@ import numpy as np
 from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.hil.wire.unpack import Packet
+from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.signals import STAMP
-from ortilo_drake.onboard.estimator.late_measurements import history_ticks
 from ortilo_drake.scenario import Scenario
 
 CLOCK_WINDOW: Final = 150  # ticks of the world over which the least delay is taken

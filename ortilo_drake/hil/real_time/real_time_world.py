@@ -119,7 +119,7 @@ def fly_in_real_time(
         moments = look_times(k * h, (k + 1) * h)
         for i, moment in enumerate(moments):
             listen(moment)
-            world.advance_to(moment, command.value)
+            world.advance_to(moment, command.value, command.tick * h)
             if i == len(moments) // 2:  # midway, where it delays neither this tick's command nor the next tick
                 flown.record_until(k - lag)
     listen(time.perf_counter() - start + LATE_TELEMETRY)
@@ -136,16 +136,16 @@ def look_times(begin: float, end: float) -> list[float]:
 
 
 class Command:
-    """The newest command: u (4) and when it was received [s of the flight]; hovering before the first."""
+    """The newest command: its tick, u (4) and when it was received [s of the flight]; hovering before the first."""
 
     def __init__(self, hover_thrust: float):
         self.value = np.array([hover_thrust, 0.0, 0.0, 0.0, 0.0])
-        self._tick = -1
+        self.tick = -1
 
     def hear(self, packet: Packet, received: float) -> None:
         """Take a command, unless a newer one has overtaken it."""
-        if packet.tick > self._tick:
-            self._tick = packet.tick
+        if packet.tick > self.tick:
+            self.tick = packet.tick
             self.value[:4], self.value[4] = packet.value, received
 
 

@@ -105,7 +105,7 @@ def fly_in_virtual_time(
             answer(moment)
             for received, packet in back.arrived(moment):
                 command.hear(packet, received)
-            world.advance_to(moment, command.value)
+            world.advance_to(moment, command.value, command.tick * h)
     flight = flown.dataset(scenario, lost)
     flight.attrs["real_time_factor"] = np.nan
     return flight

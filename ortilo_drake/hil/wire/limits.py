@@ -19,6 +19,7 @@ import numpy as np
 from ortilo_drake.flight.lost import MAX_TILT
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import (
+    ACTS,
     ARRIVED,
     DETECTION_SIZE,
     MAX_DETECTIONS,
@@ -37,6 +38,7 @@ ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; 
 SIGMAS: Final = 10.0
 LOOSE: Final = 1000.0  # times what the vehicle does: so wrong an estimate may be, of a filter that has lost it
 LARGEST: Final = 1e6  # of what a registered sensor sends, where it names no limits itself
+LATEST: Final = 1e6  # longer than any flight [s]; what it reports of later than now is not used onboard
 FARTHEST: Final = 1e4  # of a goal that somebody may ask for [m]; onboard it is refused if it is not in the room
 
 
@@ -143,6 +145,8 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         own[name] = _message(
             *(sensor.limits(scenario, room) if sensor.limits else bounds), oldest(name), samples=scenario.samples(name)
         )
+    acts_low, acts_high = (np.tile(row, ACTS) for row in ([-1.0, -1.0, *-u], [LATEST, LATEST, *u]))
+    report = scenario.report_link
     return own | {
         "imu": _message(-inertial, inertial, oldest("imu"), samples=scenario.samples("imu")),
         "uwb": _message(np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), oldest("uwb"), list(range(n, 2 * n))),
@@ -150,6 +154,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         "shutter": _message(nothing, nothing, oldest("camera")),
         "image": Limits(nothing, nothing, oldest=oldest("camera")),
         "velocity": _message(-motion, motion, 0),
+        "acted": _message(acts_low, acts_high, report.delay + report.random_delay),
         "command": _symmetric(u),
         "y": _symmetric(values),
         "delta": Limits(np.zeros(measurement.sizes["delta"]), np.ones(measurement.sizes["delta"])),

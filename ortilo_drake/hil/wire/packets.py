@@ -28,6 +28,7 @@ PORTS: Final = (
     "detections",
     "shutter",
     "velocity",
+    "acted",
     "image",
 )  # of the world; registered sensors come to them
 KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets

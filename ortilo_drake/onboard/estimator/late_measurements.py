@@ -8,11 +8,14 @@ of the last N ticks, what the filter believed and what it was given,
 put the measurement into slot j's own rows and repeat the filter's step from j to k. The result is the filter that had
 received everything in order; Y. Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution",
 IEEE Trans. Aerospace and Electronic Systems 38 (2002), gets there without the repetition, one measurement at a time.
-Control and reference of a tick that is past are what they were.
+The reference of a tick that is past is what it was, and so is the control unless it is known what acted.
 
 With the integrators 'literal' and 'hold' the integral depends on what arrived, i_{j+1} = i_j + r_j - E_j y_j, so it
 is done again as well: it becomes what it would have been, and in the tick in which a late position arrives u jumps by
 the integral gain times the correction. 'literal' has by then integrated r_j itself, which the repetition takes back.
+
+What acted on the rotors is known only later too. with_acted puts it into the ticks in which it acted, and repeats the
+steps from there in the same way.
 """
 
 from typing import NamedTuple
@@ -23,6 +26,7 @@ from numba import njit
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.signals import N_I, N_U, N_XBAR
+from ortilo_drake.onboard.commands.timeline import mean_control
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
@@ -46,11 +50,6 @@ def slot_of(measurement: Measurement, n: int = N_XBAR) -> Slot:
     """Return the slot that holds such a measurement, and the belief of n states."""
     sizes = (1, n + n * n, *measurement.sizes.values(), N_U, N_I)
     return Slot(*(int(n) for n in np.cumsum((0, *sizes))))
-
-
-def history_ticks(horizon: float, h: float) -> int:
-    """Return N, the ticks to keep: the present one and all whose age does not exceed the horizon [s]."""
-    return int(horizon / h + 1e-6) + 1  # an age that is the horizon up to rounding is within it
 
 
 def empty_history(ticks: int, slot: Slot) -> np.ndarray:
@@ -82,6 +81,67 @@ def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
         return False
     ticks = np.arange(j, k + 1)
     return bool(np.all(history[ticks % history.shape[0], 0] == ticks))
+
+
+@njit(cache=True)
+def run_again(history: np.ndarray, slot: Slot, first: int, k: int, model: FilterModel, layout: Layout) -> np.ndarray:
+    """Return the belief after tick k from that of tick first; changes the beliefs of the history in between."""
+    N = history.shape[0]
+    out = np.empty(slot.y - slot.belief)
+    for j in range(first, k + 1):
+        row = history[j % N]
+        out = filter_step(
+            row[slot.belief : slot.y],
+            row[slot.y : slot.delta],
+            row[slot.delta : slot.V2],
+            row[slot.V2 : slot.u],
+            row[slot.u : slot.r],
+            row[slot.r : slot.size],
+            model,
+            layout,
+        )
+        if j < k:
+            history[(j + 1) % N, slot.belief : slot.y] = out
+    return out
+
+
+@njit(cache=True)
+def with_acted(
+    history: np.ndarray,
+    slot: Slot,
+    belief: np.ndarray,
+    k: int,
+    rows: np.ndarray,
+    hover: np.ndarray,
+    h: float,
+    model: FilterModel,
+    layout: Layout,
+) -> np.ndarray:
+    """Return [xhat_{k|k-1}, P_k row by row] as if it had been known what acted in the past ticks; changes the history.
+
+    In the place of a slot's u comes the mean over its tick of what acted. From the first tick in which that is another
+    than was reckoned with, the filter runs again. A tick that the timeline does not reach back to stays as it is.
+
+    Args:
+        history: the last ticks (N, slot.size), without tick k.
+        slot: where everything is in a row of it.
+        belief: [xhat_{k|k-1}, P_k row by row] as it was reckoned (n + n^2).
+        k: tick.
+        rows: timeline (n, 5), see onboard/commands/timeline.py.
+        hover: control at hover (4).
+        h: tick [s].
+        model: what the filter believes of the vehicle.
+        layout: of the measurement.
+    """
+    N, first, j = history.shape[0], k, k - 1
+    while j > k - N and reaches_back(history, j, k - 1) and j * h >= rows[0, 0]:
+        u = mean_control(rows, j * h, (j + 1) * h) - hover
+        row = history[j % N, slot.u : slot.r]
+        if np.any(u != row):
+            row[:] = u
+            first = j
+        j -= 1
+    return run_again(history, slot, first, k - 1, model, layout) if first < k else belief
 
 
 @njit(cache=True)
@@ -133,22 +193,7 @@ def replay_step(
         there = delta[sensor] != 0.0 and reaches_back(history, j, k)
         if there and put_in(history[j % N], slot, y, V2, sensor, layout[3], layout[4]):
             first = min(first, j)
-    out = np.empty(belief.size)
-    for j in range(first, k + 1):
-        row = history[j % N]
-        out = filter_step(
-            row[slot.belief : slot.y],
-            row[slot.y : slot.delta],
-            row[slot.delta : slot.V2],
-            row[slot.V2 : slot.u],
-            row[slot.u : slot.r],
-            row[slot.r : slot.size],
-            model,
-            layout,
-        )
-        if j < k:
-            history[(j + 1) % N, slot.belief : slot.y] = out
-    return out
+    return run_again(history, slot, first, k, model, layout)
 
 
 @njit(cache=True)

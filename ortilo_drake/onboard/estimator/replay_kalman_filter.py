@@ -8,10 +8,18 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Inpu
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import ARRIVED, STAMP
+from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
 from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.kalman_filter import Predictor, handed_over
-from ortilo_drake.onboard.estimator.late_measurements import N_BELIEF, empty_history, replay_step, row_of_past, slot_of
+from ortilo_drake.onboard.estimator.late_measurements import (
+    N_BELIEF,
+    empty_history,
+    replay_step,
+    row_of_past,
+    slot_of,
+    with_acted,
+)
 
 
 class ReplayKalmanFilter(LeafSystem, Predictor):
@@ -24,12 +32,16 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
             one where no message arrived or its stamp is of this tick (or of a later one), that of the oldest tick kept
             where the stamp is older.
 
+        timeline (n): what acted and what will, see onboard/commands/command_log.py; only where the filter goes by it.
+            The control of a tick is then the mean over the tick of what acts.
+
     The last N ticks are a discrete state of their own. Equations: late_measurements.py.
 
     Args:
         model, measurement, hover_thrust, xbar_0, P_0, h, imu_variances: as KalmanFilter_'s.
         ticks: N.
         messages: size of the message of each sensor whose fix is made about an estimate.
+        timeline: n, 0 where the filter takes its commands to act at once.
     """
 
     def __init__(
@@ -43,11 +55,13 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         ticks: int,
         messages: dict[str, int],
         imu_variances: np.ndarray | None = None,
+        timeline: int = 0,
     ):
         super().__init__()
         self.declare_predictor(float, model, measurement, hover_thrust, xbar_0, P_0, h, imu_variances)
         self._slot = slot_of(measurement, self._n)
         self._stamps = self.DeclareVectorInputPort("stamps", handed_over(measurement)["delta"])
+        self._timeline = self.DeclareVectorInputPort("timeline", timeline) if timeline else None
         self._history = self.DeclareDiscreteState(empty_history(ticks, self._slot).ravel())
         for sensor, size in messages.items():
             message = self.DeclareVectorInputPort(f"message_{sensor}", size)
@@ -75,11 +89,20 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         stamps = self._stamps.Eval(context)
         if self._imu_variances is not None:
             stamps = np.append(stamps, np.repeat(stamps[self._imu_number], len(self._imu_variances) // 3))
+        k, known = tick_of(context.get_time(), self._h), (self._model, self._layout)
+        # A copy of the state's, changed here.
+        history = values.get_mutable_value(self._history).reshape(-1, self._slot.size)
+        belief = context.get_discrete_state(self._belief).value()
+        if self._timeline is not None:
+            timeline = self._timeline.Eval(context)
+            rows = with_command(unpacked(timeline), k * self._h + timeline[0], u + self._hover)
+            belief = with_acted(history, self._slot, belief, k, rows, self._hover, self._h, *known)
+            u = mean_control(rows, k * self._h, (k + 1) * self._h) - self._hover
         belief = replay_step(
-            values.get_mutable_value(self._history).reshape(-1, self._slot.size),  # a copy of the state's, changed here
+            history,
             self._slot,
-            context.get_discrete_state(self._belief).value(),
-            tick_of(context.get_time(), self._h),
+            belief,
+            k,
             y,
             delta,
             V2,
@@ -87,7 +110,6 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
             self._h,
             u,
             r,
-            self._model,
-            self._layout,
+            *known,
         )
         self.set_belief(values, belief)

@@ -10,6 +10,7 @@ stable if and only if the product of the augmented matrices over the sensors' pe
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,13 @@ from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.command_link.command_loop import CommandedLoop, commanded_loop, delay_line, growing_modes
+from ortilo_drake.studies.command_link.command_loop import (
+    CommandedLoop,
+    answered,
+    delay_line,
+    growing_modes,
+    loop_at_once,
+)
 
 LONGEST = 100  # ticks of delay to look at
 
@@ -40,6 +47,23 @@ class CriticalDelay:
     whole_ticks: int
     growth: dict[str, float]
     modes: str
+
+
+class NoLimitError(InputError):
+    """No delay that was looked at destabilises the loop."""
+
+
+@dataclass(frozen=True)
+class StableDelays:
+    """The delays about the believed one with which a loop is stable.
+
+    Attributes:
+        low: the least, in ticks.
+        high: the greatest, in ticks; None if it is stable with LONGEST ticks.
+    """
+
+    low: float
+    high: float | None
 
 
 def _ticks_above(delay: float) -> int:
@@ -82,10 +106,11 @@ def delay_growth(scenario: Scenario, V: np.ndarray, delay: float, deltas: np.nda
         delay: tau / h.
         deltas: arrivals over a period (T, 3); by default what is due.
     """
-    return _growth_with(commanded_loop(scenario, V, deltas), scenario, delay)
+    return _growth_with(loop_at_once(scenario, V, deltas), scenario, delay)
 
 
-def _growth_with(loop: CommandedLoop, scenario: Scenario, delay: float) -> float:
+def _growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> float:
+    loop = answered(at_once, scenario, delay)
     G_late = np.zeros_like(loop.G)
     theta = _ticks_above(delay) - delay
     if theta > 0.0:
@@ -98,15 +123,20 @@ def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
     """Return the delay that destabilises the loop.
 
     Raises:
-        InputError: if the loop is unstable without a delay, or stable with LONGEST ticks of it.
+        NoLimitError: if the loop is stable with LONGEST ticks of it.
+        InputError: if the loop is unstable without a delay.
     """
-    loop = commanded_loop(scenario, V, deltas)
+    loop = loop_at_once(scenario, V, deltas)
+
+    def matrices(ticks: int) -> np.ndarray:
+        return delayed_matrices(answered(loop, scenario, ticks), ticks)
+
     rates = [_growth_with(loop, scenario, 0)]
     if rates[0] >= 1.0:
-        raise InputError(f"command_link: unstable without any delay: {growing_modes(delayed_matrices(loop, 0))}")
+        raise InputError(f"command_link: unstable without any delay: {growing_modes(matrices(0))}")
     while rates[-1] < 1.0:
         if len(rates) > LONGEST:
-            raise InputError(f"command_link: stable with {LONGEST} ticks of delay, no limit was looked for beyond")
+            raise NoLimitError(f"command_link: stable with {LONGEST} ticks of delay, no limit was looked for beyond")
         rates.append(_growth_with(loop, scenario, len(rates)))
     whole = len(rates) - 1
     low, high = whole - 1.0, float(whole)
@@ -118,5 +148,47 @@ def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
         ticks=low,
         whole_ticks=whole,
         growth={str(d): rate for d, rate in enumerate([*rates, _growth_with(loop, scenario, whole + 1)])},
-        modes=growing_modes(delayed_matrices(loop, whole)),
+        modes=growing_modes(matrices(whole)),
     )
+
+
+def stable_delays(
+    scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None, longest: int = LONGEST
+) -> StableDelays:
+    """Return the delays with which a loop is stable, from the one that it reckons with downwards and upwards.
+
+    Without commands.delay that is no delay. Between whole ticks it is looked at each quarter.
+
+    Args:
+        scenario: the scenario; its own command link is not used.
+        V: covariance of the measurements (p x p).
+        deltas: arrivals over a period (T, s); by default what is due.
+        longest: ticks of delay to look at.
+
+    Raises:
+        InputError: if it is unstable with the delay that it reckons with.
+    """
+    loop = loop_at_once(scenario, V, deltas)
+    start = (scenario.commands.delay or 0.0) / scenario.h
+
+    def is_stable(delay: float) -> bool:
+        return _growth_with(loop, scenario, delay) < 1.0
+
+    if not is_stable(start):
+        raise InputError(f"command_link: unstable with the delay reckoned with, {start:g} ticks")
+    low, high = start, start
+    while low > 0.0 and is_stable(max(low - 0.25, 0.0)):
+        low = max(low - 0.25, 0.0)
+    if low > 0.0:
+        low = _edge(is_stable, low, max(low - 0.25, 0.0))
+    while high < longest and is_stable(high + 0.25):
+        high += 0.25
+    return StableDelays(low, _edge(is_stable, high, high + 0.25) if high < longest else None)
+
+
+def _edge(is_stable: Callable[[float], bool], stable: float, unstable: float) -> float:
+    """Return where between two delays stability ends, to 1e-4 ticks, on its stable side."""
+    while abs(unstable - stable) > 1e-4:
+        middle = (stable + unstable) / 2.0
+        stable, unstable = (middle, unstable) if is_stable(middle) else (stable, middle)
+    return stable

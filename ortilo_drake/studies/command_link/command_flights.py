@@ -120,11 +120,11 @@ def command_flights(
     V = hover_V(scenario, point)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})
-    loop = commanded_loop(calm, V)
     cases = []
     for link in links:
         flown = calm.model_copy(update={"command_link": link})
         fly_many(flown, seeds, out, workers)
+        loop = commanded_loop(calm, V, delay=link.delay)
         case = _case(link, lossy_loop(loop, link, scenario.h), flights_of(flown, seeds, out))
         cases.append(case)
         if progress:

@@ -8,6 +8,10 @@ Behind a link of delay d the state grows to
 
 a_k is u_{k-d} if that arrives, else a_{k-1} ('hold') or 0 ('zero'). The delay is constant, so a packet lost at sending
 and one lost at arrival have the same statistics.
+
+With commands.filter 'acted' xhat is what the filter makes of it once it knows a_k, by a report without loss or delay:
+its response to a_k is then in G. A servo that reckons with late commands answers u_k = -L z_k - sum_j L_j u_{k-j}, see
+late_servo.py.
 """
 
 import math
@@ -15,9 +19,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_I, STATE_NAMES
+from ortilo_drake.model.signals import N_I, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.extra_states import D
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.command_link.late_servo import late_gains
 from ortilo_drake.studies.loop.hover_loop import (
     HoverLoop,
     arrivals_of,
@@ -40,14 +46,18 @@ class CommandedLoop(NamedTuple):
     Attributes:
         F: (T, n, n), n = 27 for the flying loop.
         G: (n, m).
-        L: the command is -L z (m, n).
+        L: the command is -L z (m, n), less L_u of the commands before.
         N: covariance of n_k (T, n, n).
+        L_u: of u_{k-1}, u_{k-2}, ... (D, m, m); (0, 0, 0) where the servo takes its commands to act at once.
+        G_hat: how u_k enters through a filter that takes it to act at once (n, m); read where there is L_u.
     """
 
     F: np.ndarray
     G: np.ndarray
     L: np.ndarray
     N: np.ndarray
+    L_u: np.ndarray = np.zeros((0, 0, 0))
+    G_hat: np.ndarray = np.zeros((0, 0))
 
 
 def schedule(scenario: Scenario) -> np.ndarray:
@@ -96,17 +106,46 @@ def periodic_predictor(
     raise InputError("filter: its covariance does not settle with these arrivals")
 
 
-def commanded_loop(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CommandedLoop:
+def commanded_loop(
+    scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None, delay: float = 0.0
+) -> CommandedLoop:
     """Return a scenario's loop, open at the rotors.
 
     Args:
         scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
         V: covariance of the measurements (p x p).
         deltas: arrivals of the sensors at each tick of a period (T, s); by default what is due.
+        delay: after which commands act [ticks]; read where the servo reckons with it.
 
     Raises:
         InputError: naming the modes of the vehicle that the sensors leave unseen.
     """
+    return answered(loop_at_once(scenario, V, deltas), scenario, delay)
+
+
+def answered(loop: CommandedLoop, scenario: Scenario, delay: float) -> CommandedLoop:
+    """Return the loop of loop_at_once with what filter and servo of the scenario make of commands so late [ticks]."""
+    filter_acts, servo = scenario.commands.filter, scenario.commands.servo
+    if filter_acts == "sent" and servo == "present":
+        return loop
+    hover = hover_loop(scenario)
+    n, m = loop.G.shape
+    G_hat = np.zeros((n, m))
+    G_hat[hover.hats] = hover.Gamma
+    F = loop.F + G_hat @ loop.L  # with a filter that takes no command to act
+    of_xbar, of_force, L_u = late_gains(scenario, delay)
+    L = np.zeros((m, n))
+    L[:, hover.hats.start : hover.hats.start + N_X] = of_xbar[:, :N_X]
+    L[:, hover.hats.stop :] = of_xbar[:, N_X:]
+    if set(D) <= set(hover.names):
+        L[:, [hover.hats.start + hover.names.index(name) for name in D]] = of_force
+    if filter_acts == "acted":
+        return CommandedLoop(F, loop.G + G_hat, L, loop.N, L_u, np.zeros((n, m)))
+    return CommandedLoop(F - G_hat @ L, loop.G, L, loop.N, L_u, G_hat)
+
+
+def loop_at_once(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CommandedLoop:
+    """Return the loop whose filter and servo take commands to act at once; arguments and errors as commanded_loop."""
     loop, V = hover_loop(scenario), filter_V(scenario, V)
     deltas = schedule(scenario) if deltas is None else deltas
     unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(np.any(deltas, axis=0))], loop.names)
@@ -136,19 +175,23 @@ def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray
     """Return the loop behind a link as long as nothing acts on the rotors, and where to find the commands.
 
     Returns:
-        A (T, size, size): dynamics of [z; a; u_{k-1}; ...; u_{k-d}] with a_k = 0.
-        U (d + 1, m, size): U[j] picks u_{k-j}.
+        A (T, size, size): dynamics of [z; a; u_{k-1}; ...; u_{k-d}] with a_k = 0, of as many more as the servo reads.
+        U (d + 1 or more, m, size): U[j] picks u_{k-j}.
     """
     n, m = loop.G.shape
-    first = n + m * holds
-    size = first + m * delay
-    U = np.zeros((delay + 1, m, size))
+    first, kept = n + m * holds, max(delay, len(loop.L_u))
+    size = first + m * kept
+    U = np.zeros((kept + 1, m, size))
     U[0, :, :n] = -loop.L
-    for j in range(1, delay + 1):
+    for j in range(1, kept + 1):
         U[j, :, first + m * (j - 1) : first + m * j] = np.eye(m)
     A = np.zeros((len(loop.F), size, size))
     A[:, :n, :n] = loop.F
-    for j in range(delay):
+    for j, L_j in enumerate(loop.L_u):
+        own = slice(first + m * j, first + m * (j + 1))
+        U[0, :, own] = -L_j
+        A[:, :n, own] -= loop.G_hat @ L_j
+    for j in range(kept):
         A[:, first + m * j : first + m * (j + 1)] = U[j]
     return A, U
 

@@ -54,7 +54,7 @@ def largest_loss(
     Raises:
         InputError: if the loop is unstable without any loss, naming the modes.
     """
-    loop = commanded_loop(scenario, V, deltas)
+    loop = commanded_loop(scenario, V, deltas, delay)
 
     def is_stable(share: float) -> bool:
         A, N = behind_a_link(loop, when_lost, delay)

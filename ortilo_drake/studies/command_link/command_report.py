@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.command_link.command_delay import CriticalDelay, critical_delay
+from ortilo_drake.studies.command_link.command_delay import CriticalDelay, NoLimitError, critical_delay
 from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
 from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
 from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
@@ -34,7 +34,7 @@ class CommandReport:
         growth: of the second moment per tick with a perfect link.
         largest_loss: by strategy, of independent losses and in bursts of a mean length [ticks].
         rms: distance from r [m] by strategy and independent loss, None where it diverges.
-        delay: that destabilises.
+        delay: that destabilises; None if it was stable with every one looked at.
         own_link: behind the scenario's own command link.
     """
 
@@ -43,7 +43,7 @@ class CommandReport:
     growth: float
     largest_loss: dict[str, dict[str, float]]
     rms: dict[str, dict[str, float | None]]
-    delay: CriticalDelay
+    delay: CriticalDelay | None
     own_link: LinkFigures
 
 
@@ -52,6 +52,13 @@ def _rms(system: JumpLinear) -> float | None:
     try:
         return float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3])))
     except InputError:
+        return None
+
+
+def _critical_delay(scenario: Scenario, V: np.ndarray) -> CriticalDelay | None:
+    try:
+        return critical_delay(scenario, V)
+    except NoLimitError:
         return None
 
 
@@ -66,7 +73,8 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
         InputError: if the loop is unstable with a perfect link, naming the modes.
     """
     loop, h = commanded_loop(scenario, V), scenario.h
-    own = lossy_loop(loop, scenario.command_link, h)
+    link = scenario.command_link
+    own = lossy_loop(commanded_loop(scenario, V, delay=link.delay), link, h)
     return CommandReport(
         scenario=scenario.name,
         period=len(loop.F),
@@ -80,6 +88,6 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
             s: {f"{p:g}": _rms(lossy_loop(loop, CommandLink(loss=loss_of(p), when_lost=s), h)) for p in LOSSES}
             for s in STRATEGIES
         },
-        delay=critical_delay(scenario, V),
+        delay=_critical_delay(scenario, V),
         own_link=LinkFigures(mean_square_radius(own), _rms(own)),
     )

@@ -104,7 +104,7 @@ def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
         InputError: if a link or the mode cannot be.
     """
     data = scenario.model_dump(mode="json")
-    for link in (data["uwb"]["link"], data["imu"]["link"], data["camera"]["link"]):
+    for link in (data["uwb"]["link"], data["imu"]["link"], data["camera"]["link"], data["report_link"]):
         link["loss"] = {"kind": "bernoulli", "probability": links.loss}
         link["delay"], link["random_delay"] = links.delay, links.random_delay
     data["command_link"]["loss"] = {"kind": "bernoulli", "probability": links.command_loss}

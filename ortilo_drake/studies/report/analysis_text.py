@@ -3,6 +3,7 @@
 import math
 
 from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport
+from ortilo_drake.studies.command_link.command_delay import LONGEST
 from ortilo_drake.studies.command_link.command_flights import CommandCase, CommandFlights
 from ortilo_drake.studies.command_link.command_report import CommandReport
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport
@@ -121,8 +122,11 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
     lines += ["Largest share of lost commands at which the second moment stays bounded:", ""]
     lines += table(["when lost", *kinds], rows)
     late = found.delay
-    lines += [f"Commands may come {late.ticks:.2f} ticks ({1e3 * late.delay:.0f} ms) late. With", ""]
-    lines[-2] += f" {late.whole_ticks} whole ticks these grow: {late.modes}."
+    if late is None:
+        lines += [f"Commands may come {LONGEST} ticks late and more: filter and servo reckon with it.", ""]
+    else:
+        lines += [f"Commands may come {late.ticks:.2f} ticks ({1e3 * late.delay:.0f} ms) late. With", ""]
+        lines[-2] += f" {late.whole_ticks} whole ticks these grow: {late.modes}."
     if flown is not None:
         lines += [f"Flown: hovering {flown.duration:g} s, {len(flown.seeds)} seeds each.", ""]
         header = ["link", "growth a tick", "predicted rms [m]", "flown rms [m]", "flights lost", "as predicted"]

@@ -1,5 +1,6 @@
 """The report of `ortilo analyze` in at most five lines."""
 
+from ortilo_drake.studies.command_link.command_delay import LONGEST
 from ortilo_drake.studies.report.analyze import Analysis
 from ortilo_drake.studies.report.checked_text import least_rates
 
@@ -21,10 +22,8 @@ def in_short(found: Analysis) -> list[str]:
         )
     held = found.commands.largest_loss["hold"]["independent"]
     late = found.commands.delay
-    lines.append(
-        f"Of the commands {held:.0%} may be lost if the last one is held, and they may come {1e3 * late.delay:.0f} ms "
-        "late."
-    )
+    how_late = f"{1e3 * late.delay:.0f} ms late" if late else f"{LONGEST} ticks late and more"
+    lines.append(f"Of the commands {held:.0%} may be lost if the last one is held, and they may come {how_late}.")
     if found.tube and (least := least_rates(found.tube)):
         lines.append(least)
     position = found.honesty.nees.get("position", {}).get("all") if found.honesty else None

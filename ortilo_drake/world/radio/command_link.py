@@ -4,7 +4,8 @@ One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at
 Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; what is in flight arrives.
 In a tick in which nothing arrives the rotors either hold the last command that did or fall back to hover.
 
-The sender hears nothing back, as over UDP: filter and servo take every command for applied at once. L. Schenato,
+The sender hears nothing back, as over UDP: filter and servo take every command for applied at once, unless what
+acted is reported (world/vehicle/acted_report.py). L. Schenato,
 "To zero or to hold control inputs with lossy links?", IEEE Trans. Automatic Control 54 (2009), compares the two
 strategies.
 """
@@ -19,7 +20,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.scalars import time_in
+from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
@@ -75,6 +76,15 @@ def applied_command(
 
 
 @njit(cache=True)
+def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> int:
+    """Return the tick of the command that begins to act in tick k, -1 if none arrives; arguments as applied_command."""
+    d = (state.shape[0] - _FLYING) // _PACKET
+    if d == 0:
+        return -1 if is_lost(k, state[_BAD] == 1.0, loss, seed, stream) else k
+    return k - d if state[_FLYING + (k % d) * _PACKET] == 1.0 else -1
+
+
+@njit(cache=True)
 def link_after(
     k: int,
     state: np.ndarray,
@@ -108,6 +118,7 @@ def CommandLink_(T: type) -> type:
         Ports:
             control (4): the command u of this tick, f_T absolute.
             applied (4, output): the control that acts over this tick; without a delay it depends on control.
+            stamp (1, output): time of the tick whose command arrives now [s], -1 if none does; only if it tells.
 
         State (discrete, updated each tick): whether the loss chain is bad, which it is not at the start; the control
         that acted over the last tick, hover at the start; and d rows (sent, command) of packets in flight, none at the
@@ -118,15 +129,22 @@ def CommandLink_(T: type) -> type:
             vehicle: whose hover thrust the link falls back to.
             seed: seed of all noise; the stream is 'link/command'.
             h: tick [s].
+            tells: whether it tells which command arrives.
         """
 
         def _construct(
-            self, settings: CommandLinkSettings, vehicle: Vehicle, seed: int, h: float, converter: Any = None
+            self,
+            settings: CommandLinkSettings,
+            vehicle: Vehicle,
+            seed: int,
+            h: float,
+            tells: bool = False,
+            converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("command_link")
             self.declare_seed(seed)
-            self._arguments = {"settings": settings, "vehicle": vehicle, "seed": seed, "h": h}
+            self._arguments = {"settings": settings, "vehicle": vehicle, "seed": seed, "h": h, "tells": tells}
             functions = applied_command, link_after
             self._applied_command, self._link_after = (f if T is float else f.py_func for f in functions)
             self._loss, self._holds = loss_parameters(settings.loss, h), settings.when_lost == "hold"
@@ -140,6 +158,8 @@ def CommandLink_(T: type) -> type:
             self.DeclareDiscreteState(BasicVector_[T](start))
             self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
             needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
+            if tells:
+                self.DeclareVectorOutputPort("stamp", 1, self._calc_stamp, prerequisites_of_calc=set(needs))
             if not self._is_late:
                 needs.add(self._control.ticket())
             self._applied = self.DeclareVectorOutputPort(
@@ -156,6 +176,12 @@ def CommandLink_(T: type) -> type:
             output.set_value(
                 self._applied_command(k, state, u, self._loss, self._hover, self._holds, seed, self._stream)
             )
+
+        def _calc_stamp(self, context: Any, output: Any) -> None:
+            k = tick_of(time_in(context), self._h)
+            state = values_of(context.get_discrete_state_vector().CopyToVector())
+            sent = arriving(k, state, self._loss, self.seed_in(context), self._stream)
+            output.SetAtIndex(0, sent * self._h if sent >= 0 else -1.0)
 
         def _update(self, context: Any, values: Any) -> None:
             k = tick_of(time_in(context), self._h)

@@ -1,0 +1,139 @@
+"""The state at the time at which a command will act, from the state of its tick and the commands on the way.
+
+For a constant delay tau that is the predictor of Z. Artstein, "Linear systems with delayed controls: a reduction", IEEE
+Trans. Automatic Control 27 (1982): with z_k = x(t_k + tau), z_{k+1} = Phi z_k + Gamma u_k has no delay, so the servo
+that stabilises the plant without one stabilises z, with the same eigenvalues.
+"""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
+from ortilo_drake.model.signals import N_I, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.onboard.commands.timeline import unpacked
+
+
+@njit(cache=True)
+def flown(x: np.ndarray, b: np.ndarray, A: np.ndarray, s: float) -> np.ndarray:
+    """Return x after s [s] of x_dot = A x + b; exact for A^4 = 0.
+
+    x(s) = x + sum_k A^(k-1) (A x + b) s^k / k!, k = 1..4.
+    """
+    after, term = x.copy(), A @ x + b
+    for k in range(1, 5):
+        term = term * (s / k)
+        after += term
+        term = A @ term
+    return after
+
+
+@njit(cache=True)
+def reference_after(reference: np.ndarray, s: float) -> np.ndarray:
+    """Return r, r_dot, r_ddot (9) after s [s] of the present acceleration."""
+    later = reference.copy()
+    later[:3] += s * reference[3:6] + 0.5 * s * s * reference[6:9]
+    later[3:6] += s * reference[6:9]
+    return later
+
+
+@njit(cache=True)
+def state_ahead(
+    xbar: np.ndarray,
+    reference: np.ndarray,
+    rows: np.ndarray,
+    t: float,
+    tau: float,
+    h: float,
+    A: np.ndarray,
+    B: np.ndarray,
+    b: np.ndarray,
+) -> np.ndarray:
+    """Return xbar = [x; i] (15) at time t + tau.
+
+    The integral goes on as in the servo's model, i_{k+1} = i_k + r_k - p_k; of a tick that tau ends within, by the
+    share of it.
+
+    Args:
+        xbar: [x; i] at time t (15).
+        reference: r, r_dot, r_ddot at time t (9).
+        rows: timeline (n, 5), see timeline.py.
+        t: time of the tick [s].
+        tau: how far ahead [s].
+        h: tick [s].
+        A: hover dynamics (12, 12).
+        B: hover control input (12, 4).
+        b: of x_dot what is no control: -B times that of hover, and known disturbances (12).
+    """
+    x, i = xbar[:12].copy(), xbar[12:].copy()
+    done = 0.0
+    while done < tau:
+        step = min(h, tau - done)
+        i += step / h * (reference_after(reference, done)[:3] - x[:3])
+        for j in range(len(rows)):
+            start = max(rows[j, 0], t + done)
+            stop = t + done + step if j + 1 == len(rows) else min(rows[j + 1, 0], t + done + step)
+            if stop > start:
+                x = flown(x, B @ rows[j, 1:] + b, A, stop - start)
+        done += h
+    return np.concatenate((x, i))
+
+
+class StateAhead(LeafSystem):
+    """What the servo acts on: state and reference of the time at which its command will act.
+
+    Ports:
+        estimate (15): xhat_{k|k-1} and the integral.
+        reference (9): r, r_dot, r_ddot of this tick.
+        timeline (n): what acts and will, see command_log.py.
+        force (3): the disturbance force in W as estimated [N]; only where it is.
+        estimate_ahead (15, output), reference_ahead (9, output): both at t_k + tau.
+
+    Memoryless.
+
+    Args:
+        vehicle: as it is believed to be.
+        h: tick [s].
+        size: n.
+        takes_force: whether it is told the force.
+    """
+
+    def __init__(self, vehicle: Vehicle, h: float, size: int, takes_force: bool):
+        super().__init__()
+        self.set_name("state_ahead")
+        self._h, self._A, self._B = h, hover_A(), hover_B(vehicle)
+        self._by_force = np.ascontiguousarray(hover_B_d(vehicle)[:, :3])
+        self._lift = -self._B[:, 0] * vehicle.hover_thrust
+        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
+        self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
+        self._timeline = self.DeclareVectorInputPort("timeline", size)
+        needs = {port.ticket() for port in (self._estimate, self._reference, self._timeline)}
+        self._force = self.DeclareVectorInputPort("force", N_I) if takes_force else None
+        later = {self._reference.ticket(), self._timeline.ticket()}
+        needs |= {self._force.ticket()} if self._force is not None else set()
+        needs.add(self.time_ticket())
+        self.DeclareVectorOutputPort("estimate_ahead", N_XBAR, self._calc_estimate, prerequisites_of_calc=needs)
+        self.DeclareVectorOutputPort(
+            "reference_ahead", REFERENCE_SIZE, self._calc_reference, prerequisites_of_calc=later
+        )
+
+    def _calc_estimate(self, context: Context, output: BasicVector) -> None:
+        b = self._lift if self._force is None else self._lift + self._by_force @ self._force.Eval(context)
+        timeline = self._timeline.Eval(context)
+        output.set_value(
+            state_ahead(
+                self._estimate.Eval(context),
+                self._reference.Eval(context),
+                unpacked(timeline),
+                context.get_time(),
+                timeline[0],
+                self._h,
+                self._A,
+                self._B,
+                b,
+            )
+        )
+
+    def _calc_reference(self, context: Context, output: BasicVector) -> None:
+        output.set_value(reference_after(self._reference.Eval(context), self._timeline.Eval(context)[0]))

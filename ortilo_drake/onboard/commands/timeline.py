@@ -1,0 +1,132 @@
+"""What acts on the rotors and from when, as the onboard half knows and expects it.
+
+A command of tick j acts from t_j + tau. The world reports (model/signals.py, 'acted') which commands acted, and from
+when: until the report's stamp nothing else did, for each report holds the newest of them. Of the commands sent since,
+each is expected tau after its tick, but not before that stamp; one that should have acted so long before it that no
+command has lately been that late counts as lost. A command that a newer one overtook never acts.
+
+A *timeline* is rows (since, u), ascending: u acts from `since` until the next row's.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.signals import ACT_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
+
+SINCE, SENT, U = 0, 1, 2  # of a row of acts
+SENT_SIZE: Final = 1 + N_U  # a row of what was sent: time of its tick [s], u
+ROW: Final = 1 + N_U  # a row of a timeline
+EVER: Final = -1e9  # since when the first row acts [s]
+NONE: Final = -1.0  # a stamp of no command, of an empty row
+
+
+@njit(cache=True)
+def with_report(acts: np.ndarray, message: np.ndarray) -> np.ndarray:
+    """Return the acts known (A, 6), ascending, with those of an 'acted' message that are newer; the oldest go."""
+    known = acts.copy()
+    if message[ARRIVED] == 0.0:
+        return known
+    for i in range(ACTS - 1, -1, -1):
+        row = message[PAYLOAD + i * ACT_SIZE : PAYLOAD + (i + 1) * ACT_SIZE]
+        is_past = 0.0 <= row[SINCE] <= message[STAMP] and row[SENT] <= row[SINCE]
+        if is_past and row[SINCE] > known[-1, SINCE]:
+            known[:-1] = known[1:].copy()
+            known[-1] = row
+    return known
+
+
+@njit(cache=True)
+def delays_of(acts: np.ndarray) -> np.ndarray:
+    """Return from tick to act of the commands that acted [s]."""
+    found = np.empty(len(acts))
+    n = 0
+    for i in range(len(acts)):
+        if acts[i, SENT] >= 0.0:
+            found[n] = acts[i, SINCE] - acts[i, SENT]
+            n += 1
+    return found[:n]
+
+
+@njit(cache=True)
+def expected_delay(acts: np.ndarray, given: float) -> float:
+    """Return tau [s]: as it is given, or if that is negative the mean of those that acted; 0 before any did."""
+    if given >= 0.0:
+        return given
+    delays = delays_of(acts)
+    return float(np.mean(delays)) if delays.size else 0.0
+
+
+@njit(cache=True)
+def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, slack: float) -> np.ndarray:
+    """Return what acted and what is expected to (n, 5), ascending.
+
+    Args:
+        acts: what is known to have acted (A, 6), ascending.
+        heard: until when that is known [s], negative if nothing was heard.
+        sent: the commands sent (S, 5), ascending, empty rows before them with a negative time.
+        tau: expected delay [s].
+        slack: how long after its expected time a command still counts as on its way, beside what was seen lately [s].
+    """
+    rows = np.empty((len(acts) + len(sent), ROW))
+    rows[: len(acts), 0] = acts[:, SINCE]
+    rows[: len(acts), 1:] = acts[:, U:]
+    n, newest = len(acts), np.max(acts[:, SENT])
+    latest = tau
+    for delay in delays_of(acts):
+        latest = max(latest, delay)
+    for i in range(len(sent)):
+        stamp = sent[i, 0]
+        if stamp >= 0.0 and stamp > newest and heard <= stamp + latest + slack:
+            rows[n, 0] = max(stamp + tau, heard, rows[n - 1, 0])
+            rows[n, 1:] = sent[i, 1:]
+            n += 1
+    return rows[:n]
+
+
+@njit(cache=True)
+def mean_control(rows: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """Return the mean over time of what acts from begin to end [s] (4), of a timeline that reaches back that far."""
+    total = np.zeros(N_U)
+    for i in range(len(rows)):
+        start = max(rows[i, 0], begin)
+        stop = end if i + 1 == len(rows) else min(rows[i + 1, 0], end)
+        if stop > start:
+            total += (stop - start) * rows[i, 1:]
+    return total / (end - begin)
+
+
+@njit(cache=True)
+def with_command(rows: np.ndarray, since: float, u: np.ndarray) -> np.ndarray:
+    """Return a timeline with one more command, which acts from `since` [s], or once the last one does."""
+    after = np.empty((len(rows) + 1, ROW))
+    after[:-1] = rows
+    after[-1, 0] = max(since, rows[-1, 0])
+    after[-1, 1:] = u
+    return after
+
+
+@njit(cache=True)
+def packed(tau: float, rows: np.ndarray, size: int) -> np.ndarray:
+    """Return a timeline as a vector of a fixed size: [tau, number of rows, rows ..., zeros]."""
+    vector = np.zeros(size)
+    vector[0], vector[1] = tau, len(rows)
+    vector[2 : 2 + rows.size] = rows.ravel()
+    return vector
+
+
+@njit(cache=True)
+def unpacked(vector: np.ndarray) -> np.ndarray:
+    """Return the rows (n, 5) of a packed timeline."""
+    return vector[2 : 2 + int(vector[1]) * ROW].copy().reshape(-1, ROW)
+
+
+def first_acts(ticks: int, hover_thrust: float) -> np.ndarray:
+    """Return what acted before anything was heard (ticks, 6): hovering, always."""
+    return np.tile([EVER, NONE, hover_thrust, 0.0, 0.0, 0.0], (ticks, 1))
+
+
+def none_sent(ticks: int) -> np.ndarray:
+    """Return a list of commands sent that is empty (ticks, 5)."""
+    return np.tile([NONE, 0.0, 0.0, 0.0, 0.0], (ticks, 1))

@@ -1,0 +1,36 @@
+"""Settings of what the onboard half makes of commands that act late, or never."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ortilo_drake.model.typed_yaml import Frozen
+
+
+class Commands(Frozen):
+    """How filter and servo reckon with the way of a command to the rotors.
+
+    Attributes:
+        filter: 'sent' predicts with each command as if it acted at its tick, the paper's filter. 'acted' predicts with
+            the commands that acted and when, as the world reports them, and puts right the ticks of which it learns
+            later; only with estimator.delay 'replay'.
+        servo: 'present' acts on the state of the tick. 'predicted' acts on the state and the reference of the time at
+            which its command will act, with the commands on the way. 'augmented' acts on the state of the tick and the
+            commands on the way, by the LQ gain of a plant that has them as states.
+        delay: from the tick of a command to when it acts [s]. null measures it by what the world reports; 'augmented'
+            must be told, its gain is computed before the flight.
+    """
+
+    filter: Literal["sent", "acted"] = "sent"
+    servo: Literal["present", "predicted", "augmented"] = "present"
+    delay: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+
+    @property
+    def are_reported(self) -> bool:
+        """Whether the world is to report which commands acted."""
+        return self.filter == "acted" or (self.servo == "predicted" and self.delay is None)
+
+    @property
+    def are_kept(self) -> bool:
+        """Whether the onboard half keeps its commands."""
+        return self.filter == "acted" or self.servo == "predicted"

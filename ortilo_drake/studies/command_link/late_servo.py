@@ -1,0 +1,124 @@
+"""How a servo that reckons with late commands answers at hover, as gains on the loop's state and its own commands.
+
+It is u_k = -L z_k - sum_j L_j u_{k-j}. The gains are those of the functions that fly: timeline, prediction and servo of
+onboard/ are affine in estimate, force and commands, and are evaluated on unit vectors.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
+from ortilo_drake.model.signals import ACT_SIZE, N_I, N_U, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.onboard.commands.command_log import SLACK
+from ortilo_drake.onboard.commands.state_ahead import state_ahead
+from ortilo_drake.onboard.commands.timeline import (
+    NONE,
+    expected_delay,
+    first_acts,
+    mean_control,
+    none_sent,
+    timeline_of,
+    with_command,
+)
+from ortilo_drake.onboard.servo.augmented_gain import delayed_gain, split_delay
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair
+from ortilo_drake.onboard.servo.lq_servo import servo_control
+from ortilo_drake.scenario import Scenario
+
+Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # xbar (15), force (3), u_{k-1} ... (D, 4) -> u_k (4)
+EARLY = 10  # ticks after the start that the present one is
+
+
+def known_timeline(us: np.ndarray, now: int, scenario: Scenario, delay: float) -> tuple[np.ndarray, float]:
+    """Return the timeline at a tick, and tau [s], of commands that act after a constant delay.
+
+    Args:
+        us: those of the ticks now - 1, now - 2, ... (D, 4).
+        now: tick.
+        scenario: which says what is reported, and what tau is taken for.
+        delay: the true one [ticks].
+    """
+    h, commands = scenario.h, scenario.commands
+    given = NONE if commands.delay is None else commands.delay
+    sent, acts = none_sent(len(us)), first_acts(len(us) + 1, scenario.vehicle.hover_thrust)
+    for j, u in enumerate(us):  # the newest last
+        sent[-1 - j] = [(now - 1 - j) * h, *u]
+    if not commands.are_reported:
+        tau = expected_delay(acts, given)
+        return timeline_of(acts, NONE, sent, tau, SLACK * h), tau
+    acted = _acts(sent, scenario, delay, before=now * h)
+    acts[len(acts) - len(acted) :] = acted
+    tau = given if given >= 0.0 else delay * h
+    return timeline_of(acts, now * h, sent, tau, SLACK * h), tau
+
+
+def _acts(sent: np.ndarray, scenario: Scenario, delay: float, before: float) -> np.ndarray:
+    """Return the acts, before a time [s], of commands that were sent (n, 6)."""
+    late = delay * scenario.h
+    rows = [[row[0] + late, *row] for row in sent if row[0] + late < before - 1e-9 * scenario.h]
+    return np.array(rows).reshape(-1, ACT_SIZE)
+
+
+def reckoned_wrongly(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
+    """Return the control by which the last tick's prediction went, less what acted in it (4).
+
+    Of the ticks before the filter knows by now what acted; of the last it learns in this one, and puts it right for the
+    next estimate.
+
+    Args:
+        us: u_{k-1}, u_{k-2}, ... (D, 4).
+        scenario: whose commands.filter is 'acted'.
+        delay: the true one [ticks].
+    """
+    h, last = scenario.h, EARLY + len(us) - 1
+    rows, tau = known_timeline(us[1:], last, scenario, delay)
+    reckoned = mean_control(with_command(rows, last * h + tau, us[0]), last * h, (last + 1) * h)
+    sent = np.column_stack([(last - np.arange(len(us))) * h, us])[::-1]
+    truth = _acts(sent, scenario, delay, before=(last + 1) * h)
+    hovering = first_acts(1, scenario.vehicle.hover_thrust)
+    acted = np.delete(np.vstack([hovering, truth]), 1, axis=1)
+    return np.asarray(reckoned - mean_control(acted, last * h, (last + 1) * h))
+
+
+def flown_law(scenario: Scenario, delay: float) -> Law:
+    """Return u_k of the scenario's servo where every command acts after so many ticks."""
+    vehicle, h, weights, kind = scenario.vehicle, scenario.h, scenario.servo.weights, scenario.commands.servo
+    nothing, tail = np.zeros(REFERENCE_SIZE), (vehicle.mass, 0.0, True)
+    A, B, B_d = hover_A(), hover_B(vehicle), hover_B_d(vehicle)
+    Gammabar = augmented_pair(vehicle, h)[1]
+    L = delayed_gain(vehicle, weights, h, scenario.commands.delay or 0.0 if kind == "augmented" else 0.0)
+    L_x, L_u = np.ascontiguousarray(L[:, :N_XBAR]), L[:, N_XBAR:]
+
+    def law(xbar: np.ndarray, force: np.ndarray, us: np.ndarray) -> np.ndarray:
+        if scenario.commands.filter == "acted":
+            xbar = xbar + Gammabar @ reckoned_wrongly(us, scenario, delay)
+        if kind == "predicted":
+            rows, tau = known_timeline(us, EARLY + len(us), scenario, delay)
+            b = B_d[:, :3] @ force - B[:, 0] * vehicle.hover_thrust
+            xbar = state_ahead(xbar, nothing, rows, (EARLY + len(us)) * h, tau, h, A, B, b)
+        resting = servo_control(np.zeros(N_XBAR), nothing, np.zeros_like(L_x), *tail, force)
+        on_the_way = us[: L_u.shape[1] // N_U] - resting
+        return np.asarray(servo_control(xbar, nothing, L_x, *tail, force) - L_u @ on_the_way.ravel())
+
+    return law
+
+
+def late_gains(scenario: Scenario, delay: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the servo's gains on [x; i] (4 x 15), on the force (4 x 3) and on its commands (D, 4, 4), at yaw 0.
+
+    Args:
+        scenario: the scenario.
+        delay: the true one [ticks]; read where the onboard half hears what acted.
+    """
+    believed = delay if scenario.commands.delay is None else scenario.commands.delay / scenario.h
+    D = max(split_delay(believed, 1.0)[0], split_delay(delay, 1.0)[0]) + 2
+    law = flown_law(scenario, delay)
+    hover = np.tile([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0], (D, 1))
+    none, calm = np.zeros(N_XBAR), np.zeros(N_I)
+    rest = law(none, calm, hover)
+    L = np.column_stack([rest - law(e, calm, hover) for e in np.eye(N_XBAR)])
+    L_d = np.column_stack([rest - law(none, e, hover) for e in np.eye(N_I)])
+    units = np.eye(D * N_U).reshape(-1, D, N_U)
+    columns = np.column_stack([rest - law(none, calm, hover + e) for e in units])
+    return L, L_d, columns.reshape(N_U, D, N_U).transpose(1, 0, 2)

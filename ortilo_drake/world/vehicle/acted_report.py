@@ -1,0 +1,89 @@
+"""The world's report of the commands that acted: which and from when.
+
+A message holds the newest ACTS of them, so that what a lost message told stands in the next.
+"""
+
+import numpy as np
+from numba import njit
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
+from ortilo_drake.model.vehicle import Vehicle
+
+NO_COMMAND = -1.0  # the stamp of what acts without a command
+_SINCE, _STAMP, _U = 0, 1, 2
+
+
+@njit(cache=True)
+def acts_after(acts: np.ndarray, t: float, stamp: float, u: np.ndarray, h: float) -> np.ndarray:
+    """Return the newest commands that acted (ACTS, 6), newest first, once u acts at time t.
+
+    Args:
+        acts: those before, rows (since, stamp, u).
+        t: time [s].
+        stamp: time of the tick that sent the command u [s], NO_COMMAND if none did. A held command is that command
+            still. A control that no command gave, such as the failsafe's, is told once a tick at most.
+        u: what acts (4).
+        h: tick [s].
+    """
+    newest = acts[0]
+    if stamp >= 0.0:
+        is_new = stamp != newest[_STAMP]
+    else:
+        is_new = np.any(u != newest[_U:]) and (newest[_STAMP] >= 0.0 or t - newest[_SINCE] >= h * (1.0 - 1e-6))
+    if not is_new:
+        return acts.copy()
+    after = np.empty_like(acts)
+    after[1:] = acts[:-1]
+    after[0, _SINCE], after[0, _STAMP] = t, stamp
+    after[0, _U:] = u
+    return after
+
+
+class ActedReport(LeafSystem):
+    """Tells which commands acted, and from when.
+
+    Ports:
+        control (4): what acts from now on.
+        stamp (1): when the command was sent that begins to act now [s], NO_COMMAND if none does; only where it is not
+            that of this very tick.
+        mode (1): index in failsafe.MODES; only where there is a failsafe. What it flies is no command.
+        acted (50, output): [arrived, stamp, ACTS rows of (since, stamp, u)], what acted before now.
+
+    State (discrete, updated every period): those rows.
+
+    Args:
+        vehicle: whose hover thrust acts before the first command.
+        h: tick [s].
+        period: how often a command may begin to act [s].
+        is_late: whether the stamp comes by a port.
+        has_failsafe: whether the mode does.
+    """
+
+    def __init__(self, vehicle: Vehicle, h: float, period: float, is_late: bool, has_failsafe: bool):
+        super().__init__()
+        self.set_name("acted_report")
+        self._h = h
+        self._control = self.DeclareVectorInputPort("control", N_U)
+        self._stamp = self.DeclareVectorInputPort("stamp", 1) if is_late else None
+        self._mode = self.DeclareVectorInputPort("mode", 1) if has_failsafe else None
+        self._rows = self.DeclareDiscreteState(np.tile([-1.0, NO_COMMAND, vehicle.hover_thrust, 0.0, 0.0, 0.0], ACTS))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        needs = {self.time_ticket(), self.xd_ticket()}
+        self.DeclareVectorOutputPort("acted", ACTED_SIZE, self._calc_acted, prerequisites_of_calc=needs)
+
+    def _stamp_in(self, context: Context) -> float:
+        if self._mode is not None and self._mode.Eval(context)[0] != 0.0:
+            return NO_COMMAND
+        return float(context.get_time() if self._stamp is None else self._stamp.Eval(context)[0])
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        acts = context.get_discrete_state(self._rows).value().reshape(ACTS, ACT_SIZE)
+        after = acts_after(acts, context.get_time(), self._stamp_in(context), self._control.Eval(context), self._h)
+        values.set_value(self._rows, after.ravel())
+
+    def _calc_acted(self, context: Context, output: BasicVector) -> None:
+        message = np.empty(ACTED_SIZE)
+        message[ARRIVED], message[STAMP] = 1.0, context.get_time()
+        message[PAYLOAD:] = context.get_discrete_state(self._rows).value()
+        output.set_value(message)

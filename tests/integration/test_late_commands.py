@@ -1,0 +1,67 @@
+"""Flights behind late commands with an onboard half that reckons with them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.hil.relay.faults import Faults
+from ortilo_drake.hil.relay.virtual_time import fly_in_virtual_time
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.replay import replay_log
+from ortilo_drake.scenario import Scenario, load_scenario
+
+SHORT = ("camera.kind=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
+AWARE = "commands={filter: acted, servo: predicted}"
+BAD = Faults(loss=0.2, delay=0.04, spread=0.02)
+
+
+def scenario_of(*settings: str) -> Scenario:
+    return load_scenario("nominal_imu_uwb_yolo", (*SHORT, "uwb.link.blackouts=[]", "estimator.delay=replay", *settings))
+
+
+def loss_in(flight: xr.Dataset) -> Any:
+    return json.loads(flight.attrs["lost"])
+
+
+def test_where_nothing_is_late_it_is_the_flight_without() -> None:
+    plain, aware = fly(scenario_of()), fly(scenario_of(AWARE))
+    for name in ("truth", "estimate", "control"):
+        np.testing.assert_allclose(aware[name], plain[name], rtol=0.0, atol=1e-7)  # a mean over a tick rounds
+
+
+@pytest.mark.parametrize(
+    "servo", ["predicted", "predicted, delay: 0.13333333333333333", "augmented, delay: 0.13333333333333333"]
+)
+def test_four_ticks_late_it_flies_where_the_other_is_lost(servo: str) -> None:
+    late = "command_link.delay=4"
+    assert loss_in(fly(scenario_of(late))) is not None
+    aware = fly(scenario_of(late, f"commands={{filter: acted, servo: {servo}}}"))
+    assert loss_in(aware) is None
+    error = aware["truth"].values[:, :3] - aware["reference"].values[:, :3]
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.08
+
+
+def test_the_halves_fly_it_bit_for_bit() -> None:
+    scenario = scenario_of(AWARE, "command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}")
+    flight, halves = fly(scenario), fly_lockstep(scenario, in_this_process(scenario))
+    for name in flight.data_vars:
+        np.testing.assert_array_equal(flight[name], halves[name], err_msg=str(name))
+
+
+def test_a_seed_flies_the_same_bits_behind_a_relay() -> None:
+    scenario = scenario_of(AWARE)
+    one, two = (fly_in_virtual_time(scenario, BAD, BAD, 3) for _ in range(2))
+    xr.testing.assert_identical(one, two)
+    assert loss_in(one) is None
+
+
+def test_its_log_is_replayed_bit_for_bit(tmp_path: Path) -> None:
+    scenario = scenario_of(AWARE, "command_link={delay: 2, loss: 0.2}")
+    fly_logged(scenario, tmp_path / "log")
+    assert replay_log(tmp_path / "log").identical
