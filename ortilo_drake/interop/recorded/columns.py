@@ -39,7 +39,7 @@ def read_stream(
     from ortilo_drake.interop.recorded.csv_columns import read_csv
 
     path = folder / source.file if folder.is_dir() else folder.parent / source.file
-    rejected = Rejections(named(path, what))
+    rejected = Rejections(named(path, what if topic is None else f"{what}, {topic}"))
     if topic is None:
         t, values = read_csv(path, source, columns, rejected)
     else:

@@ -6,6 +6,7 @@ Names of files are relative to the folder that the command is given, so one map 
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import yaml
 from pydantic import Field, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive, load_yaml
@@ -153,27 +154,27 @@ class FilterSettings(Frozen):
     """The noise that the filter counts on; one set for every motion, see `ortilo replay --fit`."""
 
     acceleration: Positive = Field(default=0.1, description="White noise of the specific force [m/s²/√Hz].")
-    rotation: Positive = Field(default=0.01, description="White noise of the body rates [rad/s/√Hz].")
+    rotation: Positive = Field(default=0.001, description="White noise of the body rates [rad/s/√Hz].")
     acceleration_bias: Positive = Field(default=0.02, description="Random walk [m/s²/√s].")
     rotation_bias: Positive = Field(default=0.0005, description="Random walk [rad/s/√s].")
-    range_white: Positive = Field(default=0.04, description="Standard deviation of a range's white error [m].")
-    range_correlated: Positive = Field(default=0.03, description="Of the error that lasts, first-order Gauss-Markov [m].")
-    correlation_time: Positive = Field(default=1.0, description="How long it lasts [s].")
+    range_white: Positive = Field(default=0.03, description="Standard deviation of a range's white error [m].")
+    range_correlated: Positive = Field(default=0.05, description="Of the error that lasts, first-order Gauss-Markov [m].")
+    correlation_time: Positive = Field(default=0.7, description="How long it lasts [s].")
     bias_walk: Positive = Field(default=0.001, description="Random walk of an anchor's bias [m/√s].")
     bias_start: Positive = Field(default=0.2, description="Standard deviation of a bias that was not calibrated [m].")
     gate: Positive = Field(default=4.0, description="Ranges farther from the prediction, in standard deviations, are out.")
-    hovering_acceleration: Positive = Field(
-        default=0.55, description="White acceleration of the constant-velocity filter, which has no IMU [m/s²/√Hz]."
+    baseline_acceleration: Positive = Field(
+        default=1.0, description="White acceleration of the constant-velocity filter, which has no IMU [m/s²/√Hz]."
     )
-    baseline_range: Positive = Field(default=0.1, description="Its ranges' standard deviation [m].")
-    baseline_gate: Positive = Field(default=3.0, description="Its gate, in standard deviations.")
+    baseline_range: Positive = Field(default=0.06, description="Its ranges' standard deviation [m].")
+    baseline_gate: Positive = Field(default=4.0, description="Its gate, in standard deviations.")
 
 
 class Gaps(Frozen):
     """Blackouts of all ranges, evenly repeated."""
 
     last: Positive = Field(default=2.0, description="[s].")
-    every: Positive = Field(default=10.0, description="From one's start to the next's [s].")
+    every: Positive = Field(default=6.0, description="From one's start to the next's [s].")
 
     @model_validator(mode="after")
     def _there_are_ranges_between(self) -> Self:
@@ -222,3 +223,8 @@ def load_map(path: Path) -> Map:
     """Read MAP.yaml; InputError if anything is wrong."""
     return load_yaml(Map, path)
 
+
+
+def map_text(map_: Map) -> str:
+    """Return a map as YAML, without what is as by default."""
+    return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)

@@ -210,6 +210,9 @@ def read_recording(path: Path, map_: Map) -> Recording:
         raise InputError(f"{path}: the imu's stamps do not overlap the ranges': {line}")
     anchors = map_.anchors.find if isinstance(map_.anchors, Find) else np.array(map_.anchors)
     lines = [line for part in told for line in part.lines()]
-    counts = {f"{part.source}: {reason}": n for part in told for reason, n in part.counts.items()}
+    counts: dict[str, int] = {}
+    for part in told:
+        for reason, n in part.counts.items():
+            counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
     name = path.name if path.is_dir() else path.parent.name
     return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts)

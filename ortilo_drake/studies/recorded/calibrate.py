@@ -29,7 +29,8 @@ class Calibration(NamedTuple):
     """What relates truth and sensors.
 
     offset: truth's clock less the sensors' [s], each from its own first stamp; told_by: `rates`, `ranges` or `map`;
-    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's;
+    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's, None if
+    the body rates do not tell it;
     lever (3): to the antenna, IMU's body axes; biases (n); anchors (n, 3); end: the last stamp of the first part by the
     truth's clock [s]; left: RMS of the ranges' errors that are left, the largest 1 % aside [m].
     """
@@ -38,7 +39,7 @@ class Calibration(NamedTuple):
     told_by: str
     F: np.ndarray
     shift: np.ndarray
-    mount: np.ndarray
+    mount: np.ndarray | None
     lever: np.ndarray
     biases: np.ndarray
     anchors: np.ndarray
@@ -138,7 +139,9 @@ def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
     return min(fits, key=lambda found: found.cost).x
 
 
-def calibrate(recording: Recording, settings: Estimated, lever: bool = True) -> Calibration:
+def calibrate(
+    recording: Recording, settings: Estimated, lever: bool = True, near: float | None = None
+) -> Calibration:
     """Return the calibration of the first part.
 
     Args:
@@ -146,6 +149,7 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True) -> 
         settings: what to estimate.
         lever: whether to look for the antenna's lever and to let the body rates tell the clock; not for a filter
             without IMU.
+        near: where to start the search for the clock's offset, if that is roughly known [s].
 
     Raises:
         InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
@@ -191,7 +195,9 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True) -> 
         x = np.concatenate([[offset, 0.0, 0.0, yaw], shift, start_lever, np.zeros(n), found])
         return x, chosen
 
-    offsets = np.arange(-settings.search, settings.search + COARSE, COARSE) if fit.offset else np.array([offset])
+    offsets = np.array([offset])
+    if fit.offset:
+        offsets = np.arange(-settings.search, settings.search + COARSE, COARSE) if near is None else np.array([near])
     yaws = (0.0,) if kind == "same" else (0.0, np.pi / 2, np.pi, -np.pi / 2)
     best: tuple[float, np.ndarray] | None = None
     held = fit._replace(offset=False, lever=False)
@@ -213,4 +219,5 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True) -> 
     anchors = found if find else np.asarray(recording.anchors)
     kept = np.sort(np.abs(errors))[: max(1, int(0.99 * len(errors)))]
     left = float(np.sqrt(np.mean(kept**2)))
-    return Calibration(offset, told_by, F, shift, mount, mount.T @ lever_T, biases, anchors, end, left)
+    told_mount = None if rates is None else mount
+    return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, end, left)

@@ -13,7 +13,7 @@ from ortilo_drake.interop.recorded.recording import Imu, Truth
 
 COARSE, FINE = 0.02, 0.001  # steps of the search [s]
 LONGEST = 3.0  # an interval of the truth longer than this many medians has no one turn
-TELLS = 0.5  # the body rates tell the clock if the best offset leaves less of the turns' mean square than this
+TELLS = 0.1  # the body rates tell the clock if they leave less of the turns' mean square; transposed matrices leave 0.2
 
 
 class ByRates(NamedTuple):

@@ -43,7 +43,7 @@ def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     if imu:
         white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
         return Noise(*white, s.correlation_time, s.bias_walk, s.gate)
-    return Noise(s.hovering_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate)
+    return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate)
 
 
 def first_position(ranges: Ranges, known: Known) -> np.ndarray:

@@ -18,10 +18,9 @@ from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, trut
 from ortilo_drake.studies.recorded.filtered import Known, estimate, innovation_score, noise_of
 from ortilo_drake.studies.recorded.replayed import known_of
 
-FITTED = ("acceleration", "rotation", "range_white", "range_correlated", "correlation_time")
+FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
 LIMITS = {  # beyond these a number is no such noise; it also keeps the search from degenerate corners
     "acceleration": (0.01, 10.0),
-    "rotation": (1e-4, 0.3),
     "range_white": (0.005, 1.0),
     "range_correlated": (0.002, 1.0),
     "correlation_time": (0.1, 30.0),
