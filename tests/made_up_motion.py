@@ -62,7 +62,9 @@ def made_up(duration=60.0, seed=1, noise=0.03, outliers=0.0):
 def write_tables(folder: Path, motion: Motion) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     names = ",".join(f"r{i}" for i in range(6))
-    np.savetxt(folder / "ranges.csv", np.column_stack([motion.t_r, motion.r]), "%.9g", ",", header=f"t,{names}", comments="")
+    np.savetxt(
+        folder / "ranges.csv", np.column_stack([motion.t_r, motion.r]), "%.9g", ",", header=f"t,{names}", comments=""
+    )
     header = "t,wx,wy,wz,fx,fy,fz"
     imu = np.column_stack([motion.t_imu, motion.imu])
     np.savetxt(folder / "imu.csv", imu, "%.9g", ",", header=header, comments="")

@@ -15,7 +15,7 @@ truth:
   time: Time
   position: [Position X, Position Y, Position Z]
   rotation: {{columns: [5, 6, 7, 8, 9, 10, 11, 12, 13], of: world}}
-filter: {{acceleration: 0.105, range_white: 0.0276, range_correlated: 0.0477, correlation_time: 0.699}}
+filter: {{acceleration: 0.0366, range_white: 0.0277, range_correlated: 0.0361, correlation_time: 0.368}}
 """
 TABLE_MAP = f"""
 ranges: {{file: uwb.csv, time: Local Time, unit: ms, values: [6, 7, 8, 9, 10, 11, 12, 13]}}

@@ -27,9 +27,9 @@ def replay(
     map_file: Annotated[
         Path | None, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
     ] = None,
-    out_folder: Annotated[
-        Path, typer.Option("--out", help="Folder of report and figures, with --map.")
-    ] = Path("out/recorded"),
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figures, with --map.")] = Path(
+        "out/recorded"
+    ),
     json_file: JsonOption = None,
 ) -> None:
     """Drive the onboard half from a log of ours, or with --map filter recorded ranges and IMU and judge by the truth.

@@ -107,8 +107,8 @@ def tune(
 ) -> None:
     """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
 
-    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is fitted
-    to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`.
+    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is
+    fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`.
     """
     if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out_file}: must end in .yaml")

@@ -132,7 +132,11 @@ def test_what_cannot_be_used_is_counted(folder, motion) -> None:
 BAD = {
     "no file": (lambda f: (f / "imu.csv").unlink(), TABLE_MAP, "imu.csv: cannot be read: No such file"),
     "missing header": (lambda f: rewrite(f / "imu.csv", lambda r: r.pop(0)), TABLE_MAP, "has no header, so column 't'"),
-    "unknown column": (lambda f: None, TABLE_MAP.replace("[wx,", "[wxx,"), "no column 'wxx', did you mean 'wx'?; has t, wx"),
+    "unknown column": (
+        lambda f: None,
+        TABLE_MAP.replace("[wx,", "[wxx,"),
+        "no column 'wxx', did you mean 'wx'?; has t, wx",
+    ),
     "empty": (lambda f: (f / "imu.csv").write_text(""), TABLE_MAP, "imu.csv: is empty"),
     "no numbers": (lambda f: (f / "imu.csv").write_text("t,wx,wy,wz,fx,fy,fz\n" + "a\n" * 9), TABLE_MAP, "0 of 9 rows"),
     "not text": (lambda f: (f / "imu.csv").write_bytes(b"\xff\xfe\x00"), TABLE_MAP, "not UTF-8"),

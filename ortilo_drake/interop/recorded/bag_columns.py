@@ -64,13 +64,15 @@ def read_bag(
     Messages that cannot be decoded, or have another number of values than the first, are counted and left out.
 
     Raises:
-        InputError: if the file is no bag or cut short, there is no such topic or field, or hardly a message can be read.
+        InputError: if the file is no bag or cut short, there is no such topic or field, or hardly a message can be
+        read.
     """
     if not exists(path):
         raise InputError(f"{path}: no such bag")
     if not path.is_dir():
         check_file(path)
-    stamps, rows = [], []
+    stamps: list[float] = []
+    rows: list[list[float]] = []
     k = 0
     try:
         for reader, type_name, received, raw in _raw(path, topic):
@@ -85,7 +87,9 @@ def read_bag(
             except LookupError as error:
                 if not rows:  # of the first message: a wrong map, not a wrong message
                     fields = ", ".join(name for name in vars(message) if not name.startswith("__"))
-                    raise InputError(f"{path}: {topic}: {type_name} has no field '{error.args[0]}'; has {fields}") from None
+                    raise InputError(
+                        f"{path}: {topic}: {type_name} has no field '{error.args[0]}'; has {fields}"
+                    ) from None
                 rejected.add("messages without a field asked for", f"message {k}")
                 continue
             except (TypeError, ValueError):

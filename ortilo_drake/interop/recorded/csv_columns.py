@@ -40,7 +40,9 @@ def _index(column: Column, names: list[str] | None, path: Path) -> int:
     return names.index(column)
 
 
-def read_csv(path: Path, source: Source, columns: tuple[Column, ...], rejected: Rejections) -> tuple[np.ndarray, np.ndarray]:
+def read_csv(
+    path: Path, source: Source, columns: tuple[Column, ...], rejected: Rejections
+) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps (n, the file's unit) and the columns (n, m), NaN in empty cells.
 
     Rows with fewer cells than asked for, or with a cell that is no number, are counted and left out.

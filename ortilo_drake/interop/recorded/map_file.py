@@ -77,7 +77,12 @@ class RangeSource(Source):
 class Quaternion(Frozen):
     """A quaternion of the body's attitude in the world, in the order in which the file has it."""
 
-    columns: tuple[Column, Column, Column, Column] = ("orientation.x", "orientation.y", "orientation.z", "orientation.w")
+    columns: tuple[Column, Column, Column, Column] = (
+        "orientation.x",
+        "orientation.y",
+        "orientation.z",
+        "orientation.w",
+    )
     order: Literal["xyzw", "wxyz"] = "xyzw"
     of: Literal["body", "world"] = Field(default="body", description="`world`: turns world's vectors into the body's.")
 
@@ -140,7 +145,8 @@ class Estimated(Frozen):
     )
     search: float = Field(default=5.0, gt=0.0, le=3600.0, description="Clock offsets tried, at most [s].")
     frame: Literal["yaw", "se3", "same"] = Field(
-        default="yaw", description="Between the truth's frame and the anchors': shift and heading, shift and turn, none."
+        default="yaw",
+        description="Between the truth's frame and the anchors': shift and heading, shift and turn, none.",
     )
     biases: Literal["calibrated", "online", "none"] = Field(
         default="calibrated", description="Of each anchor's ranges: from the truth, as states of the filter, or none."
@@ -158,11 +164,15 @@ class FilterSettings(Frozen):
     acceleration_bias: Positive = Field(default=0.02, description="Random walk [m/s²/√s].")
     rotation_bias: Positive = Field(default=0.0005, description="Random walk [rad/s/√s].")
     range_white: Positive = Field(default=0.03, description="Standard deviation of a range's white error [m].")
-    range_correlated: Positive = Field(default=0.05, description="Of the error that lasts, first-order Gauss-Markov [m].")
+    range_correlated: Positive = Field(
+        default=0.05, description="Of the error that lasts, first-order Gauss-Markov [m]."
+    )
     correlation_time: Positive = Field(default=0.7, description="How long it lasts [s].")
     bias_walk: Positive = Field(default=0.001, description="Random walk of an anchor's bias [m/√s].")
     bias_start: Positive = Field(default=0.2, description="Standard deviation of a bias that was not calibrated [m].")
-    gate: Positive = Field(default=4.0, description="Ranges farther from the prediction, in standard deviations, are out.")
+    gate: Positive = Field(
+        default=4.0, description="Ranges farther from the prediction, in standard deviations, are out."
+    )
     baseline_acceleration: Positive = Field(
         default=1.0, description="White acceleration of the constant-velocity filter, which has no IMU [m/s²/√Hz]."
     )
@@ -222,7 +232,6 @@ class Map(Frozen):
 def load_map(path: Path) -> Map:
     """Read MAP.yaml; InputError if anything is wrong."""
     return load_yaml(Map, path)
-
 
 
 def map_text(map_: Map) -> str:

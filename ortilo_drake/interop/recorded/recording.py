@@ -24,7 +24,7 @@ class Ranges(NamedTuple):
 
 
 class Imu(NamedTuple):
-    """Stamps [s] (n), body rates [rad/s] (n, 3), specific force [m/s²] (n, 3), attitude (n, 3, 3) if known; body FLU."""
+    """Stamps [s] (n), body rates [rad/s] and specific force [m/s²] (n, 3), attitude (n, 3, 3) if known; body FLU."""
 
     t: np.ndarray
     rates: np.ndarray

@@ -4,7 +4,8 @@ With the truth p_k, R_k at the ranges' stamps, F and s the turn and shift betwee
 
     Σ rho((|F (p_k + R_k l) + s - a_i| + c_i - r_ki) / 0.06 m) + |l|² / (0.1 m)² + Σ c_i² / (0.2 m)²,   rho = soft L1
 
-over F, s, c, l, the clock's offset unless the body rates or the map tell it, and the anchors a_i if they are to be found.
+over F, s, c, l, the clock's offset unless the body rates or the map tell it, and the anchors a_i if they are to be
+found.
 """
 
 from typing import NamedTuple
@@ -29,8 +30,8 @@ class Calibration(NamedTuple):
     """What relates truth and sensors.
 
     offset: truth's clock less the sensors' [s], each from its own first stamp; told_by: `rates`, `ranges` or `map`;
-    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's, None if
-    the body rates do not tell it;
+    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's, None
+    if the body rates do not tell it;
     lever (3): to the antenna, IMU's body axes; biases (n); anchors (n, 3); end: the last stamp of the first part by the
     truth's clock [s]; left: RMS of the ranges' errors that are left, the largest 1 % aside [m].
     """
@@ -139,9 +140,7 @@ def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
     return min(fits, key=lambda found: found.cost).x
 
 
-def calibrate(
-    recording: Recording, settings: Estimated, lever: bool = True, near: float | None = None
-) -> Calibration:
+def calibrate(recording: Recording, settings: Estimated, lever: bool = True, near: float | None = None) -> Calibration:
     """Return the calibration of the first part.
 
     Args:
@@ -189,7 +188,9 @@ def calibrate(
         if find:
             few = [np.flatnonzero(ranges.anchor[chosen] == i) for i in range(n)]
             if min(map(len, few)) < LEAST:
-                raise InputError(f"{recording.name}: an anchor to be found has fewer than {LEAST} ranges in the first part")
+                raise InputError(
+                    f"{recording.name}: an anchor to be found has fewer than {LEAST} ranges in the first part"
+                )
             few = [part[:: max(1, len(part) // 100)] for part in few]
             found = np.concatenate([_found_roughly(p[part], ranges.r[chosen[part]]) for part in few])
         x = np.concatenate([[offset, 0.0, 0.0, yaw], shift, start_lever, np.zeros(n), found])

@@ -1,7 +1,7 @@
 """The truth's clock less the sensors', where both saw the body turn: by the body rates.
 
-Over each interval of the truth its turn, as a rotation vector, is M times the integral of the body rates, with M the turn
-between the two bodies' axes; the offset is where the best M (Kabsch) leaves least.
+Over each interval of the truth its turn, as a rotation vector, is M times the integral of the body rates, with M the
+turn between the two bodies' axes; the offset is where the best M (Kabsch) leaves least.
 """
 
 from typing import NamedTuple

@@ -8,7 +8,18 @@ from scipy.optimize import least_squares
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Ranges
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.single_ranges import FIXED, IMU, QUERY, RANGE, Events, Noise, Run, Start, run_filter, turn
+from ortilo_drake.studies.recorded.single_ranges import (
+    FIXED,
+    IMU,
+    QUERY,
+    RANGE,
+    Events,
+    Noise,
+    Run,
+    Start,
+    run_filter,
+    turn,
+)
 from ortilo_drake.studies.recorded.smoother import smooth
 
 AT_REST = 1.0  # the first samples tell how the body is tilted [s]
@@ -18,7 +29,7 @@ FIRST_RANGES = 1.0  # the ranges that a first position goes by [s]
 
 
 class Known(NamedTuple):
-    """What the filter is told: anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None (found)."""
+    """What the filter is told: anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None."""
 
     anchors: np.ndarray
     biases: np.ndarray | None
@@ -78,7 +89,7 @@ def first_tilt(imu: Imu) -> np.ndarray:
 
 
 def tilt_disagreement(imu: Imu) -> float | None:
-    """Return the angle between the unit's own up and the specific force at the start [rad]; None if it has no attitude."""
+    """Return the angle between the unit's own up and the specific force at the start [rad]; None if it has none."""
     if imu.attitude is None:
         return None
     force = imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)
@@ -98,7 +109,9 @@ def _events(ranges: Ranges, imu: Imu | None, queries: np.ndarray, begin: float) 
     return Events(t[order], kind[order], index[order], r[order])
 
 
-def _start(ranges: Ranges, imu: Imu | None, known: Known, settings: FilterSettings, heading: float, sure: bool) -> Start:
+def _start(
+    ranges: Ranges, imu: Imu | None, known: Known, settings: FilterSettings, heading: float, sure: bool
+) -> Start:
     n = len(known.anchors)
     variances = np.zeros(FIXED + 2 * n)
     variances[:6] = [0.3**2] * 3 + [0.3**2] * 3

@@ -1,8 +1,10 @@
 """The filter's noise fitted to the first parts of recorded motions: one set for all of them.
 
-By innovations alone: the maximum of their likelihood, Σ -1/2 (log S + min(e²/S, gate²)), each range counted at most as if
-it lay on the gate. With truth: the maximum of the errors' likelihood, Σ -1/2 (log |P| + e' P^-1 e), at the truth's stamps.
-The logarithms of the numbers are searched by Nelder and Mead's simplex.
+By innovations alone: the maximum of their likelihood, Σ -1/2 (log S + min(e²/S, gate²)), each range counted at most as
+if it lay on the gate. With truth: the maximum of the errors' likelihood, Σ -1/2 (log |P| + e' P^-1 e), at the truth's
+stamps.
+The logarithms of the numbers are searched by Nelder and Mead's simplex, begun anew where it stopped until that gains
+nothing.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,6 +27,8 @@ LIMITS = {  # beyond these a number is no such noise; it also keeps the search f
     "range_correlated": (0.002, 1.0),
     "correlation_time": (0.1, 30.0),
 }
+STEP = 0.4  # of the simplex that each search begins with, in the numbers' logarithms
+GAINED = 1.0  # a search that raises the log-likelihood by less is the last
 SETTLED = 3.0  # the first seconds are left out: they judge the start, not the noise [s]
 By = Literal["innovations", "truth"]
 
@@ -84,7 +88,7 @@ def _score(part: _Part, settings: FilterSettings, by: By) -> float:
 
 
 def fit_noise(
-    recordings: Sequence[Recording], map_: Map, by: By, count: Callable[[int], None], most: int = 300
+    recordings: Sequence[Recording], map_: Map, by: By, count: Callable[[int], None], most: int = 800
 ) -> Fitted:
     """Return the noise that fits the first parts of all motions best.
 
@@ -121,10 +125,15 @@ def fit_noise(
 
     start = np.log([getattr(map_.filter, name) for name in FITTED])
     before = -cost(start)
-    simplex = np.vstack([start, start + 0.5 * np.eye(len(start))])
-    options = {"maxfev": most, "xatol": 0.02, "fatol": 0.5, "initial_simplex": simplex, "adaptive": True}
-    found = minimize(cost, start, method="Nelder-Mead", options=options)
-    rounded = {name: float(f"{v:.3g}") for name, v in zip(FITTED, np.exp(found.x), strict=True)}
+    x, best = start, -before
+    while computed < most:  # the gate makes the cost jump, on which one simplex may get stuck
+        simplex = np.vstack([x, x + STEP * np.eye(len(x))])
+        options = {"maxfev": most - computed, "xatol": 0.01, "fatol": 0.2, "initial_simplex": simplex, "adaptive": True}
+        found = minimize(cost, x, method="Nelder-Mead", options=options)
+        gain, x, best = best - float(found.fun), found.x, min(best, float(found.fun))
+        if gain < GAINED:
+            break
+    rounded = {name: float(f"{v:.3g}") for name, v in zip(FITTED, np.exp(x), strict=True)}
     settings = map_.filter.model_copy(update=rounded)
     names = tuple(recording.name for recording in recordings)
-    return Fitted(settings, before, -float(found.fun), computed, by, names)
+    return Fitted(settings, before, -best, computed, by, names)

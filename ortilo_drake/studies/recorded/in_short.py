@@ -18,9 +18,13 @@ def in_short(motions: Sequence[Replayed], share: float) -> list[str]:
         rows = found.rows
         main = next(name for name in (WITH_IMU, CV, *rows) if name in rows)
         if rows[main].rmse is None:
-            lines.append(f"{found.name}: no truth; NIS {rows[main].nis:.2f}, {rows[main].rejected:.2%} of the ranges rejected.")
+            lines.append(
+                f"{found.name}: no truth; NIS {rows[main].nis:.2f}, {rows[main].rejected:.2%} of the ranges rejected."
+            )
             continue
-        line = f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, calibrated on the first {share:.0%})"
+        line = (
+            f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, calibrated on the first {share:.0%})"
+        )
         if main != CV:
             line += f"; {_axes(found, CV)} m by the constant-velocity filter"
         lines.append(line + ".")

@@ -9,11 +9,24 @@ from ortilo_drake.studies.recorded.replayed import Replayed
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.views.markdown import table
 
-HEADER = ["", "x", "y", "z", "ATE", "ATE, aligned", "RPE in 1 s", "NEES", "NIS", "rejected", "available", "at gaps' ends"]
+HEADER = [
+    "",
+    "x",
+    "y",
+    "z",
+    "ATE",
+    "ATE, aligned",
+    "RPE in 1 s",
+    "NEES",
+    "NIS",
+    "rejected",
+    "available",
+    "at gaps' ends",
+]
 LEGEND = (
-    "RMS errors in m. ATE and RPE by evo: of the position, as it is, after the best SE(3), and over a second. NEES is 3 if "
-    "consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the filter's own "
-    "standard deviation is below the map's limit. At gaps' ends: RMS and largest position error."
+    "RMS errors in m. ATE and RPE by evo: of the position, as it is, after the best SE(3), and over a second. NEES is "
+    "3 if consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the "
+    "filter's own standard deviation is below the map's limit. At gaps' ends: RMS and largest position error."
 )
 
 
@@ -25,7 +38,16 @@ def _cells(name: str, s: Scores) -> list[str]:
     axes = ["-"] * 3 if s.rmse is None else [f"{axis:.4f}" for axis in s.rmse]
     ends = "-" if s.gap_end is None else f"{s.gap_end:.3f}, {s.gap_end_largest:.3f} of {s.gaps}"
     figures = [_cell(value, ".4f") for value in (s.ate, s.ate_aligned, s.rpe)]
-    return [name, *axes, *figures, _cell(s.nees, ".2f"), f"{s.nis:.2f}", f"{s.rejected:.2%}", f"{s.available:.1%}", ends]
+    return [
+        name,
+        *axes,
+        *figures,
+        _cell(s.nees, ".2f"),
+        f"{s.nis:.2f}",
+        f"{s.rejected:.2%}",
+        f"{s.available:.1%}",
+        ends,
+    ]
 
 
 def _calibrated(found: Replayed) -> list[str]:

@@ -16,7 +16,8 @@ class Scores:
 
     rmse: by axis [m]; ate, ate_aligned: RMSE of the absolute position error, as it is and after the best SE(3) [m];
     rpe: RMSE of the relative position error over 1 s [m]; nees: mean of e' P^-1 e (3 if consistent); nis: mean over the
-    ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps at
+    ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps
+    at
     which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends [m].
     """
 

@@ -1,6 +1,7 @@
 """An error-state Kalman filter on single ranges and IMU samples, each at its own stamp.
 
-Nominal state: position p and velocity v of the point that is estimated [m, m/s], attitude R (body to world), biases of gyro
+Nominal state: position p and velocity v of the point that is estimated [m, m/s], attitude R (body to world), biases of
+gyro
 b_g [rad/s] and accelerometer b_a [m/s²]; for each anchor a bias c_i [m] that wanders slowly and an error g_i [m] that
 lasts for tau (first-order Gauss-Markov). Error state, in this order (15 + 2 n):
 
@@ -12,12 +13,14 @@ Between stamps, with the latest sample (w, f) of the IMU and gravity along -z:
 
 A range to anchor a_i, with the antenna at the lever l from p in body axes:
 
-    r = |p + R l - a_i| + c_i + g_i + white,   H = [u, 0, (R l) x u, 0, 0, e_i, e_i],   u = (p + R l - a_i) / |p + R l - a_i|
+    r = |p + R l - a_i| + c_i + g_i + white,   H = [u, 0, (R l) x u, 0, 0, e_i, e_i],   u = (p + R l - a_i) / |p + R l -
+    a_i|
 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation. Without an IMU, no
 samples and no variance of R, b_g and b_a, this is the constant-velocity filter, driven by white acceleration.
 
-Source: J. Solà, Quaternion kinematics for the error-state Kalman filter, arXiv 1711.02508, chapters 5 to 7 (global error).
+Source: J. Solà, Quaternion kinematics for the error-state Kalman filter, arXiv 1711.02508, chapters 5 to 7, with the
+attitude's error in the world's axes.
 """
 
 from typing import NamedTuple
@@ -35,7 +38,7 @@ class Events(NamedTuple):
 
     t: np.ndarray
     kind: np.ndarray
-    index: np.ndarray
+    which: np.ndarray
     r: np.ndarray
 
 
@@ -226,7 +229,7 @@ def run_filter(
             R = turn(spin) @ R
             g = g * np.exp(-h / noise.correlation_time)
         if events.kind[k] == IMU:
-            sample = samples[events.index[k]]
+            sample = samples[events.which[k]]
             w, f = sample[:3].copy(), sample[3:].copy()
             continue
         if epoch < 0 or t > t_out[epoch]:
@@ -237,7 +240,7 @@ def run_filter(
                 R_before[epoch], P_before[epoch], Phis[epoch] = R, P, since
                 since = np.eye(N)
         if events.kind[k] == RANGE:
-            i = events.index[k]
+            i = events.which[k]
             distance, H = range_row(p, R, lever, anchors[i], i, n)
             e = events.r[k] - distance - c[i] - g[i]
             PH = P @ H
@@ -257,6 +260,4 @@ def run_filter(
         R_out[epoch], P_out[epoch] = R, P[:3, :3]
         if whole:
             P_after[epoch] = P
-    return Run(
-        t_out, x_out, R_out, P_out, innovation, variance, taken, x_before, R_before, P_before, P_after, Phis
-    )
+    return Run(t_out, x_out, R_out, P_out, innovation, variance, taken, x_before, R_before, P_before, P_after, Phis)

@@ -2,7 +2,9 @@
 
     C_k = P_k Phi_k+1' (P_k+1|k)^-1,   dx_k = C_k dx_k+1,   P_k|N = P_k + C_k (P_k+1|N - P_k+1|k) C_k'
 
-with dx_k+1 the smoothed state less its prediction, as an error state. Source: Rauch, Tung and Striebel, AIAA Journal 3, 1965.
+with dx_k+1 the smoothed state less its prediction, as an error state.
+
+Source: Rauch, Tung and Striebel, AIAA Journal 3, 1965.
 """
 
 import numpy as np

@@ -145,7 +145,9 @@ def test_wrong_order_and_inverse_attitude_are_told(recording) -> None:
     found, _ = replay(inverse, as_map(TABLE_MAP), lambda _: None)
     assert any("its inverse does: set `of`" in note for note in found.notes)
     attitude = np.tile(Rotation.from_rotvec([0.4, 0, 0]).as_matrix(), (len(recording.imu.t), 1, 1))
-    found, _ = replay(recording._replace(imu=recording.imu._replace(attitude=attitude)), as_map(TABLE_MAP), lambda _: None)
+    found, _ = replay(
+        recording._replace(imu=recording.imu._replace(attitude=attitude)), as_map(TABLE_MAP), lambda _: None
+    )
     assert any("disagree on up" in note for note in found.notes)
 
 
