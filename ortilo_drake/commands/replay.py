@@ -67,6 +67,9 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     if map_.truth is not None:
         check_installed("evo", "recorded")
     recordings = [read_recording(path, map_) for path in paths]  # refuses what is wrong before anything runs
+    names = [recording.name for recording in recordings]
+    if len(set(names)) < len(names):
+        raise InputError(f"{', '.join(names)}: two folders of one name would write one figure; rename one")
     say_if_compiling()
     motions, figures = [], []
     with progress_bar() as progress:

@@ -63,6 +63,7 @@ def test_tune_writes_a_map_that_replays(capsys: pytest.CaptureFixture[str], plac
     ("words", "line"),
     [
         (("replay", "WALK", "WALK"), "2 logs given: one is replayed at a time; recordings of others need --map"),
+        (("replay", "WALK", "WALK", "--map", "MAP"), "two folders of one name"),
         (("replay", "WALK/no", "--map", "MAP"), "no such file or folder"),
         (("replay", "WALK", "--map", "WALK/none.yaml"), "cannot be read: No such file"),
         (("replay", "WALK", "--map", "WALK/imu.csv"), "imu.csv"),

@@ -23,7 +23,9 @@ from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
 COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
 FEW = 400  # ranges that a start goes by
+MANY = 40_000  # that a fit goes by at most
 LEAST = 50  # ranges in the first part
+GAP = 5.0  # an interval of the truth longer than this many medians is a gap
 
 
 class Calibration(NamedTuple):
@@ -74,7 +76,19 @@ def truth_path(truth: Truth) -> TruthPath:
 
 def _first_part(ranges: Ranges, offset: float, path: TruthPath, end: float) -> np.ndarray:
     then = ranges.t + offset
-    return np.flatnonzero((then >= path.first) & (then <= end))
+    stamps = path.p.x
+    steps = np.diff(stamps)
+    around = steps[np.clip(np.searchsorted(stamps, then) - 1, 0, len(steps) - 1)]
+    seen = around <= GAP * np.median(steps)  # between stamps farther apart the truth is a guess
+    return np.flatnonzero((then >= path.first) & (then <= end) & seen)
+
+
+def _some(chosen: np.ndarray, most: int) -> np.ndarray:
+    """Return at most so many of them, drawn: every k-th would be of some anchors only."""
+    if len(chosen) <= most:
+        return chosen
+    drawn = np.random.Generator(np.random.Philox(0)).choice(chosen, most, replace=False)
+    return np.asarray(np.sort(drawn))
 
 
 class _Fit(NamedTuple):
@@ -206,7 +220,7 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
         for yaw in yaws:
             x, chosen = start(float(tried), yaw)
             if len(x):
-                few = chosen[:: max(1, len(chosen) // FEW)]
+                few = _some(chosen, FEW)
                 x, cost, _ = _solve(x, held, ranges, few, path, np.asarray(recording.anchors))
                 cost /= len(few)
                 if best is None or cost < best[0]:
@@ -214,7 +228,7 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
     if best is None:
         raise InputError(f"{recording.name}: fewer than {LEAST} ranges in the first {settings.share:.0%} of the truth")
     x = best[1]
-    chosen = _first_part(ranges, x[0], path, end)
+    chosen = _some(_first_part(ranges, x[0], path, end), MANY)
     x, _, errors = _solve(x, fit, ranges, chosen, path, np.asarray(recording.anchors))
     offset, F, shift, biases, lever_T, found = fit.parts(x)
     anchors = found if find else np.asarray(recording.anchors)

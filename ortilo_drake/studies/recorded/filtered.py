@@ -96,6 +96,13 @@ def tilt_disagreement(imu: Imu) -> float | None:
     return float(np.arccos(np.clip(first_tilt(imu)[2] @ force / np.linalg.norm(force), -1.0, 1.0)))
 
 
+def _since(imu: Imu, begin: float) -> Imu:
+    """Return the samples from the first range on; the one before it is still held then."""
+    held = max(0, int(np.searchsorted(imu.t, begin, side="right")) - 1)
+    attitude = None if imu.attitude is None else imu.attitude[held:]
+    return Imu(np.maximum(imu.t[held:], begin), imu.rates[held:], imu.force[held:], attitude)
+
+
 def _events(ranges: Ranges, imu: Imu | None, queries: np.ndarray, begin: float) -> Events:
     parts = [(ranges.t, RANGE, ranges.anchor, ranges.r), (queries, QUERY, np.zeros(len(queries), int), 0.0 * queries)]
     if imu is not None:
@@ -157,10 +164,8 @@ def estimate(
     noise = noise_of(settings, imu is not None) if noise is None else noise
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
+    imu = None if imu is None else _since(imu, begin)
     samples = np.zeros((0, 6)) if imu is None else np.column_stack([imu.rates, imu.force])
-    if imu is not None:  # the sample before the first range is still held
-        held = max(0, int(np.searchsorted(imu.t, begin, side="right")) - 1)
-        imu = imu._replace(t=np.concatenate([imu.t[:held], [max(imu.t[held], begin)], imu.t[held + 1 :]]))
 
     def run(heading: float, sure: bool, until: float, whole: bool) -> Run:
         events = _events(ranges, imu, queries, begin)

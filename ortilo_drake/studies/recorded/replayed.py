@@ -7,13 +7,17 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, truth_path
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, tilt_disagreement
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.scores import Scores, score
+from ortilo_drake.studies.recorded.single_ranges import FIXED
 
 QUERY_RATE = 10.0  # of the estimates where there is no truth [Hz]
+SHORTEST = 3.0  # a recording is judged on no less [s]
+LARGEST = 2e9  # of the covariances that a smoother goes back through [bytes]
 TILTED = np.radians(5.0)  # the unit's attitude and its specific force should agree better than this at rest
 CV, CV_SMOOTH, CV_RAW = "constant velocity", "constant velocity, smoothed", "constant velocity, not calibrated"
 WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibrated (biases online)"
@@ -49,7 +53,7 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
     heading = None
     truth, imu = recording.truth, recording.imu
     if imu is not None and truth is not None and truth.R is not None and calibration.mount is not None:
-        at = np.array([imu.t[0] + calibration.offset])
+        at = np.array([max(imu.t[0], recording.ranges.t[0]) + calibration.offset])
         R = calibration.F @ truth_path(truth).at(np.clip(at, 0.0, None))[1][0] @ calibration.mount  # type: ignore[index]
         heading = float(np.arctan2(R[1, 0], R[0, 0]))
     biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
@@ -100,6 +104,14 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         t = t[(t >= ranges.t[0]) & (t <= ranges.t[-1])]
         first = calibration.end - calibration.offset
 
+    if (t > first).sum() < 2 or t[-1] - max(first, t[0]) < SHORTEST:
+        raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge")
+    count = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
+    states = FIXED + 2 * count
+    smooths = 24 * (len(np.unique(ranges.t)) + len(t)) * states**2 < LARGEST
+    if not smooths:
+        notes.append(f"too long to smooth: the covariances would take more than {LARGEST / 1e9:g} GB")
+
     def true_at(t: np.ndarray, by: Calibration | None) -> np.ndarray | None:
         if truth is None or by is None:
             return None
@@ -118,14 +130,16 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     if own is not None:
         plain = Known(own.anchors, own.biases, np.zeros(3), None)
         row(CV, plain, own, False)
-        row(CV_SMOOTH, plain, own, False, smoothed=True)
+        if smooths:
+            row(CV_SMOOTH, plain, own, False, smoothed=True)
     row(CV_RAW, raw, own, False)
     if calibration is not None:
         known = known_of(calibration, recording, map_)
         main = WITH_IMU if imu is not None else CV
         if imu is not None:
             row(WITH_IMU, known, calibration, True)
-            row(SMOOTH, known, calibration, True, smoothed=True)
+            if smooths:
+                row(SMOOTH, known, calibration, True, smoothed=True)
     else:
         known, main = raw, (RAW if imu is not None else CV_RAW)
     if imu is not None:

@@ -170,6 +170,30 @@ def test_too_few_ranges_give_one_clear_line(recording) -> None:
         estimate(pair, None, Known(ANCHORS, None, np.zeros(3), None), FilterSettings(), np.zeros(1))
 
 
+def test_an_imu_that_was_on_long_before_starts_the_filter_where_the_ranges_do(recording) -> None:
+    late = recording.ranges.t > 12.3
+    ranges = Ranges(*(part[late] for part in recording.ranges))
+    found, _ = replay(recording._replace(ranges=ranges), as_map(TABLE_MAP), lambda _: None)
+    assert max(found.rows[WITH_IMU].rmse) < 0.06
+
+
+def test_a_truth_with_a_gap_calibrates_by_the_rest(recording) -> None:
+    t = recording.truth.t
+    kept = (t < 6.0) | (t > 11.0)
+    gappy = recording._replace(
+        truth=recording.truth._replace(t=t[kept], p=recording.truth.p[kept], R=recording.truth.R[kept])
+    )
+    found = calibrate(gappy, as_map(TABLE_MAP).calibration)
+    assert offset_found(recording, found) == pytest.approx(OFFSET, abs=0.005)
+    assert found.left == pytest.approx(0.03, rel=0.15)
+
+
+def test_nothing_left_to_judge_is_said(recording) -> None:
+    settings = as_map(TABLE_MAP + "calibration: {share: 0.99}\n")
+    with pytest.raises(InputError, match="less than 3 s of the recording is left to judge"):
+        replay(recording, settings, lambda _: None)
+
+
 def test_losses_are_as_asked_for_and_repeat(recording) -> None:
     ranges = recording.ranges
     some = lose_some(ranges, 0.5, seed=3)
