@@ -8,9 +8,11 @@ import io
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 from command_line import run
+from made_up_motion import TABLE_MAP, made_up, write_tables
 
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
@@ -60,6 +62,14 @@ def step_by_name() -> None:
     filter_gain(P, delta, V2, model.Phi, model.integrator, layout)
 
 
+def filter_recording() -> None:
+    """Filter and smooth a recorded motion."""
+    with tempfile.TemporaryDirectory() as folder:
+        walk = write_tables(Path(folder) / "walk", made_up(duration=20.0))
+        (walk / "MAP.yaml").write_text(TABLE_MAP)
+        assert run("replay", str(walk), "--map", str(walk / "MAP.yaml"), "--out", folder) == 0
+
+
 def simulate_arrivals() -> None:
     """Draw arrivals for a state of one number."""
     one = np.ones((1, 1))
@@ -71,6 +81,7 @@ def analyze_all() -> None:
     """Call the analyses."""
     step_by_name()
     simulate_arrivals()
+    filter_recording()
     with tempfile.TemporaryDirectory() as folder:
         assert run("analyze", "nominal_imu_uwb", "--flights", "0", "--out", folder) == 0
     predict_tube(load_scenario("nominal_imu_uwb_yolo", (PROJECTED,)))

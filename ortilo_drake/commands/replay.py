@@ -1,4 +1,4 @@
-"""The command `ortilo replay`: a log flown again by the onboard half."""
+"""The command `ortilo replay`: a log flown again by the onboard half, or anybody's recording by the filter for it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,21 +6,85 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    err,
+    made_by,
+    out,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    show_markdown,
+    show_report,
+    write_json,
+)
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.model.typed_yaml import InputError
 
 
 def replay(
-    log: Annotated[Path, typer.Argument(help="A log's folder, or its .mcap file.")],
+    log: Annotated[list[Path], typer.Argument(help="A log's folder or .mcap file; with --map, folders of recordings.")],
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
+    ] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figures, with --map.")] = Path(
+        "out/recorded"
+    ),
     json_file: JsonOption = None,
 ) -> None:
-    """Drive the onboard half from a recorded world and compare its estimates with the recorded ones."""
+    """Drive the onboard half from a log of ours, or with --map filter recorded ranges and IMU and judge by the truth.
+
+    With --map several motions share one map: FOLDER1 FOLDER2. `ortilo tune FOLDERS --map MAP.yaml` fits the noise.
+    """
+    if map_file is not None:
+        _replay_recorded(log, map_file, out_folder, json_file)
+        return
+    if len(log) != 1:
+        raise InputError(f"{len(log)} logs given: one is replayed at a time; recordings of others need --map")
     check_writable(json_file)
     from ortilo_drake.interop.log.replay import replay_log
 
     quiet_drake()
     say_if_compiling()
-    result = replay_log(log)
+    result = replay_log(log[0])
     write_json(json_file, result)
-    out.print(f"[bold]{log}[/bold]")
+    out.print(f"[bold]{log[0]}[/bold]")
     show_report(result)
     say_written(json_file)
+
+
+def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_file: Path | None) -> None:
+    report = out_folder / "recorded.md"
+    check_writable(report, json_file)
+    from ortilo_drake.interop.recorded.map_file import load_map
+    from ortilo_drake.interop.recorded.recording import read_recording
+    from ortilo_drake.model.optional import check_installed
+    from ortilo_drake.studies.recorded.recorded_figure import motion_figure
+    from ortilo_drake.studies.recorded.recorded_report import report_text
+    from ortilo_drake.studies.recorded.replayed import replay as replay_recording
+
+    map_ = load_map(map_file)
+    if map_.truth is not None:
+        check_installed("evo", "recorded")
+    recordings = [read_recording(path, map_) for path in paths]  # refuses what is wrong before anything runs
+    names = [recording.name for recording in recordings]
+    if len(set(names)) < len(names):
+        raise InputError(f"{', '.join(names)}: two folders of one name would write one figure; rename one")
+    say_if_compiling()
+    motions, figures = [], []
+    with progress_bar() as progress:
+        task = progress.add_task("rows", total=None)
+
+        def say(part: str) -> None:
+            progress.update(task, description=part, advance=1)
+
+        for recording in recordings:
+            err.print(f"{recording.name} ...", markup=False, highlight=False)
+            found, drawn = replay_recording(recording, map_, say)
+            motions.append(found)
+            figures.append(motion_figure(found, drawn, map_.available, out_folder / f"{recording.name}.png"))
+    text = report_text(motions, map_.calibration.share)
+    write_text(report, text + made_by())
+    write_json(json_file, {"map": map_, "motions": motions})
+    show_markdown(text)
+    say_written(report, *figures, json_file)

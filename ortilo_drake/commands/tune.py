@@ -1,7 +1,8 @@
 """The command `ortilo tune`: W and V from recorded flights."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -60,19 +61,62 @@ def _print_check(check: "Check") -> None:
         out.print(line, markup=False, soft_wrap=True)
 
 
+class FitBy(StrEnum):
+    """What the noise of recorded motions is fitted by."""
+
+    innovations = "innovations"
+    truth = "truth"
+
+
+def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path | None, json_file: Path | None) -> None:
+    check_writable(out_file, json_file)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.interop.recorded.map_file import load_map, map_text
+    from ortilo_drake.interop.recorded.recording import read_recording
+    from ortilo_drake.studies.recorded.fit_noise import FITTED, fit_noise
+
+    map_ = load_map(map_file)
+    recordings = [read_recording(path, map_) for path in paths]
+    say_if_compiling()
+    with progress_bar() as progress:
+        task = progress.add_task("fitting", total=None)
+        kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
+        fitted = fit_noise(recordings, map_, kind, lambda n: progress.update(task, completed=n))
+    if out_file is not None:
+        write_text(out_file, map_text(map_.model_copy(update={"filter": fitted.settings})))
+    before = {name: getattr(map_.filter, name) for name in FITTED}
+    after = {name: getattr(fitted.settings, name) for name in FITTED}
+    write_json(json_file, fitted._asdict() | {"settings_before": map_.filter})
+    out.print(f"[bold]{', '.join(fitted.motions)}[/bold], fitted by {by.value} to the first parts", soft_wrap=True)
+    for name in FITTED:
+        out.print(f"  {name:32} {before[name]:.3g} -> {after[name]:.3g}", markup=False, soft_wrap=True)
+    out.print(f"  log-likelihood {fitted.before:.1f} -> {fitted.after:.1f}, computed {fitted.computed} times")
+    say_written(out_file, json_file)
+
+
 def tune(
     flights: Annotated[list[Path], typer.Argument(help="Flights (netCDF) of one scenario, or folders of them.")],
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
     json_file: JsonOption = None,
     figure: Annotated[Path | None, typer.Option(help="Draw numbers, NEES and NIS before and after.")] = None,
     check: Annotated[int, typer.Option(min=0, max=1000, help="Fly before and after on this many new seeds.")] = 0,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="FLIGHTS are folders of others' recordings, read by this MAP.yaml.")
+    ] = None,
+    by: Annotated[FitBy, typer.Option(help="With --map: what the noise is to make likely.")] = FitBy.innovations,
 ) -> None:
     """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
 
-    The tuned scenario flies by `ortilo fly FILE.yaml`.
+    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is
+    fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`.
     """
     if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out_file}: must end in .yaml")
+    if map_file is not None:
+        if figure is not None or check:
+            raise InputError("--figure, --check: are for flights of ours; with --map see `ortilo replay`")
+        _tune_recorded(flights, map_file, by, out_file, json_file)
+        return
     check_writable(out_file, json_file, figure)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.flight.flight import scenario_of

@@ -1,0 +1,238 @@
+"""Calibration by the truth of a first part: clock, frame, biases of the ranges, lever of the antenna, and anchors.
+
+With the truth p_k, R_k at the ranges' stamps, F and s the turn and shift between the frames, it minimises
+
+    Σ rho((|F (p_k + R_k l) + s - a_i| + c_i - r_ki) / 0.06 m) + |l|² / (0.1 m)² + Σ c_i² / (0.2 m)²,   rho = soft L1
+
+over F, s, c, l, the clock's offset unless the body rates or the map tell it, and the anchors a_i if they are to be
+found.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation, Slerp
+
+from ortilo_drake.interop.recorded.map_file import Estimated
+from ortilo_drake.interop.recorded.recording import Ranges, Recording, Truth
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+
+SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
+COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
+FEW = 400  # ranges that a start goes by
+MANY = 40_000  # that a fit goes by at most
+LEAST = 50  # ranges in the first part
+GAP = 5.0  # an interval of the truth longer than this many medians is a gap
+
+
+class Calibration(NamedTuple):
+    """What relates truth and sensors.
+
+    offset: truth's clock less the sensors' [s], each from its own first stamp; told_by: `rates`, `ranges` or `map`;
+    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's, None
+    if the body rates do not tell it;
+    lever (3): to the antenna, IMU's body axes; biases (n); anchors (n, 3); end: the last stamp of the first part by the
+    truth's clock [s]; left: RMS of the ranges' errors that are left, the largest 1 % aside [m].
+    """
+
+    offset: float
+    told_by: str
+    F: np.ndarray
+    shift: np.ndarray
+    mount: np.ndarray | None
+    lever: np.ndarray
+    biases: np.ndarray
+    anchors: np.ndarray
+    end: float
+    left: float
+
+    def position(self, p: np.ndarray) -> np.ndarray:
+        """Return truth's positions (m, 3) in the anchors' frame."""
+        return p @ self.F.T + self.shift
+
+
+class TruthPath(NamedTuple):
+    """The truth between its stamps; queries beyond its ends are taken at the ends."""
+
+    p: CubicSpline
+    R: Slerp | None
+    first: float
+    last: float
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return positions (m, 3) and attitudes (m, 3, 3)."""
+        t = np.clip(t, self.first, self.last)
+        return self.p(t), None if self.R is None else self.R(t).as_matrix()
+
+
+def truth_path(truth: Truth) -> TruthPath:
+    """Return the truth between its stamps: cubic in position, the shortest turn in attitude."""
+    R = None if truth.R is None else Slerp(truth.t, Rotation.from_matrix(truth.R))
+    return TruthPath(CubicSpline(truth.t, truth.p), R, float(truth.t[0]), float(truth.t[-1]))
+
+
+def _first_part(ranges: Ranges, offset: float, path: TruthPath, end: float) -> np.ndarray:
+    then = ranges.t + offset
+    stamps = path.p.x
+    steps = np.diff(stamps)
+    around = steps[np.clip(np.searchsorted(stamps, then) - 1, 0, len(steps) - 1)]
+    seen = around <= GAP * np.median(steps)  # between stamps farther apart the truth is a guess
+    return np.flatnonzero((then >= path.first) & (then <= end) & seen)
+
+
+def _some(chosen: np.ndarray, most: int) -> np.ndarray:
+    """Return at most so many of them, drawn: every k-th would be of some anchors only."""
+    if len(chosen) <= most:
+        return chosen
+    drawn = np.random.Generator(np.random.Philox(0)).choice(chosen, most, replace=False)
+    return np.asarray(np.sort(drawn))
+
+
+class _Fit(NamedTuple):
+    """Which of the unknowns are free, and where their numbers stand in the vector of unknowns."""
+
+    kind: str
+    offset: bool
+    lever: bool
+    find: bool
+    n: int
+
+    def parts(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return offset, F, shift, biases, lever and found anchors of a vector of unknowns."""
+        turned = np.array([0.0, 0.0, x[3]]) if self.kind == "yaw" else x[1:4]
+        found = x[10 + self.n :].reshape(-1, 3)
+        return x[0], Rotation.from_rotvec(turned).as_matrix(), x[4:7], x[10 : 10 + self.n], x[7:10], found
+
+    def free(self) -> np.ndarray:
+        """Return which unknowns are estimated."""
+        frame = {"yaw": [False, False, True], "se3": [True] * 3, "same": [False] * 3}[self.kind]
+        shift = [self.kind != "same"] * 3
+        found = [True] * 3 * self.n if self.find else []
+        return np.array([self.offset, *frame, *shift, *[self.lever] * 3, *[True] * self.n, *found])
+
+
+def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: TruthPath, anchors: np.ndarray) -> tuple:
+    t, which, r = ranges.t[chosen], ranges.anchor[chosen], ranges.r[chosen]
+    free = fit.free()
+    fixed = None if fit.offset else path.at(t + x[0])
+
+    def errors(y: np.ndarray) -> np.ndarray:
+        full = x.copy()
+        full[free] = y
+        offset, F, shift, biases, lever, found = fit.parts(full)
+        p, R = path.at(t + offset) if fixed is None else fixed
+        if R is not None:
+            p = p + R @ lever
+        place = found if fit.find else anchors
+        return np.linalg.norm(p @ F.T + shift - place[which], axis=1) + biases[which] - r
+
+    def residuals(y: np.ndarray) -> np.ndarray:
+        full = x.copy()
+        full[free] = y
+        _, _, _, biases, lever, _ = fit.parts(full)
+        return np.concatenate([errors(y) / SPREAD, lever / LEVER, biases / BIAS])
+
+    solved = least_squares(residuals, x[free], loss="soft_l1")
+    full = x.copy()
+    full[free] = solved.x
+    return full, float(solved.cost), errors(solved.x)
+
+
+def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Return where an anchor may be, from places p (m, 3) and ranges to it (m): the best of eight starts around."""
+    middle, far = p.mean(axis=0), np.median(r)
+    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)])
+    fits = [
+        least_squares(
+            lambda a: np.linalg.norm(p - a, axis=1) - r, middle + far * 0.7 * s, loss="soft_l1", f_scale=SPREAD
+        )
+        for s in signs
+    ]
+    return min(fits, key=lambda found: found.cost).x
+
+
+def calibrate(recording: Recording, settings: Estimated, lever: bool = True, near: float | None = None) -> Calibration:
+    """Return the calibration of the first part.
+
+    Args:
+        recording: with truth.
+        settings: what to estimate.
+        lever: whether to look for the antenna's lever and to let the body rates tell the clock; not for a filter
+            without IMU.
+        near: where to start the search for the clock's offset, if that is roughly known [s].
+
+    Raises:
+        InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
+    """
+    truth, ranges = recording.truth, recording.ranges
+    assert truth is not None
+    path, find = truth_path(truth), isinstance(recording.anchors, int)
+    n = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
+    end = float(truth.t[0] + settings.share * (truth.t[-1] - truth.t[0]))
+    shift_of_files = recording.truth_origin - recording.origin
+    rates = None
+    if recording.imu is not None and lever:
+        known = None if settings.clock == "estimate" else float(settings.clock) - shift_of_files
+        rates = offset_by_rates(recording.imu, truth, end, settings.search, known)
+    given = settings.lever if isinstance(settings.lever, tuple) else None
+    frees_lever = lever and rates is not None and given is None
+    kind = "same" if find else settings.frame
+    mount = np.eye(3) if rates is None else rates.mount
+    start_lever = mount @ np.array(given if given is not None and lever else (0.0, 0.0, 0.0))
+    if settings.clock != "estimate":
+        offset, told_by = float(settings.clock) - shift_of_files, "map"
+    elif rates is not None:
+        offset, told_by = rates.offset, "rates"
+    else:
+        offset, told_by = 0.0, "ranges"
+    fit = _Fit(kind, told_by == "ranges", frees_lever, find, n)
+    centre = np.zeros(3) if find else np.asarray(recording.anchors).mean(axis=0)
+
+    def start(offset: float, yaw: float) -> tuple[np.ndarray, np.ndarray]:
+        chosen = _first_part(ranges, offset, path, end)
+        if len(chosen) < LEAST:
+            return np.zeros(0), chosen
+        p = path.at(ranges.t[chosen] + offset)[0]
+        turned = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix() @ p.mean(axis=0)
+        shift = np.zeros(3) if kind == "same" else centre - turned
+        found = np.zeros(0)
+        if find:
+            few = [np.flatnonzero(ranges.anchor[chosen] == i) for i in range(n)]
+            if min(map(len, few)) < LEAST:
+                raise InputError(
+                    f"{recording.name}: an anchor to be found has fewer than {LEAST} ranges in the first part"
+                )
+            few = [part[:: max(1, len(part) // 100)] for part in few]
+            found = np.concatenate([_found_roughly(p[part], ranges.r[chosen[part]]) for part in few])
+        x = np.concatenate([[offset, 0.0, 0.0, yaw], shift, start_lever, np.zeros(n), found])
+        return x, chosen
+
+    offsets = np.array([offset])
+    if fit.offset:
+        offsets = np.arange(-settings.search, settings.search + COARSE, COARSE) if near is None else np.array([near])
+    yaws = (0.0,) if kind == "same" else (0.0, np.pi / 2, np.pi, -np.pi / 2)
+    best: tuple[float, np.ndarray] | None = None
+    held = fit._replace(offset=False, lever=False)
+    for tried in offsets:
+        for yaw in yaws:
+            x, chosen = start(float(tried), yaw)
+            if len(x):
+                few = _some(chosen, FEW)
+                x, cost, _ = _solve(x, held, ranges, few, path, np.asarray(recording.anchors))
+                cost /= len(few)
+                if best is None or cost < best[0]:
+                    best = cost, x
+    if best is None:
+        raise InputError(f"{recording.name}: fewer than {LEAST} ranges in the first {settings.share:.0%} of the truth")
+    x = best[1]
+    chosen = _some(_first_part(ranges, x[0], path, end), MANY)
+    x, _, errors = _solve(x, fit, ranges, chosen, path, np.asarray(recording.anchors))
+    offset, F, shift, biases, lever_T, found = fit.parts(x)
+    anchors = found if find else np.asarray(recording.anchors)
+    kept = np.sort(np.abs(errors))[: max(1, int(0.99 * len(errors)))]
+    left = float(np.sqrt(np.mean(kept**2)))
+    told_mount = None if rates is None else mount
+    return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, end, left)

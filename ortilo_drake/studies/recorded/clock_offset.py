@@ -1,0 +1,66 @@
+"""The truth's clock less the sensors', where both saw the body turn: by the body rates.
+
+Over each interval of the truth its turn, as a rotation vector, is M times the integral of the body rates, with M the
+turn between the two bodies' axes; the offset is where the best M (Kabsch) leaves least.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.interop.recorded.recording import Imu, Truth
+
+COARSE, FINE = 0.02, 0.001  # steps of the search [s]
+LONGEST = 3.0  # an interval of the truth longer than this many medians has no one turn
+TELLS = 0.1  # the body rates tell the clock if they leave less of the turns' mean square; transposed matrices leave 0.2
+
+
+class ByRates(NamedTuple):
+    """Offset [s], M (3, 3) from the IMU's body axes to the truth's, and the share of the turns that is left."""
+
+    offset: float
+    mount: np.ndarray
+    left: float
+
+
+def offset_by_rates(imu: Imu, truth: Truth, end: float, search: float, known: float | None) -> ByRates | None:
+    """Return the offset, or None if the truth has no attitude, hardly turned or the rates do not explain its turns.
+
+    Args:
+        imu: the body rates.
+        truth: its attitude.
+        end: the last stamp of the truth that may be used [s].
+        search: greatest offset tried [s].
+        known: the offset, if only the mount is asked for [s].
+    """
+    if truth.R is None:
+        return None
+    R = Rotation.from_matrix(truth.R)
+    turns = (R[:-1].inv() * R[1:]).as_rotvec()
+    steps = np.diff(truth.t)
+    usable = (truth.t[1:] <= end) & (steps < LONGEST * np.median(steps))
+    turns, first, last = turns[usable], truth.t[:-1][usable], truth.t[1:][usable]
+    swept = np.zeros((len(imu.t), 3))
+    swept[1:] = np.cumsum((imu.rates[1:] + imu.rates[:-1]) / 2.0 * np.diff(imu.t)[:, None], axis=0)
+
+    def at(t: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(t, imu.t, axis) for axis in swept.T])
+
+    def fit(offset: float) -> tuple[float, np.ndarray]:
+        both = (first - offset >= imu.t[0]) & (last - offset <= imu.t[-1])
+        if both.sum() < max(20, 0.3 * len(both)):
+            return np.inf, np.eye(3)
+        seen, swept_then = turns[both], at(last[both] - offset) - at(first[both] - offset)
+        U, _, Vt = np.linalg.svd(seen.T @ swept_then)
+        M = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        left = seen - swept_then @ M.T
+        left = left - left.mean(axis=0)  # a gyro's bias
+        return float(np.mean(left**2) / max(np.mean((seen - seen.mean(axis=0)) ** 2), 1e-12)), M
+
+    best = known
+    if best is None:
+        best = min(np.arange(-search, search + COARSE, COARSE), key=lambda offset: fit(offset)[0])
+        best = min(np.arange(best - COARSE, best + COARSE + FINE, FINE), key=lambda offset: fit(offset)[0])
+    left, M = fit(best)
+    return ByRates(float(best), M, left) if left < TELLS else None

@@ -1,0 +1,139 @@
+"""The filter's noise fitted to the first parts of recorded motions: one set for all of them.
+
+By innovations alone: the maximum of their likelihood, Σ -1/2 (log S + min(e²/S, gate²)), each range counted at most as
+if it lay on the gate. With truth: the maximum of the errors' likelihood, Σ -1/2 (log |P| + e' P^-1 e), at the truth's
+stamps.
+The logarithms of the numbers are searched by Nelder and Mead's simplex, begun anew where it stopped until that gains
+nothing.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
+from ortilo_drake.interop.recorded.recording import Ranges, Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, truth_path
+from ortilo_drake.studies.recorded.filtered import Known, estimate, innovation_score, noise_of
+from ortilo_drake.studies.recorded.replayed import known_of
+
+FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
+LIMITS = {  # beyond these a number is no such noise; it also keeps the search from degenerate corners
+    "acceleration": (0.01, 10.0),
+    "range_white": (0.005, 1.0),
+    "range_correlated": (0.002, 1.0),
+    "correlation_time": (0.1, 30.0),
+}
+STEP = 0.4  # of the simplex that each search begins with, in the numbers' logarithms
+GAINED = 1.0  # a search that raises the log-likelihood by less is the last
+SETTLED = 3.0  # the first seconds are left out: they judge the start, not the noise [s]
+By = Literal["innovations", "truth"]
+
+
+class _Part(NamedTuple):
+    ranges: Ranges
+    recording: Recording
+    known: Known
+    calibration: Calibration | None
+    queries: np.ndarray
+
+
+class Fitted(NamedTuple):
+    """The settings found, the log-likelihood before and after, how often it was computed, and by what."""
+
+    settings: FilterSettings
+    before: float
+    after: float
+    computed: int
+    by: str
+    motions: tuple[str, ...]
+
+
+def _part(recording: Recording, map_: Map) -> _Part:
+    calibration, end = None, map_.calibration.share * recording.ranges.t[-1]
+    anchors = np.asarray(recording.anchors)
+    known = Known(anchors, None, np.zeros(3), None)
+    queries = np.zeros(0)
+    if recording.truth is not None:
+        calibration = calibrate(recording, map_.calibration, lever=recording.imu is not None)
+        known, end = known_of(calibration, recording, map_), calibration.end - calibration.offset
+        queries = recording.truth.t - calibration.offset
+        queries = queries[(queries >= SETTLED) & (queries <= end)]
+    first = recording.ranges.t <= end
+    return _Part(Ranges(*(part[first] for part in recording.ranges)), recording, known, calibration, queries)
+
+
+def _score(part: _Part, settings: FilterSettings, by: By) -> float:
+    imu = part.recording.imu
+    if imu is not None:
+        before_end = imu.t <= part.ranges.t[-1]
+        attitude = None if imu.attitude is None else imu.attitude[before_end]
+        imu = imu._replace(
+            t=imu.t[before_end], rates=imu.rates[before_end], force=imu.force[before_end], attitude=attitude
+        )
+    found = estimate(part.ranges, imu, part.known, settings, part.queries if by == "truth" else np.zeros(0))
+    if by == "innovations":
+        settled = found.range_stamps >= SETTLED
+        run = found.run._replace(innovation=found.run.innovation[settled], variance=found.run.variance[settled])
+        return innovation_score(run, noise_of(settings, imu is not None).gate)
+    assert part.recording.truth is not None
+    assert part.calibration is not None
+    true = truth_path(part.recording.truth).at(found.t + part.calibration.offset)[0]
+    e = found.p - part.calibration.position(true)
+    squares = np.einsum("ki,ki->k", e, np.linalg.solve(found.P, e[:, :, None])[:, :, 0])
+    return float(-0.5 * np.sum(np.linalg.slogdet(found.P)[1] + squares))
+
+
+def fit_noise(
+    recordings: Sequence[Recording], map_: Map, by: By, count: Callable[[int], None], most: int = 800
+) -> Fitted:
+    """Return the noise that fits the first parts of all motions best.
+
+    Args:
+        recordings: the motions.
+        map_: the settings to start from.
+        by: what is made likely.
+        count: called with how many likelihoods were computed.
+        most: greatest number of them.
+
+    Raises:
+        InputError: if there is no IMU, or no truth to fit by.
+    """
+    if any(recording.imu is None for recording in recordings):
+        raise InputError("imu: the map has none; the noise of the constant-velocity filter is not fitted")
+    if by == "truth" and any(recording.truth is None for recording in recordings):
+        raise InputError("truth: the map has none; fit by innovations")
+    if any(isinstance(recording.anchors, int) and recording.truth is None for recording in recordings):
+        raise InputError("anchors: unknown")
+    parts = [_part(recording, map_) for recording in recordings]
+    computed = 0
+
+    def settings_at(x: np.ndarray) -> FilterSettings:
+        numbers = {name: float(np.exp(v)) for name, v in zip(FITTED, x, strict=True)}
+        return map_.filter.model_copy(update=numbers)
+
+    def cost(x: np.ndarray) -> float:
+        nonlocal computed
+        computed += 1
+        count(computed)
+        if any(not np.log(LIMITS[n][0]) <= v <= np.log(LIMITS[n][1]) for n, v in zip(FITTED, x, strict=True)):
+            return 1e12
+        return -sum(_score(part, settings_at(x), by) for part in parts)
+
+    start = np.log([getattr(map_.filter, name) for name in FITTED])
+    before = -cost(start)
+    x, best = start, -before
+    while computed < most:  # the gate makes the cost jump, on which one simplex may get stuck
+        simplex = np.vstack([x, x + STEP * np.eye(len(x))])
+        options = {"maxfev": most - computed, "xatol": 0.01, "fatol": 0.2, "initial_simplex": simplex, "adaptive": True}
+        found = minimize(cost, x, method="Nelder-Mead", options=options)
+        gain, x, best = best - float(found.fun), found.x, min(best, float(found.fun))
+        if gain < GAINED:
+            break
+    rounded = {name: float(f"{v:.3g}") for name, v in zip(FITTED, np.exp(x), strict=True)}
+    settings = map_.filter.model_copy(update=rounded)
+    names = tuple(recording.name for recording in recordings)
+    return Fitted(settings, before, -best, computed, by, names)

@@ -1,0 +1,83 @@
+"""Figures of a recorded motion: its path, errors with three standard deviations, NIS and availability."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
+from ortilo_drake.views.figures import STYLE
+from ortilo_drake.views.pictures import save_picture
+
+BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
+BIN = 1.0  # NIS is a mean over this time [s]
+
+
+def main_row(drawn: Drawn) -> str:
+    """Return the row that is drawn: the best filter that there is."""
+    return next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in drawn)
+
+
+def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Path:
+    """Draw a motion and return the file's path.
+
+    Args:
+        found: its figures.
+        drawn: its estimates.
+        below: limit of the deviation that counts as available [m].
+        path: a picture's file.
+    """
+    name = main_row(drawn)
+    estimate, truth = drawn[name]
+    anchors = np.array(found.anchors)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        grid = figure.add_gridspec(5, 2, width_ratios=[1, 1.5])
+        above, side = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
+        for axes, k in ((above, 1), (side, 2)):
+            axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
+            if truth is not None:
+                axes.plot(truth[:, 0], truth[:, k], color="k", lw=0.8, label="truth")
+            axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors")
+            axes.set_xlabel("x [m]")
+            axes.set_ylabel(f"{'xyz'[k]} [m]")
+            axes.set_aspect("equal", adjustable="datalim")
+        above.legend(loc="upper center", fontsize=7, ncols=3)
+        t = estimate.t
+        deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
+        for k in range(3):
+            axes = figure.add_subplot(grid[k, 1])
+            axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
+            if truth is not None:
+                axes.plot(t, (estimate.p - truth)[:, k], color=BLUE, lw=0.8)
+            axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
+            _calibration(axes, found)
+        axes = figure.add_subplot(grid[3, 1])
+        taken = estimate.run.taken
+        bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
+        squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
+        sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
+        counts, _ = np.histogram(estimate.range_stamps[taken], bins)
+        axes.plot(bins[:-1] + BIN / 2, sums / np.maximum(counts, 1), color=BLUE, lw=0.9)
+        axes.axhline(1.0, color=GREY, lw=0.8)
+        axes.set_ylabel("NIS")
+        _calibration(axes, found)
+        axes = figure.add_subplot(grid[4, 1])
+        for row, (other, _) in drawn.items():
+            if row.startswith(name):
+                total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
+                axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
+        axes.axhline(below, color=RED, lw=0.8, ls="--")
+        axes.set_yscale("log")
+        axes.set_ylabel("σ [m], available\nbelow the line")
+        axes.set_xlabel("time since the first range [s]")
+        axes.legend(fontsize=6)
+        _calibration(axes, found)
+        figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
+        return save_picture(figure, path)
+
+
+def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:
+    axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
+    axes.margins(x=0.01)

@@ -1,0 +1,187 @@
+"""One recorded motion replayed: with its losses and without, calibrated and not, filtered and smoothed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Ranges, Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, truth_path
+from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, tilt_disagreement
+from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
+from ortilo_drake.studies.recorded.scores import Scores, score
+from ortilo_drake.studies.recorded.single_ranges import FIXED
+
+QUERY_RATE = 10.0  # of the estimates where there is no truth [Hz]
+SHORTEST = 3.0  # a recording is judged on no less [s]
+LARGEST = 2e9  # of the covariances that a smoother goes back through [bytes]
+TILTED = np.radians(5.0)  # the unit's attitude and its specific force should agree better than this at rest
+CV, CV_SMOOTH, CV_RAW = "constant velocity", "constant velocity, smoothed", "constant velocity, not calibrated"
+WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibrated (biases online)"
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A motion's rows and what was found on the way; `drawn` holds estimates and the truth at their stamps, by row."""
+
+    name: str
+    rows: dict[str, Scores]
+    offset: float | None
+    told_by: str | None
+    heading: float | None
+    shift: tuple[float, ...] | None
+    lever: tuple[float, ...] | None
+    biases: tuple[float, ...] | None
+    anchors: tuple[tuple[float, ...], ...]
+    judged_from: float
+    rejected: dict[str, int]
+    notes: list[str]
+
+
+Drawn = dict[str, tuple[Estimate, np.ndarray | None]]
+
+
+def _tuple(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(v) for v in values)
+
+
+def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known:
+    """Return what the calibrated filter is told."""
+    heading = None
+    truth, imu = recording.truth, recording.imu
+    if imu is not None and truth is not None and truth.R is not None and calibration.mount is not None:
+        at = np.array([max(imu.t[0], recording.ranges.t[0]) + calibration.offset])
+        R = calibration.F @ truth_path(truth).at(np.clip(at, 0.0, None))[1][0] @ calibration.mount  # type: ignore[index]
+        heading = float(np.arctan2(R[1, 0], R[0, 0]))
+    biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
+    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading)
+
+
+def _notes(recording: Recording, search: float) -> list[str]:
+    notes = list(recording.told)
+    wrong = None if recording.imu is None else tilt_disagreement(recording.imu)
+    truth, imu = recording.truth, recording.imu
+    if imu is not None and truth is not None and truth.R is not None:
+        end = float(truth.t[-1])
+        if offset_by_rates(imu, truth, end, search, None) is None:
+            other = truth._replace(R=truth.R.transpose(0, 2, 1))
+            turned = offset_by_rates(imu, other, end, search, None) is not None
+            hint = "its inverse does: set `of` to the other of body and world" if turned else "wrong order or axes?"
+            notes.append(f"truth: its attitude does not turn as the body rates say; {hint}")
+    if wrong is not None and wrong > TILTED:
+        notes.append(
+            f"imu: its attitude and its specific force disagree on up by {np.degrees(wrong):.0f}° at the start: "
+            "wrong order of the quaternion, or wrong axes?"
+        )
+    return notes
+
+
+def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple[Replayed, Drawn]:
+    """Replay a motion in every way that the map allows.
+
+    Args:
+        recording: what was read.
+        map_: settings.
+        say: called with the name of each row before it runs.
+
+    Raises:
+        InputError: if calibration or filter have too little to go by.
+    """
+    notes, drawn, rows = _notes(recording, map_.calibration.search), {}, {}
+    ranges, imu, truth = recording.ranges, recording.imu, recording.truth
+    calibration = own = None
+    if truth is None:
+        t = np.arange(ranges.t[0], ranges.t[-1], 1.0 / QUERY_RATE)
+        first = t[0] + map_.calibration.share * (t[-1] - t[0])
+    else:
+        say("calibration")
+        calibration = calibrate(recording, map_.calibration)
+        own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset)
+        t = truth.t - calibration.offset
+        t = t[(t >= ranges.t[0]) & (t <= ranges.t[-1])]
+        first = calibration.end - calibration.offset
+
+    if (t > first).sum() < 2 or t[-1] - max(first, t[0]) < SHORTEST:
+        raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge")
+    count = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
+    states = FIXED + 2 * count
+    smooths = 24 * (len(np.unique(ranges.t)) + len(t)) * states**2 < LARGEST
+    if not smooths:
+        notes.append(f"too long to smooth: the covariances would take more than {LARGEST / 1e9:g} GB")
+
+    def true_at(t: np.ndarray, by: Calibration | None) -> np.ndarray | None:
+        if truth is None or by is None:
+            return None
+        return by.position(truth_path(truth).at(t + by.offset)[0])
+
+    def row(
+        name: str, known: Known, by: Calibration | None, with_imu: bool, heard: Ranges = ranges, smoothed: bool = False
+    ) -> None:
+        say(name)
+        found = estimate(heard, imu if with_imu else None, known, map_.filter, t, smoothed)
+        true = true_at(found.t, by)
+        rows[name], drawn[name] = score(found, found.t > first, true, map_.available), (found, true)
+
+    anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
+    raw = Known(anchors, None, np.zeros(3), None)
+    if own is not None:
+        plain = Known(own.anchors, own.biases, np.zeros(3), None)
+        row(CV, plain, own, False)
+        if smooths:
+            row(CV_SMOOTH, plain, own, False, smoothed=True)
+    row(CV_RAW, raw, own, False)
+    if calibration is not None:
+        known = known_of(calibration, recording, map_)
+        main = WITH_IMU if imu is not None else CV
+        if imu is not None:
+            row(WITH_IMU, known, calibration, True)
+            if smooths:
+                row(SMOOTH, known, calibration, True, smoothed=True)
+    else:
+        known, main = raw, (RAW if imu is not None else CV_RAW)
+    if imu is not None:
+        row(RAW, raw, calibration, True)
+    if imu is None and own is not None:
+        known = Known(own.anchors, own.biases, np.zeros(3), None)
+    by = own if imu is None else calibration
+    imposed = map_.imposed
+    if imposed.lost:
+        lost = lose_some(ranges, imposed.lost, imposed.seed)
+        row(f"{main}, {imposed.lost:.0%} of the ranges lost", known, by, imu is not None, lost)
+    if imposed.gaps is not None:
+        name = f"{main}, all ranges lost for {imposed.gaps.last:g} s every {imposed.gaps.every:g} s"
+        ends = gap_ends(ranges, imposed.gaps, max(first, ranges.t[0]))
+        if truth is not None and by is not None:
+            ends = ends[ends + by.offset < truth.t[-1]]
+        row(name, known, by, imu is not None, lose_gaps(ranges, imposed.gaps, ends))
+        if len(ends):
+            heard = lose_gaps(ranges, imposed.gaps, ends)
+            at_end = estimate(heard, imu if imu is not None else None, known, map_.filter, ends - 1e-6)
+            true = true_at(at_end.t, by)
+            if true is not None:
+                errors = np.linalg.norm(at_end.p - true, axis=1)
+                figures = {"gap_end": float(np.sqrt(np.mean(errors**2))), "gap_end_largest": float(errors.max())}
+                rows[name] = Scores(**{**vars(rows[name]), **figures, "gaps": len(errors)})
+    heading = shift = lever = biases = None
+    if calibration is not None:
+        heading = float(np.arctan2(calibration.F[1, 0], calibration.F[0, 0]))
+        shift, lever, biases = _tuple(calibration.shift), _tuple(calibration.lever), _tuple(calibration.biases)
+    of_files = recording.truth_origin - recording.origin
+    result = Replayed(
+        recording.name,
+        rows,
+        None if calibration is None else calibration.offset + of_files,
+        None if calibration is None else calibration.told_by,
+        heading,
+        shift,
+        lever,
+        biases,
+        tuple(_tuple(a) for a in anchors),
+        float(first),
+        recording.rejected,
+        notes,
+    )
+    return result, drawn

@@ -1,0 +1,84 @@
+"""How good an estimate is: errors by the truth, by evo and by axis, consistency, availability."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ortilo_drake.model.optional import check_installed
+from ortilo_drake.studies.recorded.filtered import Estimate
+
+RPE_OVER = 1.0  # the relative error is over this time [s]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Figures of one row; None without a truth.
+
+    rmse: by axis [m]; ate, ate_aligned: RMSE of the absolute position error, as it is and after the best SE(3) [m];
+    rpe: RMSE of the relative position error over 1 s [m]; nees: mean of e' P^-1 e (3 if consistent); nis: mean over the
+    ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps
+    at
+    which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends [m].
+    """
+
+    rmse: tuple[float, float, float] | None
+    ate: float | None
+    ate_aligned: float | None
+    rpe: float | None
+    nees: float | None
+    nis: float
+    rejected: float
+    available: float
+    gap_end: float | None = None
+    gap_end_largest: float | None = None
+    gaps: int = 0
+
+
+def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float, float]:
+    """Return ATE, ATE after the best SE(3), and RPE over a second [m], all RMSE, by the package evo.
+
+    Args:
+        t: stamps [s] (m).
+        p: estimates (m, 3).
+        truth: true positions (m, 3).
+    """
+    check_installed("evo", "recorded")
+    from evo.core.metrics import APE, RPE, PoseRelation, Unit
+    from evo.core.trajectory import PoseTrajectory3D
+
+    kind = PoseRelation.translation_part
+    no_turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    both = (PoseTrajectory3D(truth, no_turn, t), PoseTrajectory3D(p.copy(), no_turn, t))
+    ape = APE(kind)
+    ape.process_data(both)
+    over = max(1, round(RPE_OVER / float(np.median(np.diff(t)))))
+    rpe = RPE(kind, over, Unit.frames, all_pairs=True)
+    rpe.process_data(both)
+    both[1].align(both[0])
+    aligned = APE(kind)
+    aligned.process_data(both)
+    return tuple(float(np.sqrt(np.mean(m.error**2))) for m in (ape, aligned, rpe))  # type: ignore[return-value]
+
+
+def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, available_below: float) -> Scores:
+    """Return the figures of an estimate.
+
+    Args:
+        found: the estimate.
+        judged: which of its stamps are judged.
+        truth: true positions at all its stamps (m, 3), if known.
+        available_below: limit of the deviation [m].
+    """
+    deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
+    since = found.t[judged][0]
+    counted = found.range_stamps >= since
+    taken = found.run.taken & counted
+    nis = float(np.mean(found.run.innovation[taken] ** 2 / found.run.variance[taken]))
+    rejected = float(1.0 - taken.sum() / max(1, counted.sum()))
+    available = float(np.mean(deviation < available_below))
+    if truth is None:
+        return Scores(None, None, None, None, None, nis, rejected, available)
+    e, P = (found.p - truth)[judged], found.P[judged]
+    nees = float(np.mean(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])))
+    x, y, z = (float(axis) for axis in np.sqrt(np.mean(e**2, axis=0)))
+    return Scores((x, y, z), *by_evo(found.t[judged], found.p[judged], truth[judged]), nees, nis, rejected, available)
