@@ -40,8 +40,8 @@ def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
 
     Raises:
         InputError: if there is no path or no servo gain, the flight needs too much memory, a registered sensor has
-            not as many errors as its payload numbers, a fault names what is not there, a file of detector or calibration is wrong, or nothing can be
-            rendered here.
+            not as many errors as its payload numbers, a fault names what is not there, a file of detector or
+            calibration is wrong, or nothing can be rendered here.
     """
     room = scenario.load_room()
     check_room(scenario, room)
