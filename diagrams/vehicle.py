@@ -7,6 +7,7 @@ from pydrake.systems.primitives import Adder, ZeroOrderHold
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
+from ortilo_drake.world.faults.vehicle_faults import ForceFaults, WrenchFaults, of_force, of_wrench
 from ortilo_drake.world.radio.command_link import CommandLink_
 from ortilo_drake.world.slow_error import SlowError_, gauss_markov
 from ortilo_drake.world.vehicle.acted_report import ActedReport
@@ -37,23 +38,28 @@ def add_vehicle(
     plant = builder.AddSystem(
         QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, time_step=h if sampled else 0.0)
     )
-    disturbance = _add_disturbance(builder, scenario)
+    disturbance = _with_faults(builder, scenario, _add_disturbance(builder, scenario))
     disturbance_hold = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     builder.Connect(disturbance, disturbance_hold.get_input_port())
     # A sampled plant samples and holds its inputs itself.
     commanded = [hold.get_input_port(), *([plant.GetInputPort("control")] if sampled else [])]
     actuator: LeafSystem = hold
-    error = builder.AddSystem(WrenchError_[float]()) if scenario.truth.vehicle != VehicleTruth() else None
+    changes: list[LeafSystem] = []  # of the wrench, in their order
+    if scenario.truth.vehicle != VehicleTruth():
+        changes.append(builder.AddSystem(WrenchError_[float]()))
+    if of_wrench(scenario.faults):
+        changes.append(builder.AddSystem(WrenchFaults(of_wrench(scenario.faults), scenario.vehicle)))
     if scenario.world.rotors.kind == "first_order":
         actuator = builder.AddSystem(Rotors_[float](scenario.vehicle))
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
-        if error is not None:
-            builder.Connect(actuator.get_output_port(), error.get_input_port())
-            actuator = error
-    elif error is not None:
-        for port in commanded:
-            builder.Connect(error.get_output_port(), port)
-        commanded = [error.get_input_port()]
+        for change in changes:
+            builder.Connect(actuator.get_output_port(), change.get_input_port())
+            actuator = change
+    else:
+        for change in reversed(changes):
+            for port in commanded:
+                builder.Connect(change.get_output_port(), port)
+            commanded = [change.get_input_port()]
     report = _add_report(builder, scenario, command_period) if scenario.commands.are_reported else None
     if command_period is not None:
         failsafe = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
@@ -111,3 +117,14 @@ def _add_disturbance(builder: DiagramBuilder, scenario: Scenario) -> OutputPort:
     builder.Connect(white.get_output_port(), both.get_input_port(0))
     builder.Connect(force.get_output_port(), both.get_input_port(1))
     return both.get_output_port()
+
+
+def _with_faults(builder: DiagramBuilder, scenario: Scenario, disturbance: OutputPort) -> OutputPort:
+    """Add the faults that change what a disturbance does, if there are any; return where it comes out."""
+    faults = of_force(scenario.faults)
+    if not faults:
+        return disturbance
+    changed = builder.AddSystem(ForceFaults(faults))
+    builder.Connect(disturbance, changed.get_input_port())
+    pushing: OutputPort = changed.get_output_port()
+    return pushing

@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
+from ortilo_drake.diagrams.faults import add_sensor_faults, check_room
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.diagrams.vehicle import Ports, add_vehicle
 from ortilo_drake.model.room import Room
@@ -56,7 +57,7 @@ class World(Diagram):
 
     Raises:
         InputError: if there is a command_period and a command link that is not perfect: whatever carries the commands
-            to this world loses and delays them.
+            to this world loses and delays them. If a fault names an anchor, a landmark or a rotor that is not there.
     """
 
     def __init__(self, scenario: Scenario, command_period: float | None = None):
@@ -64,6 +65,7 @@ class World(Diagram):
         if command_period is not None and scenario.command_link != CommandLinkSettings():
             raise InputError("command_link: must be left as it is where commands come from outside, in real time")
         room, builder = scenario.load_room(), DiagramBuilder()
+        check_room(scenario, room)
         self._hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or scenario.h, N_U))
         self._vehicle, self._room, self._truth = scenario.vehicle, room, scenario.truth
         self._payloads: dict[str, int] = {}  # of the sensors that fly
@@ -82,6 +84,7 @@ class World(Diagram):
             _connect(builder, seen, source)
             self._payloads[name] = source.get_output_port().size() - PAYLOAD
             message = _with_errors(builder, scenario, name, source.get_output_port())
+            message = add_sensor_faults(builder, scenario, name, room, message, seen["state"])
             message = _collected(builder, scenario, name, message)
             settings = scenario.link_of(name)
             settings = settings.model_copy(update={"delay": settings.delay + latency})

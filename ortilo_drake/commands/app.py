@@ -9,6 +9,7 @@ from ortilo_drake.commands.analyze import analyze
 from ortilo_drake.commands.detector import detector_app
 from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.doctor import doctor
+from ortilo_drake.commands.faults import faults
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.live import live
@@ -54,7 +55,7 @@ def load_plugins(
         load_plugin(file)
 
 
-for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, doctor):
+for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, doctor):
     app.command()(command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")

@@ -1,5 +1,6 @@
 """Checks of whether a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
 
+from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
@@ -39,10 +40,11 @@ def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
 
     Raises:
         InputError: if there is no path or no servo gain, the flight needs too much memory, a registered sensor has
-            not as many errors as its payload numbers, a file of detector or calibration is wrong, or nothing can be
-            rendered here.
+            not as many errors as its payload numbers, a fault names what is not there, a file of detector or
+            calibration is wrong, or nothing can be rendered here.
     """
     room = scenario.load_room()
+    check_room(scenario, room)
     ticks = flight_ticks(scenario, plan)
     if isinstance(scenario.servo, LqServo):
         servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)

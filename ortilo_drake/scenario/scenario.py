@@ -10,6 +10,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest, validate
 from ortilo_drake.scenario.belief import Belief
 from ortilo_drake.scenario.failsafe import Failsafe
+from ortilo_drake.scenario.faults import Faults, check_faults
 from ortilo_drake.scenario.link import CommandLink, Link, check_rate
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.onboard import LqServo
@@ -45,6 +46,7 @@ class Scenario(Belief):
         settle: time flown after the path's end [s].
         world: the simulated physics apart from the sensors.
         truth: how the world differs from what the onboard half believes; by default not at all.
+        faults: what goes wrong in the world in the middle of the flight; by default nothing.
         command_link: delivery of the control packets; perfect by default.
         report_link: delivery of the reports of which commands acted; only where `commands` wants them.
         failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
@@ -57,6 +59,7 @@ class Scenario(Belief):
     settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
     world: World = World()
     truth: Truth = Truth()
+    faults: Faults = ()
     command_link: CommandLink = CommandLink()
     report_link: Link = Link()
     failsafe: Failsafe = Failsafe()
@@ -172,6 +175,11 @@ class Scenario(Belief):
             if find_sensor(sensor) is None:
                 known = [name for name in known_sensors() if name not in SENSORS]
                 raise ValueError(f"truth.sensors.{sensor}: is none of the registered sensors{nearest(sensor, known)}")
+        return self
+
+    @model_validator(mode="after")
+    def _faults_concern_what_flies(self) -> "Scenario":
+        check_faults(self.faults, self.sensors, self.is_rendered)
         return self
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Uwb as UwbSettings
 from ortilo_drake.sensors.faster import with_samples
+from ortilo_drake.world.faults.scene_faults import scene_faults
 from ortilo_drake.world.sensors.imu import Imu_
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 from ortilo_drake.world.sensors.uwb import UwbRanging_
@@ -46,7 +47,9 @@ BUILT_IN = {
         "camera",
         CameraSettings,
         CAMERA,
-        make_world=lambda scenario, room: ProjectedCamera(scenario.camera, room, scenario.seed, scenario.h),
+        make_world=lambda scenario, room: ProjectedCamera(
+            scenario.camera, room, scenario.seed, scenario.h, scene_faults(scenario.faults)
+        ),
         sd=_of_fix,
         make_onboard=lambda scenario, room: LandmarkFix(
             scenario.landmark_fix, _as_known(scenario, room), scenario.image_width, scenario.h

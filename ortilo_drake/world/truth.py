@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, Diagram
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.world.drawn_truth import Drawn
+from ortilo_drake.world.faults.message_fault import MessageFault
 from ortilo_drake.world.scenery.rendering import mount_camera, move_landmarks
 from ortilo_drake.world.sensors.sensor_errors import bias_of, factor_of
 from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
@@ -92,6 +93,9 @@ def set_anchors(world: Diagram, context: Context, p_WA: np.ndarray, bias: np.nda
     if world.HasSubsystemNamed("uwb"):
         uwb = world.GetSubsystemByName("uwb")
         uwb.set_anchors_in(uwb.GetMyMutableContextFromRoot(context), p_WA, bias)
+    for system in world.GetSystems():
+        if isinstance(system, MessageFault):
+            system.set_anchors_in(system.GetMyMutableContextFromRoot(context), p_WA)
 
 
 def set_landmarks(world: Diagram, context: Context, p_WL: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""The page of what `ortilo tables`, `analyze`, `sensitivity` and `hil check` wrote."""
+"""The page of what `ortilo tables`, `analyze`, `sensitivity`, `faults` and `hil check` wrote."""
 
 import base64
 import json
@@ -18,7 +18,9 @@ LARGEST_JSON = 64 * MIB
 LARGEST_FIGURE = 16 * MIB
 DEEPEST = 32
 _PNG = b"\x89PNG\r\n\x1a\n"
-ALLOWED = "must be a flight's .nc, or the --out folder or --json file of tables, analyze, sensitivity or hil check"
+ALLOWED = (
+    "must be a flight's .nc, or the --out folder or --json file of tables, analyze, sensitivity, faults, hil check"
+)
 
 
 class Kind(NamedTuple):
@@ -60,6 +62,13 @@ KINDS = (
         r"# What must you know, how well: (\S+)",
         "scenario",
         "{}.png",
+    ),
+    Kind(
+        "ortilo faults",
+        frozenset({"scenarios", "flights", "start", "rows"}),
+        r"# Faults in flight()",
+        None,
+        "faults.png",
     ),
     Kind("ortilo hil check", frozenset({"identical", "latency_ms", "missed_deadlines", "lost"}), None, None, ""),
 )

@@ -22,7 +22,9 @@ from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
+from ortilo_drake.scenario.faults import AnyFault
 from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.world.faults.scene_faults import scene_at
 from ortilo_drake.world.noise import normals, stream_id, uniforms
 from ortilo_drake.world.seeded_system import SeededSystem
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
@@ -191,12 +193,13 @@ class ProjectedCamera(SeededSystem):
         room: landmarks, walls, stands and the camera.
         seed: seed of all noise.
         h: tick [s].
+        faults: of the scene, see scene_faults.py.
 
     Raises:
         InputError: if the file of measured errors is missing or wrong.
     """
 
-    def __init__(self, settings: CameraSettings, room: Room, seed: int, h: float):
+    def __init__(self, settings: CameraSettings, room: Room, seed: int, h: float, faults: tuple[AnyFault, ...] = ()):
         super().__init__(seed)
         self.set_name("projected_camera")
         camera = room.camera.scaled_to(settings.width).constants
@@ -213,7 +216,7 @@ class ProjectedCamera(SeededSystem):
             np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
             stream_id("camera false boxes"),
         )
-        self._h = h
+        self._h, self._faults = h, faults
         self._state = self.DeclareVectorInputPort("state", N_X)
         self.DeclareVectorOutputPort(
             "detections",
@@ -238,6 +241,10 @@ class ProjectedCamera(SeededSystem):
         camera = self._camera._replace(p_BC=mounting[0:3], f=self._camera.f * mounting[6])
         if np.any(mounting[3:6]):
             x = body_that_looks_ahead(x, mounting[0:3], mounting[3:6])
+        labels, (streams, false_stream) = self._labels, self._streams
+        if self._faults:
+            room, there = scene_at(room, self._faults, time)
+            labels, streams = labels[there], streams[there]
         output.set_value(
-            detections_message(x, room, self._labels, camera, self._tables, seed, *self._streams, time, self._h)
+            detections_message(x, room, labels, camera, self._tables, seed, streams, false_stream, time, self._h)
         )

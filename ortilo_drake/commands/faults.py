@@ -1,0 +1,92 @@
+"""The command `ortilo faults`: what goes wrong in flight, and what each estimator makes of it."""
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ortilo_drake.commands.options import JsonOption, SetOption, WorkersOption, finite, quiet_drake, scenarios_from
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    made_by,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    show_markdown,
+    write_json,
+)
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario
+
+DEFAULT_SCENARIOS = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "tight_imu_uwb_yolo")
+
+
+def faults(
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENARIO]...",
+            help=f"Ready-made scenarios' names or .yaml files; {', '.join(DEFAULT_SCENARIOS)}.",
+            autocompletion=scenarios_from,
+        ),
+    ] = None,
+    flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights with each fault, seeds from 0.")] = 6,
+    names: Annotated[
+        str | None, typer.Option("--faults", metavar="NAME,...", help="Faults of the catalogue; all.")
+    ] = None,
+    start: Annotated[
+        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="When the faults begin [s].")
+    ] = 22.0,
+    length: Annotated[
+        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="How long those last that end [s].")
+    ] = 5.0,
+    workers: WorkersOption = None,
+    settings: SetOption = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, report and figure.")] = Path(
+        "out/faults"
+    ),
+    json_file: JsonOption = None,
+) -> None:
+    """Fly scenarios in which something goes wrong in flight, one fault at a time, beside the same seeds without.
+
+    It shows the estimate's error during and after each fault, flights lost, the time to recover and whether the filter
+    stays consistent. Cameras are projected. Faults of the scenarios themselves are left out. Flights already in the
+    folder are kept, so an interrupted run goes on where it stopped.
+    """
+    from ortilo_drake.studies.faults.catalogue import chosen_names
+
+    chosen = chosen_names(names)
+    laid_over = (*(settings or ()), ("camera.kind", "projected"))
+
+    def varied(scenario: str) -> Any:
+        def vary(under: tuple[tuple[str, Any], ...]) -> Scenario:
+            return load_scenario(scenario, (*laid_over, *under))
+
+        return vary
+
+    vary = [varied(scenario) for scenario in scenarios or DEFAULT_SCENARIOS]
+    flown = [make((("faults", []),)).name for make in vary]  # refuses wrong settings before anything is flown
+    if len(set(flown)) != len(flown):
+        raise InputError(f"SCENARIO: {', '.join(flown)}: must differ by name")
+    report, figure = out_folder / "faults.md", out_folder / "faults.png"
+    check_writable(report, figure, json_file)
+    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.studies.faults.fault_flights import fault_study
+    from ortilo_drake.studies.faults.fault_report import fault_figure, fault_text
+
+    quiet_drake()
+    say_if_compiling()
+    count = workers or os.cpu_count() or 1
+    with progress_bar() as progress, kept_workers():
+        task = progress.add_task("flights", total=None)
+        found = fault_study(
+            vary, chosen, flights, out_folder / "flights", start, length, count, lambda n: progress.advance(task, n)
+        )
+    text = fault_text(found)
+    write_text(report, text + made_by())
+    fault_figure(found, figure)
+    write_json(json_file, found)
+    show_markdown(text)
+    say_written(report, figure, json_file)

@@ -1,0 +1,90 @@
+"""Flights of which only a few figures are kept, one line of JSON each; resumable.
+
+A flight takes megabytes and its whole summary, with its Cramer-Rao floor, 50 times as long as what a study looks at.
+"""
+
+import json
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import TypeAdapter
+
+from ortilo_drake.flight.ensemble import flight_folder
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.workers import run_all
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.scenario import Scenario
+
+_LOG = logging.getLogger(__name__)
+AT_ONCE: Final = 2  # flights in one job of a worker, so that none waits long for the other's last
+T = TypeVar("T")
+
+
+def kept_file(out: Path, scenario: Scenario) -> Path:
+    """Return the file of what is kept of a scenario's flights; named as their folder would be."""
+    folder = flight_folder(out, scenario)
+    return folder.with_name(f"{folder.name}.jsonl")
+
+
+def fly_kept(
+    kind: type[T],
+    fly: Callable[[str, list[int], str], list[T]],
+    wanted: Sequence[tuple[Scenario, Iterable[int]]],
+    out: Path,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> list[list[T]]:
+    """Fly scenarios, each once for each of its seeds, and return what is kept of each in the order of the seeds.
+
+    All flights go to the workers together. Flights of which it is already there are not flown again, so an
+    interrupted run goes on where it stopped.
+
+    Args:
+        kind: what is kept of a flight, a dataclass with its seed.
+        fly: importable; of a scenario's JSON, seeds and a folder's name what is kept of these flights.
+        wanted: scenarios with their seeds; a scenario's own seed is not used.
+        out: folder for what is kept.
+        workers: worker processes; 1 flies in this process.
+        progress: called with the number of flights that came in.
+
+    Raises:
+        InputError: if a flight cannot be flown or what is kept cannot be written.
+    """
+    asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]
+    found = {file: _read(kind, file) for _, _, file in asked}
+    jobs: list[tuple[str, list[int], str]] = []
+    files: list[Path] = []  # of each job
+    for scenario, seeds, file in asked:
+        missing = [seed for seed in seeds if seed not in found[file]]
+        if progress and len(missing) < len(seeds):
+            progress(len(seeds) - len(missing))
+        text = scenario.model_dump_json()
+        jobs += [(text, missing[k : k + AT_ONCE], file.name) for k in range(0, len(missing), AT_ONCE)]
+        files += [file] * (len(jobs) - len(files))
+
+    def take(number: int, flown: list[Any]) -> None:
+        file = files[number]
+        known = found[file]
+        known.update({its.seed: its for its in flown})
+        write_text(file, "".join(json.dumps(asdict(known[seed])) + "\n" for seed in sorted(known)))
+        if progress:
+            progress(len(flown))
+
+    run_all(fly, jobs, workers, take)
+    return [[found[file][seed] for seed in seeds] for _, seeds, file in asked]
+
+
+def _read(kind: type[Any], file: Path) -> dict[int, Any]:
+    """Return what is kept in a file by seed; nothing, and a warning, if it is damaged."""
+    if not file.exists():
+        return {}
+    adapter = TypeAdapter(kind)
+    try:
+        kept = [adapter.validate_python(json.loads(line)) for line in read_text(file).splitlines()]
+    except ValueError as error:  # InputError is one
+        _LOG.warning("%s: flown again: %s", file, " ".join(str(error).split())[:200])
+        return {}
+    return {its.seed: its for its in kept}

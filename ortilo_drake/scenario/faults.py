@@ -1,0 +1,334 @@
+"""Faults: what goes wrong in the world in the middle of a flight, each from a start, most until an end.
+
+The onboard half knows nothing of them. A fault changes what it concerns and no other noise, see world/faults.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ortilo_drake.model.typed_yaml import Frozen, Positive
+
+Time = Annotated[float, Field(ge=0.0, le=3600.0)]
+Length = Annotated[float, Field(ge=-10.0, le=10.0)]
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+Factor = Annotated[float, Field(ge=0.5, le=1.0)]
+Index = Annotated[int, Field(ge=0, lt=1000)]
+Number = Annotated[float, Field(ge=-100.0, le=100.0)]
+Vector = tuple[Length, Length, Length]
+
+
+class Onset(Frozen):
+    """A fault that lasts from its start on.
+
+    Attributes:
+        start: when it begins [s].
+    """
+
+    start: Time
+
+
+class Fault(Onset):
+    """A fault that may end.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s], after its start; null if it does not.
+    """
+
+    end: Time | None = None
+
+    @model_validator(mode="after")
+    def _ends_after_its_start(self) -> "Fault":
+        if self.end is not None and self.end <= self.start:
+            raise ValueError(f".end: {self.end}: must be after the start, {self.start}, or null")
+        return self
+
+
+class NlosStorm(Fault):
+    """Ranges without a line of sight: a share of them comes out longer, by an exponential length.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'nlos_storm'.
+        share: of the ranges, drawn anew for each [1], above 0, at most 1.
+        mean: mean of the added length [m].
+    """
+
+    kind: Literal["nlos_storm"]
+    share: Share = 0.5
+    mean: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+
+
+class OutlierBursts(Fault):
+    """Bursts in which every range has a further Gaussian error.
+
+    Attributes:
+        start: when the first burst begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'outlier_bursts'.
+        every: from the beginning of a burst to the next one's [s].
+        length: of a burst [s].
+        sd: standard deviation of the error [m].
+    """
+
+    kind: Literal["outlier_bursts"]
+    every: Positive = 0.5
+    length: Positive = 0.2
+    sd: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
+
+
+class Stuck(Fault):
+    """A sensor that says again and again what it said last before the start; its stamps go on.
+
+    Attributes:
+        start: when it begins [s], above 0.
+        end: when it ends [s]; null if it does not.
+        kind: 'stuck'.
+        sensor: which one; it must fly.
+    """
+
+    kind: Literal["stuck"]
+    start: Annotated[float, Field(gt=0.0, le=3600.0)]
+    sensor: str
+
+
+class AnchorMoved(Fault):
+    """A UWB anchor that is moved: its ranges are those to its new place, its noise and the walls between those of old.
+
+    Attributes:
+        start: when it begins [s].
+        end: when the anchor is back [s]; null if it stays.
+        kind: 'anchor_moved'.
+        anchor: its index in the room's file, from 0 [1].
+        by: from the old to the new place in W [m], each at most 10.
+    """
+
+    kind: Literal["anchor_moved"]
+    anchor: Index
+    by: Vector = (0.3, 0.0, 0.0)
+
+
+class AnchorsDying(Fault):
+    """UWB anchors that fall silent one after the other.
+
+    Attributes:
+        start: when the first falls silent [s].
+        end: when all are back [s]; null if they stay silent.
+        kind: 'anchors_dying'.
+        anchors: their indices in the room's file, from 0 [1], in the order of their ends.
+        every: from one's end to the next one's [s].
+    """
+
+    kind: Literal["anchors_dying"]
+    anchors: Annotated[tuple[Index, ...], Field(min_length=1, max_length=1000)]
+    every: Positive = 1.0
+
+
+class ClockJump(Fault):
+    """A jump of the receiver's clock: all ranges are off by the same length.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'clock_jump'.
+        by: added to every range [m]; 0.3 m is a nanosecond.
+    """
+
+    kind: Literal["clock_jump"]
+    by: Length = 0.5
+
+
+class YawJump(Fault):
+    """A jump of the imu's yaw, as of a compass beside iron.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'yaw_jump'.
+        by: added to the yaw [rad], at most pi.
+    """
+
+    kind: Literal["yaw_jump"]
+    by: Annotated[float, Field(ge=-3.15, le=3.15)] = 0.26
+
+
+class GyroBias(Fault):
+    """A step of the gyroscope's bias; the imu's angles stay.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'gyro_bias'.
+        by: added to the body rates w_WB_B [rad/s].
+    """
+
+    kind: Literal["gyro_bias"]
+    by: Vector = (0.01, 0.01, 0.01)
+
+
+class CameraBlinded(Fault):
+    """A blinded camera: its messages come, without a box.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'camera_blinded'.
+    """
+
+    kind: Literal["camera_blinded"]
+
+
+class LandmarkMoved(Fault):
+    """A landmark that was moved.
+
+    Attributes:
+        start: when it begins [s].
+        end: when the landmark is back [s]; null if it stays.
+        kind: 'landmark_moved'.
+        landmark: its index in the room's file, from 0 [1].
+        by: from the old to the new place in W [m], each at most 10.
+    """
+
+    kind: Literal["landmark_moved"]
+    landmark: Index
+    by: Vector = (0.0, 0.5, 0.0)
+
+
+class LandmarkGone(Fault):
+    """A landmark that was taken away.
+
+    Attributes:
+        start: when it begins [s].
+        end: when the landmark is back [s]; null if it is not.
+        kind: 'landmark_gone'.
+        landmark: its index in the room's file, from 0 [1].
+    """
+
+    kind: Literal["landmark_gone"]
+    landmark: Index
+
+
+class People(Fault):
+    """People who walk to and fro: upright cylinders that hide landmarks from the camera and anchors from the receiver.
+
+    Attributes:
+        start: when they come [s].
+        end: when they are gone [s]; null if they stay.
+        kind: 'people'.
+        walks: of each, where in W the walk begins and where it turns: x, y, x, y [m].
+        speed: of all [m/s].
+        radius: of the cylinders [m].
+        height: of the cylinders, on the floor [m].
+    """
+
+    kind: Literal["people"]
+    walks: Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field(min_length=1, max_length=100)]
+    speed: Positive = 1.2
+    radius: Positive = 0.25
+    height: Positive = 1.75
+
+
+class Gust(Fault):
+    """A gust: a force beside whatever else pushes the vehicle.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'gust'.
+        force: in W [N].
+    """
+
+    kind: Literal["gust"]
+    force: tuple[Number, Number, Number] = (0.0, 2.0, 0.0)
+
+
+class LoadDropped(Onset):
+    """A load that the vehicle drops from its center of mass; the moments of inertia stay.
+
+    Attributes:
+        start: when it drops [s].
+        kind: 'load_dropped'.
+        mass_factor: mass afterwards over mass before [1], 0.5 to 1.
+    """
+
+    kind: Literal["load_dropped"]
+    mass_factor: Factor = 0.9
+
+
+class RotorWeak(Fault):
+    """A rotor that makes less thrust and drag of the speed it is asked for.
+
+    Attributes:
+        start: when it begins [s].
+        end: when it ends [s]; null if it does not.
+        kind: 'rotor_weak'.
+        rotor: its index, from 0 [1].
+        factor: its thrust over what it should be [1], 0.5 to 1.
+    """
+
+    kind: Literal["rotor_weak"]
+    rotor: Annotated[int, Field(ge=0, le=15)] = 0
+    factor: Factor = 0.8
+
+
+AnyFault = Annotated[
+    NlosStorm
+    | OutlierBursts
+    | Stuck
+    | AnchorMoved
+    | AnchorsDying
+    | ClockJump
+    | YawJump
+    | GyroBias
+    | CameraBlinded
+    | LandmarkMoved
+    | LandmarkGone
+    | People
+    | Gust
+    | LoadDropped
+    | RotorWeak,
+    Field(discriminator="kind"),
+]
+Faults = Annotated[tuple[AnyFault, ...], Field(max_length=100)]
+
+_SENSORS_OF = {
+    "uwb": ("nlos_storm", "outlier_bursts", "anchor_moved", "anchors_dying", "clock_jump", "people"),
+    "imu": ("yaw_jump", "gyro_bias"),
+    "camera": ("camera_blinded", "landmark_moved", "landmark_gone", "people"),
+}
+
+
+def sensors_of(fault: Onset) -> tuple[str, ...]:
+    """Return the sensors that a fault concerns; none if it is the vehicle's."""
+    if isinstance(fault, Stuck):
+        return (fault.sensor,)
+    kind = getattr(fault, "kind", "")
+    return tuple(sensor for sensor, kinds in _SENSORS_OF.items() if kind in kinds)
+
+
+def end_of(fault: Onset) -> float | None:
+    """Return when a fault ends [s]; None if it does not."""
+    return fault.end if isinstance(fault, Fault) else None
+
+
+def check_faults(faults: tuple[AnyFault, ...], sensors: tuple[str, ...], rendered: bool) -> None:
+    """Refuse faults of sensors that do not fly, and of a camera whose pictures are drawn.
+
+    Args:
+        faults: the scenario's.
+        sensors: those that fly.
+        rendered: whether the camera flies and draws pictures.
+
+    Raises:
+        ValueError: naming the fault and what is allowed.
+    """
+    for i, fault in enumerate(faults):
+        concerned = sensors_of(fault)
+        if concerned and not set(concerned) & set(sensors):
+            raise ValueError(
+                f"faults.{i}: {fault.kind}: concerns {' and '.join(concerned)}, must be in sensors {list(sensors)}"
+            )
+        if rendered and "camera" in concerned:
+            raise ValueError(f"faults.{i}: {fault.kind}: a fault of the camera: camera.kind must be projected")

@@ -1,0 +1,127 @@
+"""The faults that the study flies, one at a time, laid where the flight is when they begin."""
+
+from math import radians
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError, nearest
+from ortilo_drake.onboard.planner.planned import path_of
+from ortilo_drake.scenario import Scenario
+
+START: Final = 22.0  # in the stretch of the ready-made flights where UWB comes without a gap, 19 s to 43 s [s]
+LENGTH: Final = 5.0  # of the faults that end [s]
+AHEAD: Final = (2.0, 8.0)  # where a landmark is looked for that is moved or taken away [m]
+_NEAR, _ASIDE = 0.8, 2.0  # where people cross a line of sight, and from how far aside they come [m]
+
+
+class Case(NamedTuple):
+    """One fault of the catalogue.
+
+    Attributes:
+        name: what tables and --faults call it.
+        fault: as the list `faults` of a scenario has it.
+        start: when it begins [s].
+        end: when it ends [s]; None if it does not.
+    """
+
+    name: str
+    fault: dict[str, Any]
+    start: float
+    end: float | None
+
+
+class Place(NamedTuple):
+    """Where the flight is in the middle of a fault.
+
+    Attributes:
+        p_WB: position (3) [m].
+        anchors: indices of the anchors, the nearest first.
+        landmark: index of the landmark that is nearest ahead, or else nearest.
+        walks: of people who cross the lines to the three nearest anchors, and the one ahead: x, y, x, y [m].
+    """
+
+    p_WB: np.ndarray
+    anchors: list[int]
+    landmark: int
+    walks: list[list[float]]
+
+
+def place_at(scenario: Scenario, t: float) -> Place:
+    """Return where the flight is planned to be at t [s]; InputError if its planner is a System."""
+    path, room = path_of(scenario), scenario.load_room()
+    p_WB = np.array(path.value(min(t, path.end_time()))[:, 0])
+    anchors = [int(i) for i in np.argsort(np.linalg.norm(room.anchor_positions - p_WB, axis=1))]
+    c, s = np.cos(scenario.yaw), np.sin(scenario.yaw)
+    r = room.landmark_positions - p_WB
+    ahead, distance = c * r[:, 0] + s * r[:, 1], np.linalg.norm(r, axis=1)
+    seen = (ahead > AHEAD[0]) & (ahead < AHEAD[1]) & (np.abs(c * r[:, 1] - s * r[:, 0]) < ahead)
+    landmark = int(np.argmin(np.where(seen, distance, 1e3 + distance))) if len(r) else 0
+    directions = [room.anchor_positions[i, :2] - p_WB[:2] for i in anchors[:3]] + [np.array([c, s])]
+    walks = []
+    for direction in directions:
+        e = direction / max(float(np.linalg.norm(direction)), 1e-9)
+        middle, aside = p_WB[:2] + _NEAR * e, _ASIDE * np.array([-e[1], e[0]])
+        walks.append([float(round(v, 3)) for v in (*(middle - aside), *(middle + aside))])
+    return Place(p_WB, anchors, landmark, walks)
+
+
+def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) -> tuple[Case, ...]:
+    """Return the faults that concern what a scenario flies.
+
+    Args:
+        scenario: the scenario.
+        start: when they begin [s].
+        length: of those that end [s].
+    """
+    place = place_at(scenario, start + 0.5 * length)
+    passing: dict[str, dict[str, Any]] = {
+        "nlos_storm": {"kind": "nlos_storm", "share": 0.5, "mean": 1.0},
+        "outlier_bursts": {"kind": "outlier_bursts", "every": 0.5, "length": 0.2, "sd": 2.0},
+        "uwb_stuck": {"kind": "stuck", "sensor": "uwb"},
+        "camera_stuck": {"kind": "stuck", "sensor": "camera"},
+        "imu_stuck": {"kind": "stuck", "sensor": "imu"},
+        "yaw_jump": {"kind": "yaw_jump", "by": radians(15.0)},
+        "camera_blinded": {"kind": "camera_blinded"},
+        "people": {"kind": "people", "walks": place.walks},
+        "gust": {"kind": "gust", "force": [0.0, 2.0, 0.0]},
+    }
+    lasting: dict[str, dict[str, Any]] = {
+        "anchor_moved": {"kind": "anchor_moved", "anchor": place.anchors[0], "by": [0.3, 0.0, 0.0]},
+        "anchors_dying": {"kind": "anchors_dying", "anchors": place.anchors[:6], "every": 1.0},
+        "clock_jump": {"kind": "clock_jump", "by": 0.5},
+        "landmark_moved": {"kind": "landmark_moved", "landmark": place.landmark, "by": [0.0, 0.5, 0.0]},
+        "landmark_gone": {"kind": "landmark_gone", "landmark": place.landmark},
+        "gyro_bias": {"kind": "gyro_bias", "by": [0.01, 0.01, 0.01]},
+        "load_dropped": {"kind": "load_dropped", "mass_factor": 0.9},
+        "rotor_weak": {"kind": "rotor_weak", "rotor": 0, "factor": 0.8},
+    }
+    end = start + length
+    cases = [Case(name, fault | {"start": start, "end": end}, start, end) for name, fault in passing.items()]
+    cases += [Case(name, fault | {"start": start}, start, None) for name, fault in lasting.items()]
+    return tuple(case for case in cases if not (needs := _NEEDS.get(case.name)) or needs in scenario.sensors)
+
+
+_NEEDS: Final = (
+    dict.fromkeys(
+        ("nlos_storm", "outlier_bursts", "uwb_stuck", "people", "anchor_moved", "anchors_dying", "clock_jump"), "uwb"
+    )
+    | dict.fromkeys(("camera_stuck", "camera_blinded", "landmark_moved", "landmark_gone"), "camera")
+    | dict.fromkeys(("imu_stuck", "yaw_jump", "gyro_bias"), "imu")
+)
+NAMES: Final = (
+    *("nlos_storm", "outlier_bursts", "uwb_stuck", "camera_stuck", "imu_stuck", "yaw_jump", "camera_blinded"),
+    *("people", "gust", "anchor_moved", "anchors_dying", "clock_jump", "landmark_moved", "landmark_gone"),
+    *("gyro_bias", "load_dropped", "rotor_weak"),
+)
+
+
+def chosen_names(text: str | None) -> tuple[str, ...]:
+    """Return the names that a list with commas chooses, all without one; InputError if one is none."""
+    if text is None:
+        return NAMES
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in NAMES:
+            raise InputError(f"--faults {name!r}: is unknown{nearest(name, NAMES)}: give some of {', '.join(NAMES)}")
+    return tuple(dict.fromkeys(names))

@@ -1,0 +1,199 @@
+"""Flights with one fault each, beside the same seeds without any."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.planned import path_of
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.faults.catalogue import LENGTH, START, Case, catalogue
+from ortilo_drake.studies.faults.courses import BIN, Course, fly_courses
+
+PASSES: Final = 1.5  # at most so many times the error without the fault
+SETTLES: Final = 2.0  # from a fault's end to where 'after' begins [s]
+KNOWN: Final = 10.0  # from the start of a fault that does not end to where 'after' begins [s]
+WINDOW: Final = 5.0  # for which an estimator must be good to have recovered [s]
+Settings = tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """The estimate in one part of the flights that were not lost.
+
+    Attributes:
+        error: root mean square of the distance of estimated and true position [m].
+        ratio: that over the error of the same seeds without the fault in the same ticks [1].
+        nees: mean of the position's NEES, 3 if the filter is consistent.
+    """
+
+    error: float
+    ratio: float
+    nees: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """Flights of a scenario with one fault.
+
+    Attributes:
+        fault: its name in the catalogue.
+        scenario: its name.
+        flights: how many.
+        lost: how many of them.
+        before: until the fault; None if all flights were lost, as the two below.
+        during: from its start to its end; to 10 s after the start if it does not end.
+        after: from 2 s after its end, or from there on, to the flight's end.
+        recovery: from the fault's end, or its start if it does not end, to the first 5 s in which the error of all
+            flights together is at most 1.5 times the one without the fault [s]; None if there are none.
+        passed: no flight lost, and afterwards an error of at most 1.5 times the one without the fault.
+    """
+
+    fault: str
+    scenario: str
+    flights: int
+    lost: int
+    before: Phase | None
+    during: Phase | None
+    after: Phase | None
+    recovery: float | None
+    passed: bool
+
+
+@dataclass(frozen=True)
+class FaultStudy:
+    """What faults in flight do, as `ortilo faults --json` writes it.
+
+    Attributes:
+        scenarios: their names.
+        flights: of each row.
+        start: when the faults begin [s].
+        length: of those that end [s].
+        lost_without: flights lost without a fault, of each scenario.
+        rows: by fault, then by scenario.
+    """
+
+    scenarios: list[str]
+    flights: int
+    start: float
+    length: float
+    lost_without: list[int]
+    rows: list[Row]
+
+
+def fault_study(
+    vary: Sequence[Callable[[Settings], Scenario]],
+    names: Sequence[str],
+    flights: int,
+    out: Path,
+    start: float = START,
+    length: float = LENGTH,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> FaultStudy:
+    """Fly scenarios without a fault and with each fault that concerns what they fly.
+
+    Args:
+        vary: return the scenarios with settings laid over them.
+        names: of the catalogue's faults.
+        flights: of each row, seeds from 0.
+        out: folder for the courses of the flights.
+        start: when the faults begin [s].
+        length: of those that end [s].
+        workers: worker processes.
+        progress: called with the number of flights that came in.
+
+    Raises:
+        InputError: if a flight ends too early for anything to be seen after the fault.
+    """
+    wanted: list[tuple[Scenario, Case | None]] = []
+    scenarios = []
+    for make in vary:
+        calm = make((("faults", []),))
+        check_length(calm, start, length)
+        scenarios.append(calm)
+        wanted.append((calm, None))
+        cases = [case for case in catalogue(calm, start, length) if case.name in names]
+        wanted += [(make((("faults", [case.fault]),)), case) for case in cases]
+    flown = fly_courses([(scenario, range(flights)) for scenario, _ in wanted], out, workers, progress)
+    rows, without, lost_without = [], flown[0], []
+    for (scenario, case), courses in zip(wanted, flown, strict=True):
+        if case is None:
+            without = courses
+            lost_without.append(_lost(courses))
+        else:
+            rows.append(row_of(scenario.name, case, courses, without))
+    rows.sort(key=lambda row: names.index(row.fault))  # stable: scenarios stay in their order
+    return FaultStudy([s.name for s in scenarios], flights, start, length, lost_without, rows)
+
+
+def check_length(scenario: Scenario, start: float, length: float) -> None:
+    """Refuse a flight that ends before there is anything to see after its faults, and faults between half seconds."""
+    for name, value in (("--start", start), ("--length", length)):
+        if value % BIN != 0.0:
+            raise InputError(f"{name} {value:g}: must be a multiple of {BIN:g} s")
+    end = path_of(scenario).end_time() + scenario.settle
+    least = start + max(length + SETTLES, KNOWN) + BIN
+    if end < least:
+        raise InputError(
+            f"{scenario.name}: ends at {end:.1f} s: with faults from {start:g} s on it must fly to {least:g} s"
+        )
+
+
+def _lost(courses: Sequence[Course]) -> int:
+    return sum(course.lost is not None for course in courses)
+
+
+def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> Row:
+    """Return what flights with a fault and the same seeds without it give.
+
+    Args:
+        scenario: its name.
+        case: the fault.
+        courses: of the flights with it.
+        without: of the same seeds without it.
+    """
+    pairs = [(a, b) for a, b in zip(courses, without, strict=True) if a.lost is None and b.lost is None]
+    lost = _lost(courses)
+    if not pairs:
+        return Row(case.name, scenario, len(courses), lost, None, None, None, None, False)
+    square, calm, nees = (
+        np.array(values)
+        for values in (
+            [a.square for a, _ in pairs],
+            [b.square for _, b in pairs],
+            [a.nees for a, _ in pairs],
+        )
+    )
+    first = round(case.start / BIN)
+    last = round((case.start + KNOWN if case.end is None else case.end) / BIN)
+    then = last if case.end is None else last + round(SETTLES / BIN)
+    before, during, after = (
+        _phase(square[:, part], calm[:, part], nees[:, part])
+        for part in (slice(0, first), slice(first, last), slice(then, None))
+    )
+    recovery = recovery_time(square, calm, first if case.end is None else last)
+    passed = lost == 0 and after.ratio <= PASSES
+    return Row(case.name, scenario, len(courses), lost, before, during, after, recovery, passed)
+
+
+def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray) -> Phase:
+    return Phase(float(np.sqrt(square.mean())), float(np.sqrt(square.mean() / calm.mean())), float(nees.mean()))
+
+
+def recovery_time(square: np.ndarray, calm: np.ndarray, origin: int) -> float | None:
+    """Return how long after a bin the first WINDOW begins in which the error is at most PASSES times the calm one.
+
+    Args:
+        square: mean squared errors with the fault (flights, bins) [m^2].
+        calm: of the same seeds without it (flights, bins) [m^2].
+        origin: the bin.
+    """
+    n = round(WINDOW / BIN)
+    for k in range(origin, square.shape[1] - n + 1):
+        if square[:, k : k + n].mean() <= PASSES**2 * calm[:, k : k + n].mean():
+            return (k - origin) * BIN
+    return None

@@ -1,0 +1,72 @@
+"""The report of a study of faults: a table and a heat map."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from ortilo_drake.studies.faults.fault_flights import PASSES, FaultStudy, Phase, Row
+from ortilo_drake.studies.faults.in_short import in_short
+from ortilo_drake.views.markdown import table
+from ortilo_drake.views.palette import STYLE
+from ortilo_drake.views.pictures import save_picture
+
+_HEADER = [
+    *("fault", "scenario", "lost", "before [mm]", "during [mm]", "after [mm]", "during, times", "after, times"),
+    *("recovers in [s]", "NEES during", "NEES after", "passes"),
+]
+_WORST = 10.0  # times; more is drawn in the same colour
+
+
+def fault_text(found: FaultStudy) -> str:
+    """Return the report in Markdown."""
+    lines = [f"# Faults in flight: {' '.join(found.scenarios)}", ""]
+    lines += in_short(found)
+    lines += table(_HEADER, [_cells(row) for row in found.rows])
+    lines += [
+        f"Faults begin at {found.start:g} s; those that end last {found.length:g} s. Errors are root mean squares of "
+        "the estimated position's distance from the true one, of the flights that were not lost; times: over the same "
+        f"seeds without the fault. A fault is passed if none is lost and the error after it is at most {PASSES:g} "
+        "times the one without.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _cells(row: Row) -> list[str]:
+    phases = (row.before, row.during, row.after)
+    errors = ["-" if phase is None else f"{1e3 * phase.error:.0f}" for phase in phases]
+    ratios = ["-" if phase is None else f"{phase.ratio:.2f}" for phase in phases[1:]]
+    nees = ["-" if phase is None else f"{phase.nees:.1f}" for phase in phases[1:]]
+    recovery = "-" if row.during is None else "never" if row.recovery is None else f"{row.recovery:.1f}"
+    lost = f"{row.lost} of {row.flights}"
+    return [row.fault, row.scenario, lost, *errors, *ratios, recovery, *nees, "yes" if row.passed else "no"]
+
+
+def fault_figure(found: FaultStudy, path: Path) -> Path:
+    """Draw how many times the error grows during and after each fault, and how many flights are lost."""
+    faults = list(dict.fromkeys(row.fault for row in found.rows))
+    with mpl.rc_context(STYLE):
+        width = 3.2 + 1.7 * len(found.scenarios)
+        figure = Figure(figsize=(width + 2.0, 0.32 * len(faults) + 1.9), layout="constrained")
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, part in zip(panels, ("during", "after"), strict=True):
+            values = np.full((len(faults), len(found.scenarios)), np.nan)
+            for row in found.rows:
+                i, j = faults.index(row.fault), found.scenarios.index(row.scenario)
+                phase: Phase | None = getattr(row, part)
+                values[i, j] = _WORST if phase is None else phase.ratio
+                text = "all lost" if phase is None else f"{phase.ratio:.3g}"
+                text += f", {row.lost} lost" if phase is not None and row.lost else ""
+                dark = np.log(max(values[i, j], 1e-9)) > 0.6 * np.log(_WORST)
+                axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=8)
+            drawn = axes.imshow(values, aspect="auto", cmap="YlOrRd", norm=LogNorm(1.0, _WORST, clip=True))
+            axes.set_xticks(range(len(found.scenarios)), found.scenarios, rotation=20, ha="right")
+            axes.set_yticks(range(len(faults)), faults)
+            axes.set_title(f"{part} the fault")
+            axes.tick_params(length=0)
+            axes.spines[:].set_visible(False)
+        figure.colorbar(drawn, ax=panels, label="error over the one without the fault [1]", extend="max")
+        return save_picture(figure, path)
