@@ -175,7 +175,9 @@ def test_tables_write_flights_figures_and_text_and_nothing_half_done(tabled: Any
     assert files - flights == figures | {"out/tables_tuned.md", "tables.json"}
     assert all(cv2.imread(str(folder / figure)) is not None for figure in figures)
     text = (folder / "out/tables_tuned.md").read_text(encoding="utf-8")
-    assert text in done.stdout
+    shown, _, made = text.rpartition("\n\nMade by ")
+    assert shown in done.stdout
+    assert made.startswith("`ortilo tables --flights 2 ")
     assert "IMU+UWB+YOLO" in text
 
 

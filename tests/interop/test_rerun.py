@@ -229,7 +229,9 @@ def test_a_saved_flights_pictures_are_drawn_again(rendered: Recorded, tmp_path: 
     due = rendered.flight["time"].values[:: rendered.scenario.every("camera")]
     assert list(drawn) == nanoseconds(due)
     assert set(first) <= set(drawn)
-    assert sum(drawn[time] == first[time] for time in first) >= len(first) - 1  # VTK's first picture differs
+    for time, blob in first.items():
+        was, now = (cv2.imdecode(np.array(b[0], np.uint8), cv2.IMREAD_COLOR).astype(float) for b in (blob, drawn[time]))
+        assert np.abs(was - now).mean() < 1.0  # of 255: VTK does not draw every pixel of a first picture alike
 
 
 def test_the_command_writes_what_python_writes(projected: Recorded, tmp_path: Path) -> None:
