@@ -12,12 +12,25 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from scipy.stats import chi2
 
 import ortilo_drake as od
+from ortilo_drake.model import parts
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
 
 FOLDER = Path(__file__).parents[2] / "examples"
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 3.0}
+
+
+@pytest.fixture(autouse=True)
+def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each test a register of its own: a part that stays registered is another program to what flies later."""
+    parts.known_sensors()  # loads what is installed
+    for name, own in (
+        ("_SENSORS", dict(parts._SENSORS)),
+        ("_PARTS", dict(parts._PARTS)),
+        ("_FILES", list(parts._FILES)),
+    ):
+        monkeypatch.setattr(parts, name, own)
 
 
 def example(name: str) -> ModuleType:
