@@ -2,7 +2,8 @@
 
 Either the spheres of the three nearest anchors are met, as the authors do, or all ranges are fitted by weighted
 least squares; the covariance comes from the geometry (range_equations.py). There is *no fix* with fewer than three
-ranges, from anchors on one line, where the covariance is worse than MAX_SD, or if the fit does not converge.
+ranges, from anchors on one line, where the covariance is worse than MAX_SD, or if the fit does not converge. Ranges
+that do not fit the others may be left out before (fault_exclusion.py).
 """
 
 import sys
@@ -10,35 +11,58 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
+from ortilo_drake.onboard.ranging.fault_exclusion import (
+    Consistency,
+    consistency_of,
+    consistent_fix,
+    differentiable_offset_fix,
+)
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
 from ortilo_drake.onboard.ranging.range_equations import covariance_of_the_new, inverse, normal_equations, product
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 
+@register_jitable
+def message_of(found: bool, stamp: float, p: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return the fix message (14) of a position and its covariance; zeros if there is no fix."""
+    message = np.zeros(14)
+    if found:
+        message[0] = 1.0
+        message[1] = stamp
+        message[2:5] = p
+        for i in range(3):
+            message[5 + 3 * i : 8 + 3 * i] = C[i]
+    return message
+
+
 @njit(cache=True)
 def fix_message(uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool) -> np.ndarray:
     """Return the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix."""
-    message = np.zeros(14)
     n = anchors.shape[0]
     ranges, there, p_last = uwb[2 : 2 + n], uwb[2 + n :], xhat[:3]
     if three:
         found, p, C = nearest_three(ranges, there, anchors, noise, p_last)
     else:
         found, p, C = least_squares(ranges, there, anchors, noise, p_last)
-    if found:
-        message[0] = 1.0
-        message[1] = uwb[1]
-        message[2:5] = p
-        for i in range(3):
-            message[5 + 3 * i : 8 + 3 * i] = C[i]
-    return message
+    return message_of(found, uwb[1], p, C)
+
+
+@njit(cache=True)
+def tested_fix_message(
+    uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, test: Consistency
+) -> np.ndarray:
+    """Return the fix message (14) of those ranges of a uwb message that fit each other; zeros if there is no fix."""
+    n = anchors.shape[0]
+    found, _, p, C, _, _ = consistent_fix(uwb[2 : 2 + n], uwb[2 + n :], anchors, noise, xhat[:3], test)
+    return message_of(found, uwb[1], p, C)
 
 
 def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
@@ -50,6 +74,19 @@ def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
     used = np.zeros(n)
     used[np.argsort(np.where(there != 0.0, ranges, np.inf))[:3]] = 1.0
     return used
+
+
+def differentiable_tested_fix_message(
+    uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, test: Consistency
+) -> np.ndarray:
+    """Return tested_fix_message of a uwb message of AutoDiffXd; which ranges fit is a constant."""
+    n, values = len(anchors), values_of(uwb)
+    fix = consistent_fix(values[2 : 2 + n], values[2 + n :], anchors, noise, values_of(xhat)[:3], test)
+    if not (fix.found and fix.has_offset):
+        used = np.concatenate((uwb[: 2 + n], fix.used if fix.found else np.zeros(n)))
+        return differentiable_fix_message(used, anchors, noise, xhat, False)
+    p, C = differentiable_offset_fix(fix.p, fix.b, uwb[2 : 2 + n], fix.used, anchors, noise)
+    return np.concatenate(([1.0 + 0.0 * uwb[1], uwb[1]], p, C.ravel()))
 
 
 def differentiable_fix_message(
@@ -99,12 +136,15 @@ def Multilateration_(T: type) -> type:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("multilateration")
             self._arguments = {"settings": settings, "anchors": anchors}
-            self._fix_message = fix_message if T is float else differentiable_fix_message
+            self._fix_message: Any = fix_message if T is float else differentiable_fix_message
             noise = settings.noise
             sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
             self._noise = np.array([*sd, settings.bias_sd])
             self._anchors = np.ascontiguousarray(anchors, dtype=float)
-            self._three = settings.method == "nearest_three"
+            self._how: bool | tuple[Any, ...] = settings.method == "nearest_three"
+            if settings.exclude is not None:
+                self._fix_message = tested_fix_message if T is float else differentiable_tested_fix_message
+                self._how = consistency_of(settings.exclude, len(anchors))
             self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))
             self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
             ports = {self._uwb.ticket(), self._estimate.ticket()}
@@ -117,7 +157,7 @@ def Multilateration_(T: type) -> type:
             uwb = self._uwb.Eval(context)
             if uwb[ARRIVED] != 0.0:
                 xhat = self._estimate.Eval(context)
-                output.set_value(self._fix_message(uwb, self._anchors, self._noise, xhat, self._three))
+                output.set_value(self._fix_message(uwb, self._anchors, self._noise, xhat, self._how))
             else:
                 output.SetZero()
 
