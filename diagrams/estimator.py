@@ -84,7 +84,7 @@ def _weighed(
     for whose in ("", *(f"_{sensor}" for sensor in late)):
         builder.Connect(kalman.GetOutputPort(f"whole_belief{whose}"), gate.GetInputPort(f"belief{whose}"))
     sizes = [handler.GetOutputPort(name).size() for name in OUTPUTS[:3]]
-    parts = builder.AddNamedSystem("weighed", Demultiplexer([*sizes, opening.size]))
+    parts = builder.AddNamedSystem("weighed", Demultiplexer([*sizes, opening.shape[1]]))
     builder.Connect(gate.get_output_port(), parts.get_input_port())
     ports = {name: parts.get_output_port(i) for i, name in enumerate(OUTPUTS)}
     builder.Connect(ports.pop("opening"), kalman.GetInputPort("opening"))

@@ -155,8 +155,9 @@ class IntermittentFilter(Frozen):
             gates do not know of them.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
             from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
-        robust: what the filter makes of values that are not what it believes of them, such as of faults: gates, weights,
-            re-acquisition, noise that follows the innovations, stuck sensors. {} is all of them; null is the paper.
+        robust: what the filter makes of values that are not what it believes of them, such as of faults: gates,
+            weights, re-acquisition, noise that follows the innovations, stuck sensors. {} is all of them; null is the
+            paper.
     """
 
     kind: Literal["intermittent"] = "intermittent"

@@ -13,8 +13,8 @@ class HuberWeight(Frozen):
 
     Attributes:
         kind: 'huber'.
-        c: Mahalanobis distance d of a value from its prediction up to which it weighs in full; beyond, its covariance is
-            taken d / c times as large [1].
+        c: Mahalanobis distance d of a value from its prediction up to which it weighs in full; beyond, its covariance
+            is taken d / c times as large [1].
     """
 
     kind: Literal["huber"] = "huber"
@@ -49,7 +49,7 @@ class Adaptation(Frozen):
 
 
 class Opening(Frozen):
-    """By how much the filter believes less of its estimate where its gates are opened; standard deviations per axis.
+    """By how much the filter believes its estimate less where it is opened; standard deviations per axis.
 
     Attributes:
         position: [m].
@@ -77,6 +77,8 @@ class Robust(Frozen):
         reacquire_after: a sensor that was refused for so long while no other that sees the same was used is believed
             more than the estimate [s]: the estimate's covariance is opened.
         opening: by how much.
+        drift: time over which innovations of the imu's angles are averaged; if they are not 0 on average, by the gate's
+            probability, the gyroscope's bias is found anew [s]. Read with rates 'measured'; null leaves it out.
         stuck: so many messages in a row with the same content say that a sensor is stuck; it is not heard until it says
             something else. null hears it.
     """
@@ -86,4 +88,5 @@ class Robust(Frozen):
     adaptation: Adaptation | None = Adaptation()
     reacquire_after: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
     opening: Opening = Opening()
+    drift: Annotated[float, Field(ge=0.1, le=60.0)] | None = 1.0
     stuck: Annotated[int, Field(ge=2, le=1000)] | None = 3

@@ -4,8 +4,8 @@ Of b it may be known before that it is b_0, with variance P_b: one more measurem
 
     cost = e^T R^-1 e + (b - b_0)^2 / P_b,   N = J^T R^-1 J + e_4 e_4^T / P_b,   J = [u_i, 1].
 
-C is the part of p in N^-1, of what is new in the ranges as in range_equations.py. The clock is taken to walk by WALK from
-one message to the next.
+C is the part of p in N^-1, of what is new in the ranges as in range_equations.py. The clock is taken to walk by WALK
+from one message to the next.
 """
 
 import numpy as np
@@ -112,7 +112,8 @@ def differentiable_offset_fix(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return p (3) and C (3, 3) of a fit with their derivatives by ranges of AutoDiffXd.
 
-    As in multilateration.py a step from the fit has the fit's derivative. The cost is quadratic in b, which follows from p.
+    As in multilateration.py a step from the fit has the fit's derivative. The cost is quadratic in b, so that b follows
+    from p.
     """
     z = np.append(p, 0.0) + 0.0 * ranges[0]
     _, N, g, _ = offset_equations(z, ranges, used, anchors, noise, clock)

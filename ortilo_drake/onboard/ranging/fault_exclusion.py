@@ -8,9 +8,9 @@ Navigation 35, 1988). Several wrong ranges are left out one after the other. Whe
 more, or too much would have to go, there is no fix: a wrong one is worse.
 
 A clock that is off lengthens all ranges alike, r_i = |p - a_i| + b + v_i, so that none of them is the odd one. Its
-offset b is a fourth unknown, as in satellite navigation, and costs one degree of freedom, as a range left out does: one
-more fit beside those with a range less (clock_offset.py). Once found it is kept: it is known before the next ranges come,
-up to its variance, until it is none again.
+offset b is a fourth unknown, as in satellite navigation, and costs one degree of freedom, as a range left out does:
+one more fit beside those with a range less (clock_offset.py). Once found it is kept: it is known before the next ranges
+come, up to its variance, until it is none again.
 """
 
 from typing import NamedTuple

@@ -19,10 +19,13 @@ OUTPUTS: Final = ("y", "delta", "V2", "opening")
 
 
 def opening_variances(opening: Opening, extra: tuple[str, ...]) -> np.ndarray:
-    """Return what is added to the diagonal of P of [x; e; i] where it is opened, e of those names (n)."""
-    of_x = np.repeat([opening.position, opening.angle, opening.velocity, opening.rate], 3)
-    of_e = [opening.gyroscope if name in GYROSCOPE else 0.0 for name in extra]
-    return np.square(np.array([*of_x, *of_e, *np.zeros(N_I)]))
+    """Return what is added to the diagonal of P of [x; e; i], by what of it is opened (3, n); e has those names."""
+    none = np.zeros(3)
+    angle, gyroscope = np.full(3, opening.angle), [opening.gyroscope if name in GYROSCOPE else 0.0 for name in extra]
+    others = np.repeat([opening.velocity, opening.rate], 3)
+    rates = np.concatenate((none, angle, none, none, gyroscope, np.zeros(N_I)))
+    whole = np.concatenate((np.full(3, opening.position), angle, others, gyroscope, np.zeros(N_I)))
+    return np.square(np.array([np.zeros(whole.size), rates, whole]))
 
 
 # Without a scope Drake reads the sources of all frames to find it.
@@ -39,12 +42,13 @@ def RobustGate_(T: type) -> type:
             belief_<sensor> (n + n^2): that of the tick of a sensor's stamp, for sensors that come late.
             weighed (p + s + q + n, output): y, delta and V2 of what is used, and what is added to the diagonal of P.
 
-        State (discrete, updated every h): of each sensor (3 s), and when each state was seen (12); see weights.py.
+        State (discrete, updated every h), see weights.py: of each sensor (3 s), when each state was seen (12), an
+        average innovation (3).
 
         Args:
             weighing: what decides.
             measurement: the layout that y, delta and V2 begin with.
-            opening: variances that are added where P is opened (n).
+            opening: variances that are added by what is opened of P (3, n).
             late: sensors with a belief of their own.
             h: tick [s].
         """
@@ -67,7 +71,7 @@ def RobustGate_(T: type) -> type:
                 "late": late,
                 "h": h,
             }
-            self._weighing, self._opening, n = tuple(weighing), opening, opening.size  # plain, see filter_loops.py
+            self._weighing, self._opening, n = tuple(weighing), opening, opening.shape[1]  # plain, see filter_loops.py
             self._weighed = weighed if T is float else weighed.py_func
             sizes = weighing.first[-1], weighing.gates.size, weighing.block[-1]
             self._inputs = [
@@ -76,7 +80,7 @@ def RobustGate_(T: type) -> type:
             present = self.DeclareVectorInputPort("belief", n + n * n)
             own = {name: self.DeclareVectorInputPort(f"belief_{name}", n + n * n) for name in late}
             self._beliefs = [own.get(name, present) for name in measurement.sensors[: weighing.gates.size]]
-            self._state, self._seen = (self.DeclareDiscreteState(a.ravel()) for a in first_state(weighing.gates.size))
+            self._states = [self.DeclareDiscreteState(a.ravel()) for a in first_state(weighing.gates.size)]
             self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
             needs = {port.ticket() for port in (*self._inputs, present, *own.values())}
             needs |= {self.time_ticket(), self.xd_ticket()}
@@ -85,26 +89,24 @@ def RobustGate_(T: type) -> type:
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, **other._arguments, converter=converter)
 
-        def _judged(self, context: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+        def _judged(self, context: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
             signals = [values_of(port.Eval(context)) for port in self._inputs]
             beliefs = np.array([values_of(port.Eval(context)) for port in self._beliefs])
-            state, seen = (
-                values_of(context.get_discrete_state(i).value()).astype(float) for i in (self._state, self._seen)
-            )
-            found: tuple[np.ndarray, np.ndarray, np.ndarray, bool] = judge(
-                *signals, beliefs, state.reshape(len(beliefs), -1), seen, time_in(context), self._weighing
+            values = [context.get_discrete_state(i).CopyToVector() for i in self._states]
+            state, seen, mean = (values_of(value) for value in values)
+            found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int] = judge(
+                *signals, beliefs, state.reshape(len(beliefs), -1), seen, mean, time_in(context), self._weighing
             )
             return found
 
         def _calc(self, context: Any, output: Any) -> None:
-            factors, _, _, opens = self._judged(context)
+            factors, _, _, _, opens = self._judged(context)
             signals = [port.Eval(context) for port in self._inputs]
             used = self._weighed(*signals, factors, self._weighing[1], self._weighing[2])
-            output.set_value(np.concatenate((used, self._opening if opens else np.zeros(self._opening.size))))
+            output.set_value(np.concatenate((used, self._opening[opens])))
 
         def _update(self, context: Any, values: Any) -> None:
-            _, state, seen, _ = self._judged(context)
-            values.set_value(self._state, state.ravel())
-            values.set_value(self._seen, seen)
+            for index, state in zip(self._states, self._judged(context)[1:4], strict=True):
+                values.set_value(index, state.ravel())
 
     return Impl
