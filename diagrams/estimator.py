@@ -21,7 +21,8 @@ from ortilo_drake.onboard.estimator.robust.stuck_gate import StuckGate_
 from ortilo_drake.onboard.estimator.robust.system import OUTPUTS, RobustGate_, opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.sample_mean import SampleMean
-from ortilo_drake.scenario import Belief, IntermittentFilter
+from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.sensors.messages import message_port, message_size
 
@@ -56,7 +57,7 @@ def _lead(
 
 def _weighed(
     builder: DiagramBuilder,
-    settings: IntermittentFilter,
+    robust: Robust,
     handler: System,
     kalman: System,
     measurement: Measurement,
@@ -68,7 +69,7 @@ def _weighed(
 
     Args:
         builder: of the estimator.
-        settings: of its filter, with robust.
+        robust: its settings.
         handler: whose measurement it is.
         kalman: the filter, whose P it opens.
         measurement: over all that the filter estimates.
@@ -76,8 +77,8 @@ def _weighed(
         late: sensors that are judged by the belief of their stamp's tick.
         h: tick [s].
     """
-    weighing = weighing_of(settings.robust, measurement, handler.GetOutputPort("delta").size())
-    opening = opening_variances(settings.robust.opening, names)
+    weighing = weighing_of(robust, measurement, handler.GetOutputPort("delta").size())
+    opening = opening_variances(robust.opening, names)
     gate = builder.AddSystem(RobustGate_[float](weighing, measurement, opening, late, h))
     for name in OUTPUTS[:3]:
         builder.Connect(handler.GetOutputPort(name), gate.GetInputPort(name))
@@ -188,9 +189,9 @@ class IntermittentEstimator(Diagram):
             if handler.HasInputPort(port):  # it gates
                 builder.Connect(present[port], handler.GetInputPort(port))
         used = {name: handler.GetOutputPort(name) for name in measurement.sizes}
-        if opens:
+        if settings.robust is not None:
             late = tuple(about) if replays else ()
-            used = _weighed(builder, settings, handler, kalman, seen, names_of(extras), late, h)
+            used = _weighed(builder, settings.robust, handler, kalman, seen, names_of(extras), late, h)
         for name, port in used.items():
             builder.Connect(port, kalman.GetInputPort(name))
         if replays:
