@@ -83,7 +83,7 @@ def StuckGate_(T: type) -> type:
         def _said(self, context: Any) -> tuple[np.ndarray, float]:
             """Return what a message that is there says, and how many have in a row."""
             said = said_by(values_of(self._message.Eval(context)), self._samples)
-            return said, repeats(said, values_of(context.get_discrete_state(self._last).value()))
+            return said, repeats(said, values_of(context.get_discrete_state(self._last).CopyToVector()))
 
         def _calc(self, context: Any, output: Any) -> None:
             message = self._message.Eval(context)

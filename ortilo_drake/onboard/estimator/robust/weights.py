@@ -34,6 +34,7 @@ from ortilo_drake.scenario.robust import HuberWeight, Robust
 
 SINCE, AVERAGE, LAST = range(3)  # columns of the state: refused since [s], NEVER if not; a; when a was changed [s]
 NEVER = -1.0
+ROUNDING = 1e-9  # of times [s]
 SHUT, OPEN_RATES, OPEN_ALL = range(3)  # what is opened of P: nothing, angles and the gyroscope's bias, all
 
 
@@ -181,7 +182,7 @@ def judge(
                 others = min(others, seen[i])
         if state[j, SINCE] == NEVER or others >= state[j, SINCE]:
             state[j, SINCE] = t
-        elif t - state[j, SINCE] >= reacquire_after:
+        elif t - state[j, SINCE] >= reacquire_after - ROUNDING:
             state[j, SINCE], opens = t, OPEN_ALL
     return factors, state, seen, mean, opens
 
