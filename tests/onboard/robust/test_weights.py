@@ -130,7 +130,7 @@ def test_what_is_refused_is_as_if_it_had_not_come_and_weights_scale_covariances(
 
 
 def test_the_noise_follows_its_innovations_and_comes_back() -> None:
-    """The average goes to d^2 / m as 1 - exp(-t / time); the factor is that over what is tolerated, within its bounds."""
+    """The average goes to d^2 / m as 1 - exp(-t / time); the factor is that over what is tolerated, within bounds."""
     gate = Gate(settings(gate=0.999999, adaptation={"time": 2.0, "tolerates": 1.5, "most": 2.0}))
     d, t = 3.0, 0.0
     plain = innovation_covariance(0)
