@@ -1,23 +1,28 @@
 """The paper's estimator: fixes, the intermittent measurements handler and the filter, as one Diagram."""
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import Demultiplexer
 
 from ortilo_drake.model.clock import history_ticks
+from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_XBAR
 from ortilo_drake.onboard.commands.command_log import log_ticks, timeline_size
 from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
-from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
+from ortilo_drake.onboard.estimator.robust.stuck_gate import StuckGate_
+from ortilo_drake.onboard.estimator.robust.system import OUTPUTS, RobustGate_, opening_variances
+from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.sensors.messages import message_port, message_size
 
@@ -30,6 +35,61 @@ def make_detector(scenario: Belief, room: Room) -> Detector:
     size = camera.width, camera.height
     detect = load_detector(scenario.detector, room, size)
     return Detector(detect, size, scenario.camera.latency, scenario.h)
+
+
+def _lead(
+    builder: DiagramBuilder, name: str, readers: list[InputPort], gate: System | None, source: OutputPort | None = None
+) -> None:
+    """Lead messages to all who read them, through a gate if there is one; from outside, by a name, or from a source."""
+    if gate is not None:
+        builder.AddSystem(gate)
+        for reader in readers:
+            builder.Connect(gate.get_output_port(), reader)
+        readers = [gate.get_input_port()]
+    if source is None:
+        message = builder.ExportInput(readers[0], name)
+        for reader in readers[1:]:
+            builder.ConnectInput(message, reader)
+    else:
+        for reader in readers:
+            builder.Connect(source, reader)
+
+
+def _weighed(
+    builder: DiagramBuilder,
+    robust: Robust,
+    handler: System,
+    kalman: System,
+    measurement: Measurement,
+    names: tuple[str, ...],
+    late: tuple[str, ...],
+    h: float,
+) -> dict[str, OutputPort]:
+    """Add what refuses and weighs the handler's measurement; return y, delta and V2 as they come out of it.
+
+    Args:
+        builder: of the estimator.
+        robust: its settings.
+        handler: whose measurement it is.
+        kalman: the filter, whose P it opens.
+        measurement: over all that the filter estimates.
+        names: of the filter's states beside the vehicle's.
+        late: sensors that are judged by the belief of their stamp's tick.
+        h: tick [s].
+    """
+    weighing = weighing_of(robust, measurement, handler.GetOutputPort("delta").size())
+    opening = opening_variances(robust.opening, names)
+    gate = builder.AddSystem(RobustGate_[float](weighing, measurement, opening, late, h))
+    for name in OUTPUTS[:3]:
+        builder.Connect(handler.GetOutputPort(name), gate.GetInputPort(name))
+    for whose in ("", *(f"_{sensor}" for sensor in late)):
+        builder.Connect(kalman.GetOutputPort(f"whole_belief{whose}"), gate.GetInputPort(f"belief{whose}"))
+    sizes = [handler.GetOutputPort(name).size() for name in OUTPUTS[:3]]
+    parts = builder.AddNamedSystem("weighed", Demultiplexer([*sizes, opening.shape[1]]))
+    builder.Connect(gate.get_output_port(), parts.get_input_port())
+    ports = {name: parts.get_output_port(i) for i, name in enumerate(OUTPUTS)}
+    builder.Connect(ports.pop("opening"), kalman.GetInputPort("opening"))
+    return ports
 
 
 class IntermittentEstimator(Diagram):
@@ -67,27 +127,34 @@ class IntermittentEstimator(Diagram):
         about = [name for name, solver in solvers.items() if solver.HasInputPort("estimate")]
 
         builder = DiagramBuilder()
+        opens = settings.robust is not None
         extras = extra_states(settings, scenario.vehicle, h, scenario.flown_rows)
         model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras)
         P_0, hover_thrust = initial_covariance(settings, extras), scenario.vehicle.hover_thrust
-        arguments = model, augmented_rows(measurement.rows, extras), hover_thrust, xbar_0, P_0, h
+        seen = augmented_rows(measurement.rows, extras)
+        arguments = model, seen, hover_thrust, xbar_0, P_0, h
         variances = imu_variances(scenario)
         replays = settings.delay == "replay"
         if replays:
             sizes = {name: message_port(solvers[name]).size() for name in about}
             ticks = history_ticks(settings.horizon, h)
             acted = timeline_size(log_ticks(scenario)) if scenario.commands.filter == "acted" else 0
-            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, variances, acted))
+            kalman = builder.AddSystem(ReplayKalmanFilter(*arguments, ticks, sizes, variances, acted, opens))
             if acted:
                 builder.ExportInput(kalman.GetInputPort("timeline"), "timeline")
         else:
-            kalman = builder.AddSystem(KalmanFilter_[float](*arguments, variances))
+            kalman = builder.AddSystem(KalmanFilter_[float](*arguments, variances, opens))
         self._kalman = kalman
 
         def split(belief: OutputPort) -> dict[str, OutputPort]:
             parts = builder.AddSystem(Demultiplexer([N_XBAR, N_XBAR * N_XBAR]))
             builder.Connect(belief, parts.get_input_port())
             return {name: parts.get_output_port(i) for i, name in enumerate(_PREDICTIONS)}
+
+        def stuck_gate(sensor: str, message: InputPort) -> System | None:
+            if settings.robust is None or settings.robust.stuck is None:
+                return None
+            return StuckGate_[float](sensor, message.size(), settings.robust.stuck, h, scenario.samples(sensor))
 
         present = split(kalman.GetOutputPort("belief"))
         fixes: dict[str, OutputPort] = {}
@@ -100,16 +167,13 @@ class IntermittentEstimator(Diagram):
             for port in _PREDICTIONS:
                 if solver.HasInputPort(port):
                     builder.Connect(prediction[port], solver.GetInputPort(port))
+            source = None
             if name == "camera" and scenario.is_rendered and detects:
                 detector = builder.AddSystem(make_detector(scenario, room))
                 builder.ExportInput(detector.GetInputPort("image"), "image")
                 builder.ExportInput(detector.GetInputPort("shutter"), "shutter")
-                for reader in readers:
-                    builder.Connect(detector.get_output_port(), reader)
-            else:
-                message = builder.ExportInput(readers[0], readers[0].get_name())
-                for reader in readers[1:]:
-                    builder.ConnectInput(message, reader)
+                source = detector.get_output_port()
+            _lead(builder, readers[0].get_name(), readers, stuck_gate(name, readers[0]), source)
             fixes[name] = solver.get_output_port()
 
         V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
@@ -119,12 +183,19 @@ class IntermittentEstimator(Diagram):
             if s.name in fixes:
                 builder.Connect(fixes[s.name], handler.GetInputPort(s.name))
             else:
-                builder.ExportInput(handler.GetInputPort(s.name), s.name)
+                reader = handler.GetInputPort(s.name)
+                _lead(builder, s.name, [reader], stuck_gate(s.name, reader))
         for port in _PREDICTIONS:
             if handler.HasInputPort(port):  # it gates
                 builder.Connect(present[port], handler.GetInputPort(port))
-        for port in (*measurement.sizes, *(["stamps"] * replays)):
-            builder.Connect(handler.GetOutputPort(port), kalman.GetInputPort(port))
+        used = {name: handler.GetOutputPort(name) for name in measurement.sizes}
+        if settings.robust is not None:
+            late = tuple(about) if replays else ()
+            used = _weighed(builder, settings.robust, handler, kalman, seen, names_of(extras), late, h)
+        for name, port in used.items():
+            builder.Connect(port, kalman.GetInputPort(name))
+        if replays:
+            builder.Connect(handler.GetOutputPort("stamps"), kalman.GetInputPort("stamps"))
         if variances is not None:
             reader, n = kalman.GetInputPort("imu"), scenario.samples("imu")
             if n > 1:
@@ -141,8 +212,8 @@ class IntermittentEstimator(Diagram):
             builder.ExportInput(kalman.GetInputPort(port), port)
         for name, port in present.items():
             builder.ExportOutput(port, name)
-        for name in measurement.sizes:
-            builder.ExportOutput(handler.GetOutputPort(name), name)
+        for name, port in used.items():
+            builder.ExportOutput(port, name)
         builder.BuildInto(self)
         self.set_name("estimator")
 
@@ -153,4 +224,5 @@ class IntermittentEstimator(Diagram):
     @property
     def has_history(self) -> bool:
         """Whether past ticks decide what it will estimate, beside the present belief."""
-        return isinstance(self._kalman, ReplayKalmanFilter) or self._kalman.HasOutputPort("extra") or self._reacquires
+        keeps = self._kalman.HasOutputPort("extra") or self._kalman.HasInputPort("opening")
+        return isinstance(self._kalman, ReplayKalmanFilter) or keeps or self._reacquires

@@ -28,6 +28,7 @@ from ortilo_drake.scenario.link import (
 from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed, with_settings
 from ortilo_drake.scenario.onboard import (
     Detector,
+    Exclusion,
     LandmarkFix,
     LqServo,
     Multilateration,
@@ -65,6 +66,7 @@ __all__ = [
     "DiagonalW",
     "Disturbance",
     "DisturbanceW",
+    "Exclusion",
     "Failsafe",
     "FirstOrderRotors",
     "GcsPlanner",

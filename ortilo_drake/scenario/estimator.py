@@ -6,6 +6,7 @@ from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
 from ortilo_drake.scenario.onboard import Gate, PositiveVec3
+from ortilo_drake.scenario.robust import Robust
 
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
 
@@ -154,6 +155,9 @@ class IntermittentFilter(Frozen):
             gates do not know of them.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
             from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
+        robust: what the filter makes of values that are not what it believes of them, such as of faults: gates,
+            weights, re-acquisition, noise that follows the innovations, stuck sensors. {} is all of them; null is the
+            paper.
     """
 
     kind: Literal["intermittent"] = "intermittent"
@@ -168,3 +172,4 @@ class IntermittentFilter(Frozen):
     walks: Walks = Walks()
     biases: Biases = Biases()
     gates: Gates = Field(default={}, validate_default=True)
+    robust: Robust | None = None

@@ -12,6 +12,22 @@ PositiveVec3 = tuple[Positive, Positive, Positive]
 Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
+class Exclusion(Frozen):
+    """Which ranges are left out because they do not fit the others.
+
+    Attributes:
+        probability: with which right ranges pass the chi-square test of their residuals [1].
+        least_ranges: fewest ranges of which one may be left out.
+        share: of the ranges that may be left out at most [1]; if more do not fit there is no fix.
+        clock: whether an offset that is common to all ranges is looked for as well, such as a clock's.
+    """
+
+    probability: Gate = 0.9999
+    least_ranges: Annotated[int, Field(ge=5, le=1000)] = 5
+    share: Annotated[float, Field(ge=0.0, le=0.9)] = 0.5
+    clock: bool = True
+
+
 class Multilateration(Frozen):
     """Position from ranges.
 
@@ -22,11 +38,20 @@ class Multilateration(Frozen):
         bias_sd: standard deviation of what lasts of a range's error [m]: its bias, the survey of its anchor. It counts
             in the weights of 'least_squares' and in whether ranges fit a position, and not in the fix's covariance:
             what lasts of a fix's error is for estimator.biases.uwb_sd.
+        exclude: which ranges are left out because they do not fit the others; null leaves none out. Only with
+            'least_squares'.
     """
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
     noise: RangeNoise = ProportionalNoise()
     bias_sd: NonNegativeFloat = 0.0
+    exclude: Exclusion | None = None
+
+    @model_validator(mode="after")
+    def _has_ranges_to_spare(self) -> "Multilateration":
+        if self.exclude is not None and self.method != "least_squares":
+            raise ValueError(f".exclude: must be null with method {self.method!r}, or the method 'least_squares'")
+        return self
 
     @model_validator(mode="after")
     def _believes_in_noise(self) -> "Multilateration":

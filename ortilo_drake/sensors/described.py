@@ -40,7 +40,9 @@ BUILT_IN = {
         UWB,
         make_world=lambda scenario, room: UwbRanging_[float](scenario.uwb, room, scenario.seed, scenario.h),
         sd=_of_fix,
-        make_onboard=lambda scenario, room: Multilateration_[float](scenario.multilateration, room.anchor_positions),
+        make_onboard=lambda scenario, room: Multilateration_[float](
+            scenario.multilateration, room.anchor_positions, scenario.h
+        ),
         V=lambda scenario: _diagonal(scenario.estimator.V.uwb),
     ),
     "camera": Sensor(

@@ -76,6 +76,40 @@ def test_a_tick_of_all_states_has_the_slopes_of_differences(settings: tuple[str,
     assert np.linalg.matrix_rank(numbers) == D.shape[1]
 
 
+@pytest.mark.parametrize("tick", [60, 61])
+def test_the_robust_loop_has_the_slopes_of_the_plain_one(tick: int) -> None:
+    """What is used of the sensors, and with what weight, is a constant: all that is at hover without noise, in full."""
+    rows = []
+    for settings in ((), ("estimator.robust={}", "multilateration.exclude={}")):
+        diagram, context = at_tick(settings, tick)
+        diagram_ad = diagram.ToAutoDiffXd()
+        context_ad = diagram_ad.CreateDefaultContext()
+        context_ad.SetTimeStateAndParametersFrom(context)
+        systems = [
+            _of(diagram_ad, *path) for path in (("world", "quadrotor"), ("onboard", "estimator", "kalman_filter"))
+        ]
+        contexts = [system.GetMyMutableContextFromRoot(context_ad) for system in systems]
+        before = [its.get_discrete_state(0).CopyToVector() for its in contexts]
+        z = ExtractValue(np.concatenate(before)[:, None])[:, 0]
+        moved = InitializeAutoDiff(z[:, None])[:, 0]
+        for its, part in zip(contexts, np.split(moved, [before[0].size]), strict=True):
+            its.SetDiscreteState(0, part)
+        after = [
+            system.EvalUniquePeriodicDiscreteUpdate(its).get_vector(0).CopyToVector()
+            for system, its in zip(systems, contexts, strict=True)
+        ]
+        rows.append(np.concatenate(after)[:, None])
+    plain, robust = rows
+    np.testing.assert_array_equal(ExtractValue(robust), ExtractValue(plain))
+    np.testing.assert_allclose(ExtractGradient(robust), ExtractGradient(plain), rtol=1e-12, atol=1e-14)
+
+
+def _of(diagram: Any, *names: str) -> Any:
+    for name in names:
+        diagram = diagram.GetSubsystemByName(name)
+    return diagram
+
+
 def test_the_loop_that_flies_obeys_the_separation_principle() -> None:
     tick = differentiate_closed_loop(load_scenario("nominal_imu_uwb"), 900)
     loop = hover_loop(without_noise(load_scenario("nominal_imu_uwb")))

@@ -32,6 +32,11 @@ def extra_part(belief: np.ndarray, n: int) -> np.ndarray:
     return out
 
 
+def diagonal_of_P(belief: np.ndarray, n: int) -> np.ndarray:
+    """Return a view of the diagonal of P (..., n) in [xhat, P row by row] (..., n + n^2)."""
+    return belief[..., n :: n + 1]
+
+
 def with_known_part(belief: np.ndarray, n: int, xbar: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return [xhat, P row by row] of [x; e; i] with this [x; i] (15), of covariance P (15 x 15).
 

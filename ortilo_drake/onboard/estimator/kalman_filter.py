@@ -11,7 +11,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, REFERENCE_SIZE
-from ortilo_drake.onboard.estimator.belief import extra_part, known_part, with_known_part
+from ortilo_drake.onboard.estimator.belief import diagonal_of_P, extra_part, known_part, with_known_part
 from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
@@ -54,6 +54,7 @@ class Predictor:
         P_0: np.ndarray,
         h: float,
         imu_variances: np.ndarray | None = None,
+        opens: bool = False,
     ) -> None:
         """Declare ports and states; arguments as KalmanFilter_'s, T the scalar type."""
         self.set_name("kalman_filter")
@@ -74,6 +75,10 @@ class Predictor:
             self._belief = self.DeclareDiscreteState(BasicVector_[T](whole))
             self.DeclareStateOutputPort("extra", self._extra)
         self.DeclareStateOutputPort("belief", self._known)
+        self._opening = None
+        if opens:
+            self._opening = self.DeclareVectorInputPort("opening", self._n)
+            self.DeclareStateOutputPort("whole_belief", self._belief)
         self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
 
     def SetBelief(self: Any, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
@@ -87,6 +92,13 @@ class Predictor:
         if self._n > N_XBAR:
             values.set_value(self._known, self._known_part(belief, self._n))
             values.set_value(self._extra, self._extra_part(belief, self._n))
+
+    def opening_in(self: Any, context: Context) -> np.ndarray | None:
+        """Return what is added to the diagonal of P (n); None for nothing."""
+        if self._opening is None:
+            return None
+        opening = self._opening.Eval(context)
+        return opening if np.any(values_of(opening) != 0.0) else None
 
     def inputs_in(self: Any, context: Context) -> list[np.ndarray]:
         """Return y, delta, V2, the control less hover, and the reference."""
@@ -110,7 +122,9 @@ def KalmanFilter_(T: type) -> type:
             imu (11): the imu message; only where rows of y are made of it.
             control (4): u_k, f_T absolute.
             reference (9): r and its derivatives; r drives the integrator.
+            opening (n): added to the diagonal of P_k before it is used; only if opens.
             belief (240, output): [xhat_{k|k-1}, P_k row by row] of [x; i].
+            whole_belief (n + n^2, output): the same of [x; e; i], without the opening; only if opens.
             extra (2 e, output): the same of the states e between them, of P_k the standard deviations; only where there
                 are any.
 
@@ -124,6 +138,7 @@ def KalmanFilter_(T: type) -> type:
             P_0: covariance of [x; e; i].
             h: tick [s].
             imu_variances: of the rows of imu_rows.py (3 or 6); None where there are none.
+            opens: whether P can be opened.
         """
 
         def _construct(self, *arguments: Any, converter: Any = None) -> None:
@@ -136,7 +151,9 @@ def KalmanFilter_(T: type) -> type:
             Impl._construct(self, *other._arguments, converter=converter)
 
         def _update(self, context: Any, values: Any) -> None:
-            belief = context.get_discrete_state(self._belief).CopyToVector()
+            belief, opening = context.get_discrete_state(self._belief).CopyToVector(), self.opening_in(context)
+            if opening is not None:
+                diagonal_of_P(belief, self._n)[:] += opening
             self.set_belief(values, self._step(belief, *self.inputs_in(context), self._model, self._layout))
 
     return Impl

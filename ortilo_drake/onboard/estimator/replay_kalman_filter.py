@@ -9,7 +9,7 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
-from ortilo_drake.onboard.estimator.belief import known_part
+from ortilo_drake.onboard.estimator.belief import diagonal_of_P, known_part
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.kalman_filter import Predictor, handed_over
 from ortilo_drake.onboard.estimator.late_measurements import (
@@ -31,7 +31,7 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         belief_<sensor> (240, output): the belief of the tick of that stamp, by all that has arrived since; the present
             one where no message arrived or its stamp is of this tick (or of a later one), that of the oldest tick kept
             where the stamp is older.
-
+        whole_belief_<sensor> (n + n^2, output): the same of [x; e; i]; only if opens.
         timeline (n): what acted and what will, see onboard/commands/command_log.py; only where the filter goes by it.
             The control of a tick is then the mean over the tick of what acts.
 
@@ -42,6 +42,7 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         ticks: N.
         messages: size of the message of each sensor whose fix is made about an estimate.
         timeline: n, 0 where the filter takes its commands to act at once.
+        opens: whether P can be opened; the P of all ticks kept then is.
     """
 
     def __init__(
@@ -56,9 +57,10 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         messages: dict[str, int],
         imu_variances: np.ndarray | None = None,
         timeline: int = 0,
+        opens: bool = False,
     ):
         super().__init__()
-        self.declare_predictor(float, model, measurement, hover_thrust, xbar_0, P_0, h, imu_variances)
+        self.declare_predictor(float, model, measurement, hover_thrust, xbar_0, P_0, h, imu_variances, opens)
         self._slot = slot_of(measurement, self._n)
         self._stamps = self.DeclareVectorInputPort("stamps", handed_over(measurement)["delta"])
         self._timeline = self.DeclareVectorInputPort("timeline", timeline) if timeline else None
@@ -68,21 +70,31 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
             needs = {message.ticket(), self.xd_ticket()}
             calc = partial(self._calc_past, message)
             self.DeclareVectorOutputPort(f"belief_{sensor}", N_BELIEF, calc, prerequisites_of_calc=needs)
+            if opens:
+                calc, n = partial(self._calc_whole_past, message), self._n
+                self.DeclareVectorOutputPort(f"whole_belief_{sensor}", n + n * n, calc, prerequisites_of_calc=needs)
 
     def HasHistory(self) -> bool:
         """Return whether there is more in the state than the belief."""
         return True
 
     def _calc_past(self, message: InputPort, context: Context, output: BasicVector) -> None:
-        output.set_value(self._past(context, message.Eval(context)))
+        past = self._past(context, message.Eval(context))
+        present = context.get_discrete_state(self._known).value()
+        output.set_value(present if past is None else np.asarray(known_part(past, self._n)))
 
-    def _past(self, context: Context, message: np.ndarray) -> np.ndarray:
+    def _calc_whole_past(self, message: InputPort, context: Context, output: BasicVector) -> None:
+        past = self._past(context, message.Eval(context))
+        output.set_value(context.get_discrete_state(self._belief).value() if past is None else past)
+
+    def _past(self, context: Context, message: np.ndarray) -> np.ndarray | None:
+        """Return the belief of [x; e; i] of the tick of a message's stamp; None for the present one."""
         if message[ARRIVED]:
             history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
             row = row_of_past(history, tick_of(message[STAMP], self._h))
             if row >= 0:
-                return np.asarray(known_part(history[row, self._slot.belief : self._slot.y], self._n))
-        return np.asarray(context.get_discrete_state(self._known).value())
+                return np.asarray(history[row, self._slot.belief : self._slot.y])
+        return None
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         y, delta, V2, u, r = self.inputs_in(context)
@@ -92,7 +104,12 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         k, known = tick_of(context.get_time(), self._h), (self._model, self._layout)
         # A copy of the state's, changed here.
         history = values.get_mutable_value(self._history).reshape(-1, self._slot.size)
-        belief = context.get_discrete_state(self._belief).value()
+        belief, opening = context.get_discrete_state(self._belief).value(), self.opening_in(context)
+        if opening is not None:
+            # Of all ticks that are kept: run again from a past one, the filter would forget what it is told now.
+            belief = belief.copy()
+            for believed in (belief, history[:, self._slot.belief : self._slot.y]):
+                diagonal_of_P(believed, self._n)[:] += opening
         if self._timeline is not None:
             timeline = self._timeline.Eval(context)
             rows = with_command(unpacked(timeline), k * self._h + timeline[0], u + self._hover)

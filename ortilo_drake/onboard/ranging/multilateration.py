@@ -2,7 +2,8 @@
 
 Either the spheres of the three nearest anchors are met, as the authors do, or all ranges are fitted by weighted
 least squares; the covariance comes from the geometry (range_equations.py). There is *no fix* with fewer than three
-ranges, from anchors on one line, where the covariance is worse than MAX_SD, or if the fit does not converge.
+ranges, from anchors on one line, where the covariance is worse than MAX_SD, or if the fit does not converge. Ranges
+that do not fit the others may be left out before (fault_exclusion.py).
 """
 
 import sys
@@ -10,35 +11,59 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
+from ortilo_drake.onboard.ranging.clock_offset import differentiable_offset_fix
+from ortilo_drake.onboard.ranging.fault_exclusion import KNOWN, PLAIN, Consistency, consistency_of, consistent_fix
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
 from ortilo_drake.onboard.ranging.range_equations import covariance_of_the_new, inverse, normal_equations, product
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 
+@register_jitable
+def message_of(found: bool, stamp: float, p: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return the fix message (14) of a position and its covariance; zeros if there is no fix."""
+    message = np.zeros(14)
+    if found:
+        message[0] = 1.0
+        message[1] = stamp
+        message[2:5] = p
+        for i in range(3):
+            message[5 + 3 * i : 8 + 3 * i] = C[i]
+    return message
+
+
 @njit(cache=True)
 def fix_message(uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool) -> np.ndarray:
     """Return the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix."""
-    message = np.zeros(14)
     n = anchors.shape[0]
     ranges, there, p_last = uwb[2 : 2 + n], uwb[2 + n :], xhat[:3]
     if three:
         found, p, C = nearest_three(ranges, there, anchors, noise, p_last)
     else:
         found, p, C = least_squares(ranges, there, anchors, noise, p_last)
-    if found:
-        message[0] = 1.0
-        message[1] = uwb[1]
-        message[2:5] = p
-        for i in range(3):
-            message[5 + 3 * i : 8 + 3 * i] = C[i]
-    return message
+    return message_of(found, uwb[1], p, C)
+
+
+@njit(cache=True)
+def tested_fix_message(
+    uwb: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    xhat: np.ndarray,
+    clock: np.ndarray,
+    consistency: Consistency,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fix message (14) of those ranges of a uwb message that fit each other, and the clock (3) after it."""
+    n = anchors.shape[0]
+    fix = consistent_fix(uwb[2 : 2 + n], uwb[2 + n :], anchors, noise, xhat[:3], clock, consistency)
+    return message_of(fix.found, uwb[1], fix.p, fix.C), fix.clock
 
 
 def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
@@ -50,6 +75,25 @@ def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
     used = np.zeros(n)
     used[np.argsort(np.where(there != 0.0, ranges, np.inf))[:3]] = 1.0
     return used
+
+
+def differentiable_tested_fix_message(
+    uwb: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    xhat: np.ndarray,
+    clock: np.ndarray,
+    consistency: Consistency,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return tested_fix_message of AutoDiffXd; which ranges fit, and what is known of the clock, are constants."""
+    n, values, known = len(anchors), values_of(uwb), values_of(clock).astype(float)
+    fix = consistent_fix(values[2 : 2 + n], values[2 + n :], anchors, noise, values_of(xhat)[:3], known, consistency)
+    if not fix.found or fix.unknowns == PLAIN:
+        used = np.concatenate((uwb[: 2 + n], fix.used if fix.found else np.zeros(n)))
+        return differentiable_fix_message(used, anchors, noise, xhat, False), fix.clock
+    prior = known if fix.unknowns == KNOWN else np.zeros(3)
+    p, C = differentiable_offset_fix(fix.p, uwb[2 : 2 + n], fix.used, anchors, noise, prior)
+    return np.concatenate(([1.0 + 0.0 * uwb[1], uwb[1]], p, C.ravel())), fix.clock
 
 
 def differentiable_fix_message(
@@ -83,42 +127,71 @@ def Multilateration_(T: type) -> type:
     """Return the solver for a scalar type: float or AutoDiffXd."""
 
     class Impl(LeafSystem_[T]):
-        """A memoryless solver for the position of the UWB antenna.
+        """A solver for the position of the UWB antenna; memoryless, but for a clock that is off.
 
         Ports:
             uwb (2 + 2 n): the uwb message as it arrives, see model/signals.py.
             estimate (15): the filter's xhat; its first three are the last estimate of p_WB.
             fix (14, output): the fix message, stamped as the uwb message; zeros if nothing arrived or no fix.
 
+        State (discrete, updated every h), only where an offset of the clock is looked for: what is known of it (3), see
+        fault_exclusion.py.
+
         Args:
             settings: method, and the noise it believes of the ranges.
             anchors: a_i in W (n, 3).
+            h: tick [s].
         """
 
-        def _construct(self, settings: MultilaterationSettings, anchors: np.ndarray, converter: Any = None) -> None:
+        def _construct(
+            self,
+            settings: MultilaterationSettings,
+            anchors: np.ndarray,
+            h: float = 1.0 / 30.0,
+            converter: Any = None,
+        ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("multilateration")
-            self._arguments = {"settings": settings, "anchors": anchors}
-            self._fix_message = fix_message if T is float else differentiable_fix_message
-            noise = settings.noise
+            self._arguments = {"settings": settings, "anchors": anchors, "h": h}
+            self._plain: Any = fix_message if T is float else differentiable_fix_message
+            self._tested: Any = tested_fix_message if T is float else differentiable_tested_fix_message
+            noise, exclude = settings.noise, settings.exclude
             sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
             self._noise = np.array([*sd, settings.bias_sd])
             self._anchors = np.ascontiguousarray(anchors, dtype=float)
             self._three = settings.method == "nearest_three"
+            self._consistency = None if exclude is None else consistency_of(exclude, len(anchors))
             self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))
             self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
-            ports = {self._uwb.ticket(), self._estimate.ticket()}
-            self.DeclareVectorOutputPort("fix", FIX_SIZE, self._calc_fix, prerequisites_of_calc=ports)
+            needs, self._clock = {self._uwb.ticket(), self._estimate.ticket()}, None
+            if exclude is not None and exclude.clock:
+                self._clock = self.DeclareDiscreteState(3)
+                self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
+                needs.add(self.discrete_state_ticket(self._clock))
+            self.DeclareVectorOutputPort("fix", FIX_SIZE, self._calc_fix, prerequisites_of_calc=needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, **other._arguments, converter=converter)
 
+        def _found(self, context: Any) -> tuple[np.ndarray, np.ndarray]:
+            """Return the fix message of a uwb message that is there, and what is known of the clock after it."""
+            uwb, xhat = self._uwb.Eval(context), self._estimate.Eval(context)
+            clock = np.zeros(3) if self._clock is None else context.get_discrete_state(self._clock).CopyToVector()
+            if self._consistency is None:
+                return self._plain(uwb, self._anchors, self._noise, xhat, self._three), clock
+            found: tuple[np.ndarray, np.ndarray] = self._tested(
+                uwb, self._anchors, self._noise, xhat, clock, self._consistency
+            )
+            return found
+
         def _calc_fix(self, context: Any, output: Any) -> None:
-            uwb = self._uwb.Eval(context)
-            if uwb[ARRIVED] != 0.0:
-                xhat = self._estimate.Eval(context)
-                output.set_value(self._fix_message(uwb, self._anchors, self._noise, xhat, self._three))
+            if self._uwb.Eval(context)[ARRIVED] != 0.0:
+                output.set_value(self._found(context)[0])
             else:
                 output.SetZero()
+
+        def _update(self, context: Any, values: Any) -> None:
+            if self._uwb.Eval(context)[ARRIVED] != 0.0:
+                values.set_value(self._clock, self._found(context)[1])
 
     return Impl

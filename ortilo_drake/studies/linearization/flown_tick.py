@@ -45,8 +45,10 @@ def without_noise(scenario: Scenario) -> Scenario:
     """Return the scenario hovering on the linear vehicle as believed, with exact uwb and imu, no other sensor, no loss.
 
     No message is late, so 'ignore' does what any estimator.delay would. A faster imu sends one sample a tick here: the
-    mean of a tick's samples follows the closed form to first order only.
+    mean of a tick's samples follows the closed form to first order only. No sensor counts as stuck: without noise
+    all say the same again and again.
     """
+    robust = scenario.estimator.robust
     imu_rate = None if scenario.samples("imu") > 1 else scenario.imu.link.rate
     start = tuple(start_of(planned(scenario)).tolist())
     changes: dict[str, Any] = {
@@ -56,7 +58,9 @@ def without_noise(scenario: Scenario) -> Scenario:
         "imu": Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0, link=Link(rate=imu_rate)),
         "command_link": type(scenario.command_link)(),
         "planner": HoverPlanner(kind="hover", point=start),
-        "estimator": scenario.estimator.model_copy(update={"delay": "ignore"}),
+        "estimator": scenario.estimator.model_copy(
+            update={"delay": "ignore", "robust": robust and robust.model_copy(update={"stuck": None})}
+        ),
         "truth": Truth(),
     }
     return heading_ahead(scenario).model_copy(update=changes)

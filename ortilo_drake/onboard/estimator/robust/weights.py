@@ -1,0 +1,206 @@
+"""Gate, weight, noise scale and re-acquisition of what arrives, by its distance from the filter's prediction.
+
+Of a sensor's value y_j, with e = y_j - C_j xhat and S = C_j P C_j^T + lambda V_j over all that the filter estimates,
+biases included,
+
+    d^2 = e^T S^-1 e                                 distributed as chi-square with m degrees of freedom if all is right
+    refused                                          if d^2 exceeds a quantile of it
+    V_j <- lambda w V_j                              w = max(1, d / c)                        (Huber)
+                                                     w = max(1, (nu + d^2) / (nu + m))        (Student's t)
+
+P. Huber, "Robust Statistics", 1981; M. Roth, E. Ozkan and F. Gustafsson, "A Student's t filter for heavy tailed process
+and measurement noise", ICASSP 2013. lambda follows the innovations: a is the average of d^2 / m, with lambda = 1, over
+the values that were used, and lambda = a / a_0 within [1, lambda_max], a_0 what is tolerated: 1 where all is right.
+
+An estimate that has gone astray refuses right values for ever. A sensor that was refused for a while is therefore
+believed more than the estimate: the filter's P is opened. Not so where others were used meanwhile that see, together,
+all states which it sees: those stand for the estimate.
+
+A gyroscope whose bias steps is believed more than the angles, each of which is noisy. Their innovations are white if
+all is right, so their average over some time, weights alpha (1 - alpha)^i, has the covariance alpha / (2 - alpha) S. If
+its squared distance by that exceeds the quantile, P is opened of the angles and of the gyroscope's bias.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.onboard.gate import squared_gate
+from ortilo_drake.scenario.robust import HuberWeight, Robust
+
+SINCE, AVERAGE, LAST = range(3)  # columns of the state: refused since [s], NEVER if not; a; when a was changed [s]
+NEVER = -1.0
+ROUNDING = 1e-9  # of times [s]
+SHUT, OPEN_RATES, OPEN_ALL = range(3)  # what is opened of P: nothing, angles and the gyroscope's bias, all
+
+
+class Weighing(NamedTuple):
+    """What decides on values, as compiled functions take it.
+
+    Attributes:
+        C: rows of y over all that the filter estimates but the integral (p, N).
+        first: first row of each sensor, and p (s + 1).
+        block: where each sensor's covariance begins in V2, and q (s + 1).
+        gates: largest d^2 of each sensor (s).
+        sees: which states of the vehicle each sensor sees (s, 12).
+        huber: c; inf for Student's t.
+        dof: nu; inf for Huber.
+        time: over which innovations are averaged [s]; inf keeps the noise as it is.
+        tolerates: a_0.
+        most: lambda_max.
+        reacquire_after: time refused after which P is opened [s].
+        watched: number of the sensor whose average innovation tells a gyroscope's bias, -1 for none.
+        drift: time over which it is averaged [s].
+    """
+
+    C: np.ndarray
+    first: np.ndarray
+    block: np.ndarray
+    gates: np.ndarray
+    sees: np.ndarray
+    huber: float
+    dof: float
+    time: float
+    tolerates: float
+    most: float
+    reacquire_after: float
+    watched: int
+    drift: float
+
+
+def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Weighing:
+    """Return what decides on the first so many sensors of a measurement, whose rows are over [x; e]."""
+    layout, weight, adaptation = measurement.layout, settings.weight, settings.adaptation
+    first, block = layout.first[: sensors + 1], layout.block[: sensors + 1]
+    C = np.ascontiguousarray(layout.C[: first[-1]])
+    sees = np.array([np.any(C[a:b, :N_X] != 0.0, axis=0) for a, b in pairwise(first)])
+    is_huber = isinstance(weight, HuberWeight)
+    return Weighing(
+        C,
+        first,
+        block,
+        np.array([squared_gate(settings.gate, int(m)) for m in np.diff(first)]),
+        sees,
+        weight.c if isinstance(weight, HuberWeight) else np.inf,
+        np.inf if is_huber else getattr(weight, "dof", np.inf),
+        np.inf if adaptation is None else adaptation.time,
+        1.0 if adaptation is None else adaptation.tolerates,
+        1.0 if adaptation is None else adaptation.most,
+        settings.reacquire_after,
+        measurement.sensors.index("imu") if "gyroscope" in measurement.sensors and settings.drift is not None else -1,
+        np.inf if settings.drift is None else settings.drift,
+    )
+
+
+def first_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return state (s, 3), seen (12) and mean (3) before anything arrived."""
+    return np.tile([NEVER, 1.0, 0.0], (sensors, 1)), np.full(N_X, NEVER), np.zeros(3)
+
+
+@njit(cache=True)
+def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: float) -> tuple[float, float]:
+    """Return d^2 with V as it is, and with V scaled; inf where the prediction is no longer finite."""
+    if not (np.all(np.isfinite(CPCt)) and np.all(np.isfinite(V)) and np.all(np.isfinite(e))):  # solve would raise
+        return np.inf, np.inf
+    plain = float(e @ np.linalg.solve(CPCt + V, e))
+    if scale == 1.0:
+        return plain, plain
+    return plain, float(e @ np.linalg.solve(CPCt + scale * V, e))
+
+
+@njit(cache=True)
+def weight_of(squared: float, rows: int, huber: float, dof: float) -> float:
+    """Return w, the factor on a value's covariance, at least 1; huber or dof is inf."""
+    if huber < np.inf:
+        return max(1.0, np.sqrt(squared) / huber)
+    return max(1.0, (dof + squared) / (dof + rows))
+
+
+@njit(cache=True)
+def judge(
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    beliefs: np.ndarray,
+    state: np.ndarray,
+    seen: np.ndarray,
+    mean: np.ndarray,
+    t: float,
+    weighing: Weighing,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """Return factors on the covariances, 0 for what is not used (s), the next state, seen and mean, and what is opened.
+
+    Args:
+        y: values (p).
+        delta: arrivals (s).
+        V2: covariances, each row by row (q).
+        beliefs: [xhat, P row by row] by which each sensor's value is judged (s, n + n^2).
+        state: of each sensor (s, 3).
+        seen: when a sensor was used last that sees a state of the vehicle [s] (12).
+        mean: average innovation of the watched sensor (3).
+        t: time [s].
+        weighing: what decides.
+    """
+    C, first, block, gates, sees, huber, dof, time, tolerates, most, reacquire_after, watched, drift = weighing
+    s, N, n = delta.size, C.shape[1], C.shape[1] + 3
+    factors, state, seen, mean, opens = np.zeros(s), state.copy(), seen.copy(), mean.copy(), SHUT
+    for j in range(s):
+        if delta[j] == 0.0:
+            continue
+        rows, m = C[first[j] : first[j + 1]], first[j + 1] - first[j]
+        P = beliefs[j, n:].copy().reshape(n, n)[:N, :N].copy()
+        V = V2[block[j] : block[j + 1]].copy().reshape(m, m)
+        scale = min(max(1.0, state[j, AVERAGE] / tolerates), most)
+        e = y[first[j] : first[j + 1]] - rows @ beliefs[j, :N]
+        CPCt = rows @ P @ rows.T
+        plain, squared = squared_distances(e, CPCt, V, scale)
+        if squared <= gates[j]:
+            factors[j] = scale * weight_of(squared, m, huber, dof)
+            since = t - state[j, LAST]
+            share = 1.0 - np.exp(-since / time)
+            state[j, SINCE] = NEVER
+            state[j, AVERAGE] += share * (plain / m - state[j, AVERAGE])
+            state[j, LAST] = t
+            for i in range(N_X):
+                if sees[j, i]:
+                    seen[i] = t
+            if j == watched and since > 0.0:
+                alpha = 1.0 - np.exp(-since / drift)
+                mean += alpha * (e - mean)
+                if mean @ np.linalg.solve(CPCt + scale * V, mean) * (2.0 - alpha) / alpha > gates[j]:
+                    mean, opens = np.zeros(3), OPEN_RATES
+    for j in range(s):
+        if delta[j] == 0.0 or factors[j] > 0.0:
+            continue
+        others = t  # since when all that it sees was seen by those that were used
+        for i in range(N_X):
+            if sees[j, i]:
+                others = min(others, seen[i])
+        if state[j, SINCE] == NEVER or others >= state[j, SINCE]:
+            state[j, SINCE] = t
+        elif t - state[j, SINCE] >= reacquire_after - ROUNDING:
+            state[j, SINCE], opens = t, OPEN_ALL
+    return factors, state, seen, mean, opens
+
+
+@njit(cache=True)
+def weighed(
+    y: np.ndarray, delta: np.ndarray, V2: np.ndarray, factors: np.ndarray, first: np.ndarray, block: np.ndarray
+) -> np.ndarray:
+    """Return [y, delta, V2] of what is used, the covariances times their factors (p + s + q).
+
+    Rows that are not used hold 0, as those that did not arrive; their covariances stay.
+    """
+    p, s, q = y.size, delta.size, V2.size
+    out = np.zeros(p + s + q, y.dtype)
+    out[p + s :] = V2
+    for j in range(s):
+        if factors[j] > 0.0:
+            out[first[j] : first[j + 1]] = y[first[j] : first[j + 1]]
+            out[p + j] = delta[j]
+            out[p + s + block[j] : p + s + block[j + 1]] = factors[j] * V2[block[j] : block[j + 1]]
+    return out

@@ -1,0 +1,92 @@
+"""Settings of the robust form of the paper's filter."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat
+
+from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.scenario.onboard import Gate
+
+
+class HuberWeight(Frozen):
+    """Huber's weight: a value weighs less the farther it is, from some distance on.
+
+    Attributes:
+        kind: 'huber'.
+        c: Mahalanobis distance d of a value from its prediction up to which it weighs in full; beyond, its covariance
+            is taken d / c times as large [1].
+    """
+
+    kind: Literal["huber"] = "huber"
+    c: Annotated[float, Field(ge=0.1, le=100.0)] = 4.0
+
+
+class StudentWeight(Frozen):
+    """The weight of Student's t distribution, whose tails are longer than the Gaussian's.
+
+    Attributes:
+        kind: 'student_t'.
+        dof: degrees of freedom nu; the covariance of a value of m rows is taken (nu + d^2) / (nu + m) times as large
+            where that is more than 1 [1].
+    """
+
+    kind: Literal["student_t"]
+    dof: Annotated[float, Field(ge=1.0, le=1000.0)] = 5.0
+
+
+class Adaptation(Frozen):
+    """Noise that is taken for larger while innovations are larger than believed.
+
+    Attributes:
+        time: over which the squared Mahalanobis distance of accepted values, per row, is averaged [s].
+        tolerates: average up to which the noise stays what it is believed to be [1]; it is 1 where all is right.
+        most: factor on a covariance at most [1].
+    """
+
+    time: Positive = 5.0
+    tolerates: Annotated[float, Field(ge=1.0, le=100.0)] = 2.0
+    most: Annotated[float, Field(ge=1.0, le=1e4)] = 16.0
+
+
+class Opening(Frozen):
+    """By how much the filter believes its estimate less where it is opened; standard deviations per axis.
+
+    Attributes:
+        position: [m].
+        angle: of roll, pitch and yaw [rad].
+        velocity: [m/s].
+        rate: of the Euler rates [rad/s].
+        gyroscope: of the gyroscope's bias, where it is estimated [rad/s].
+    """
+
+    position: NonNegativeFloat = 0.5
+    angle: NonNegativeFloat = 0.1
+    velocity: NonNegativeFloat = 0.3
+    rate: NonNegativeFloat = 0.1
+    gyroscope: NonNegativeFloat = 0.01
+
+
+class Robust(Frozen):
+    """What the filter makes of values that are not what it believes of them; nothing where all are.
+
+    Attributes:
+        gate: probability with which a right value is used [1]: it is refused if its squared Mahalanobis distance from
+            the filter's prediction exceeds the chi-square quantile.
+        weight: how much values within the gate count.
+        adaptation: how the believed noise of each sensor follows its innovations; null keeps it.
+        reacquire_after: a sensor that was refused for so long while no other that sees the same was used is believed
+            more than the estimate [s]: the estimate's covariance is opened.
+        opening: by how much.
+        drift: time over which innovations of the imu's angles are averaged; if they are not 0 on average, by the gate's
+            probability, the gyroscope's bias is found anew [s]. Read with rates 'measured'; null leaves it out.
+        stuck: so many messages in a row with the same content say that a sensor is stuck; it is not heard until it says
+            something else. null hears it.
+    """
+
+    gate: Gate = 0.999999
+    weight: Annotated[HuberWeight | StudentWeight, Field(discriminator="kind")] = HuberWeight()
+    adaptation: Adaptation | None = Adaptation()
+    reacquire_after: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    opening: Opening = Opening()
+    drift: Annotated[float, Field(ge=0.1, le=60.0)] | None = 1.0
+    stuck: Annotated[int, Field(ge=2, le=1000)] | None = 3
