@@ -20,7 +20,7 @@ from ortilo_drake.flight.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
-DEFAULT_SCENARIOS = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "tight_imu_uwb_yolo")
+DEFAULT_SCENARIOS = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb_yolo", "tight_imu_uwb_yolo")
 
 
 def faults(
