@@ -77,6 +77,13 @@ def differentiable_fix_message(
     return message
 
 
+def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
+    """Return s_0 [m], s_1 and s_2 [m] (3) of range_equations.py, as the settings have it."""
+    noise = settings.noise
+    sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
+    return np.array([*sd, settings.bias_sd])
+
+
 # Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("Multilateration_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def Multilateration_(T: type) -> type:
@@ -100,9 +107,7 @@ def Multilateration_(T: type) -> type:
             self.set_name("multilateration")
             self._arguments = {"settings": settings, "anchors": anchors}
             self._fix_message = fix_message if T is float else differentiable_fix_message
-            noise = settings.noise
-            sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
-            self._noise = np.array([*sd, settings.bias_sd])
+            self._noise = believed_noise(settings)
             self._anchors = np.ascontiguousarray(anchors, dtype=float)
             self._three = settings.method == "nearest_three"
             self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))
