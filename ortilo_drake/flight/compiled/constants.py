@@ -6,8 +6,13 @@ import numpy as np
 
 from ortilo_drake.flight.lost import Bounds
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.late_measurements import Slot
 from ortilo_drake.onboard.estimator.measurement_handler import Incoming
+from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
+from ortilo_drake.world.sensors.camera_tables import Tables
+from ortilo_drake.world.sensors.landmark_view import Surroundings
 
 
 class LinkConstants(NamedTuple):
@@ -94,13 +99,46 @@ class UwbConstants(NamedTuple):
     three: bool
 
 
+class CameraConstants(NamedTuple):
+    """The projected camera, see world/sensors/projected_camera.py, and the landmark fix of its boxes.
+
+    Attributes:
+        room: landmarks and what may hide them.
+        labels: the landmarks' classes (n).
+        camera: the camera.
+        tables: of rates and errors.
+        streams: numbers of each landmark's noise (n, 4).
+        false_stream: number of the noise of false boxes.
+        link: how its messages are delivered, its latency among the delays.
+        believed: of the boxes.
+        method: index in METHODS of the loop's solve_boxes.
+        rows: of a fix.
+        prior: what stands in for P row by row (225); empty where P itself is taken.
+        joint: whether refused images are counted.
+    """
+
+    room: Surroundings
+    labels: np.ndarray
+    camera: Camera
+    tables: Tables
+    streams: np.ndarray
+    false_stream: np.uint64
+    link: LinkConstants
+    believed: BoxBelief
+    method: int
+    rows: int
+    prior: np.ndarray
+    joint: bool
+
+
 class FilterConstants(NamedTuple):
     """Handler and filter.
 
     Attributes:
         incoming: how the messages and fixes of a tick stand in one vector.
         size: of that vector.
-        first: where the fix of ranges begins in it, then the imu's message; -1 of what does not fly (2).
+        first: where the fix of ranges begins in it, then the imu's message, then the fix of boxes; -1 of what does
+            not fly (3).
         handled: the layout of what the handler hands over.
         drops: whether late values are dropped.
         model: what the filter believes of the vehicle.
@@ -109,11 +147,13 @@ class FilterConstants(NamedTuple):
         imu_variances: of those rows (0, 3 or 6).
         belief_0: [xhat_0, P_0 row by row] (n + n^2).
         knows_force: whether the servo is told the force.
+        slot: where everything is in a row of the history; None where late measurements are not put into it.
+        history: how many ticks are kept in it.
     """
 
     incoming: Incoming
     size: int
-    first: tuple[int, int]
+    first: tuple[int, int, int]
     handled: Layout
     drops: bool
     model: FilterModel
@@ -122,6 +162,8 @@ class FilterConstants(NamedTuple):
     imu_variances: np.ndarray
     belief_0: np.ndarray
     knows_force: bool
+    slot: Slot | None
+    history: int
 
 
 class ServoConstants(NamedTuple):
@@ -152,6 +194,7 @@ class FlightConstants(NamedTuple):
         vehicle: the plant.
         imu: the imu.
         uwb: ranging.
+        camera: the camera and its fix; None where there is none.
         filter: handler and filter.
         servo: the servo.
         bounds: within what the flight is not lost.
@@ -163,6 +206,7 @@ class FlightConstants(NamedTuple):
     vehicle: VehicleConstants
     imu: ImuConstants
     uwb: UwbConstants
+    camera: CameraConstants | None
     filter: FilterConstants
     servo: ServoConstants
     bounds: Bounds

@@ -4,64 +4,21 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.flight.compiled.constants import (
-    FilterConstants,
-    FlightConstants,
-    ImuConstants,
-    LinkConstants,
-    ServoConstants,
-    UwbConstants,
-)
+from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, fix_of_boxes
+from ortilo_drake.flight.compiled.constants import FlightConstants, ImuConstants, ServoConstants, UwbConstants
+from ortilo_drake.flight.compiled.estimate import belief_about, belief_after, first_history, handed_over
 from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees
+from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
 from ortilo_drake.model.equations import step
-from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD, STAMP
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.belief import known_part
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
-from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
 from ortilo_drake.onboard.ranging.multilateration import fix_message
 from ortilo_drake.onboard.servo.lq_servo import servo_control
-from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_tick, landing_row, put_in_flight
+from ortilo_drake.world.radio.link import NOT_SENT
 from ortilo_drake.world.sensors.imu import imu_message
 from ortilo_drake.world.sensors.uwb import uwb_message
 from ortilo_drake.world.vehicle.disturbance import disturbance_at
-
-
-@register_jitable
-def empty_link(link: LinkConstants, size: int) -> np.ndarray:
-    """Return what a link has in flight at first: nothing, rows (tick of arrival, message of that size)."""
-    flying = np.zeros((link.delays[0] + link.delays[1], 1 + size))
-    flying[:, 0] = -1.0
-    return flying
-
-
-@register_jitable
-def delay_through(link: LinkConstants, k: int, x: np.ndarray, bad: bool, seed: int) -> int:
-    """Return the delay of the message of tick k [ticks], NOT_SENT where none is sent."""
-    if link.every == 0:
-        return NOT_SENT
-    return delay_of_tick(k, link.every, x, bad, link.loss, link.blackouts, link.delays, seed, link.stream)
-
-
-@register_jitable
-def deliver(message: np.ndarray, delay: int, flying: np.ndarray, k: int) -> None:
-    """Overwrite the message of tick k by the one that lands in it, zeros if none does; put it in flight if it is late.
-
-    Args:
-        message: of this tick, read where it is sent (n).
-        delay: of delay_through.
-        flying: what is in flight.
-        k: tick.
-    """
-    landed = landing_row(flying, k, message[STAMP] if delay == 0 else -np.inf)
-    late = flying[landed, 1:].copy() if landed != NOT_SENT else message
-    if delay > 0:
-        put_in_flight(flying, k + delay, message)
-    if landed != NOT_SENT:
-        message[:] = late
-    elif delay != 0:
-        message[:] = 0.0
 
 
 @register_jitable
@@ -115,18 +72,11 @@ def control_of(
 
 
 @register_jitable
-def measured(
-    flight: FilterConstants, uwb: UwbConstants, ranges: np.ndarray, imu: np.ndarray, known: np.ndarray, k: int, h: float
-) -> np.ndarray:
-    """Return the handler's [y, delta, V2, stamps] of what landed at tick k, known the belief of [x; i]."""
-    messages = np.zeros(flight.size)
-    xhat, P = known[:N_XBAR], known[N_XBAR:]
-    if ranges[ARRIVED] != 0.0:
-        fix = fix_message(ranges, uwb.surveyed, uwb.noise, xhat, uwb.three)
-        messages[flight.first[0] : flight.first[0] + fix.size] = fix
-    if imu[ARRIVED] != 0.0:
-        messages[flight.first[1] : flight.first[1] + imu.size] = imu
-    return stack_measurements(messages, xhat, P, k if flight.drops else NEVER, h, flight.incoming, flight.handled)
+def fix_of_ranges(uwb: UwbConstants, message: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Return the fix of the ranges that landed, zeros if there is none, about a belief of [x; i] (240)."""
+    if message[ARRIVED] == 0.0:
+        return np.zeros(PAYLOAD)
+    return fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], uwb.three)
 
 
 @njit(cache=True, nogil=True)
@@ -142,33 +92,31 @@ def fly_one(
         arrived: in how many ticks each sensor's value reached the filter (s).
         log: a row for each tick, see Measurement.logged_sizes (ticks + 1, w); (0, w) for none.
     """
-    h, vehicle, imu, uwb, servo, estimator = (
-        flight.h,
-        flight.vehicle,
-        flight.imu,
-        flight.uwb,
-        flight.servo,
-        flight.filter,
-    )
-    handled = estimator.handled
+    h, vehicle, imu, uwb, camera = flight.h, flight.vehicle, flight.imu, flight.uwb, flight.camera
+    servo, estimator = flight.servo, flight.filter
+    slot, handled, n = estimator.slot, estimator.handled, N_XBAR + len(estimator.model.extra)
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
-    x, u, d, hover = np.zeros(N_X), np.zeros(N_U), np.zeros(6), np.zeros(N_U)
+    x, d, hover = np.zeros(N_X), np.zeros(6), np.zeros(N_U)
     x[0:3], x[5] = flight.reference[0, 0:3], flight.yaw
     hover[0] = vehicle.hover_thrust
-    u[:] = hover
-    belief = estimator.belief_0.copy()
-    n = N_XBAR + len(estimator.model.extra)
+    u, belief, history = hover.copy(), estimator.belief_0.copy(), first_history(slot, estimator.history)
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
-    imu_flying = empty_link(imu.link, IMU_SIZE)
-    uwb_bad = imu_bad = False
+    imu_flying, camera_flying = empty_link(imu.link, IMU_SIZE), empty_camera_link(camera)
+    uwb_bad = imu_bad = camera_bad = False
+    refused = 0.0
     last = flight.reference.shape[0] - 1
     arrived[:] = 0.0
     for k in range(last + 1):
         r = flight.reference[k]
         known = known_part(belief, n)
-        imu_landed = imu_of_tick(imu, vehicle.mass, x, u, d, k, h, seed, imu_bad, imu_flying)
+        felt = imu_of_tick(imu, vehicle.mass, x, u, d, k, h, seed, imu_bad, imu_flying)
         ranges = uwb_of_tick(uwb, x, k, h, seed, uwb_bad, uwb_flying)
-        handed = measured(estimator, uwb, ranges, imu_landed, known, k, h)
+        detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying)
+        about = belief_about(slot, history, n, ranges, known, h)
+        by_ranges = fix_of_ranges(uwb, ranges, about)
+        about = belief_about(slot, history, n, detections, known, h)
+        by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], refused)
+        handed = handed_over(estimator, by_ranges, felt, by_boxes, known, k, h)
         u = control_of(servo, estimator.knows_force, belief, known[:N_XBAR], x, r)
         arrived += handed[p : p + s]
         trace[k, TRUE], trace[k, ESTIMATED] = x[:3], known[:3]
@@ -183,21 +131,11 @@ def fly_one(
             return k, cause
         if k == last:
             break
-        y, delta, V2 = with_imu_rows(
-            handed[:p],
-            handed[p : p + s],
-            handed[p + s : p + s + q],
-            imu_landed,
-            estimator.imu_number,
-            estimator.imu_variances,
-        )
-        belief = filter_step(belief, y, delta, V2, u - hover, r, estimator.model, estimator.layout)
+        belief = belief_after(slot, history, belief, estimator, handed, felt, k, h, u - hover, r)
         d = disturbance_at(vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
         x = step(x, u, d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h)
-        if imu.link.has_chain:
-            imu_bad = chain_after(k, imu_bad, imu.link.loss, seed, imu.link.stream)
-        if uwb.link.has_chain:
-            uwb_bad = chain_after(k, uwb_bad, uwb.link.loss, seed, uwb.link.stream)
+        imu_bad, uwb_bad = chain_of_tick(imu.link, k, imu_bad, seed), chain_of_tick(uwb.link, k, uwb_bad, seed)
+        camera_bad = camera_chain(camera, k, camera_bad, seed)
     return last, NOT_LOST
 
 

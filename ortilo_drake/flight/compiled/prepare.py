@@ -3,7 +3,9 @@
 import numpy as np
 
 from ortilo_drake.diagrams.onboard import initial_estimate
+from ortilo_drake.flight.compiled.boxes import METHODS
 from ortilo_drake.flight.compiled.constants import (
+    CameraConstants,
     FilterConstants,
     FlightConstants,
     ImuConstants,
@@ -14,26 +16,30 @@ from ortilo_drake.flight.compiled.constants import (
 )
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import bounds_of
+from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
+from ortilo_drake.onboard.estimator.late_measurements import slot_of
 from ortilo_drake.onboard.estimator.measurement_handler import incoming_of
+from ortilo_drake.onboard.landmarks.box_fix import box_belief, prior_covariance
 from ortilo_drake.onboard.planner.planned import path_of, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario, Truth
 from ortilo_drake.scenario.loss_chain import loss_parameters
-from ortilo_drake.sensors.described import flown
-from ortilo_drake.sensors.messages import message_size
+from ortilo_drake.sensors.described import as_known, flown
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import blackout_rows, steps_a_chain
+from ortilo_drake.world.sensors.landmark_view import surroundings
+from ortilo_drake.world.sensors.projected_camera import noise_streams, tables_of
 from ortilo_drake.world.sensors.uwb import ranging_settings, walls_between
 
-COMPILED_SENSORS = ("uwb", "imu")
+COMPILED_SENSORS = ("uwb", "camera", "imu")
 
 
 def why_not(scenario: Scenario) -> str | None:
@@ -46,8 +52,10 @@ def why_not(scenario: Scenario) -> str | None:
         return f"{scenario.faster_sensors[0]}.link.rate: is faster than the tick"
     if not isinstance(settings, IntermittentFilter):
         return f"estimator.kind: {settings.kind}: has no compiled form"
-    if settings.delay == "replay":
-        return "estimator.delay: replay: has no compiled form"
+    if scenario.is_rendered:
+        return "camera.kind: rendered: has no compiled form"
+    if "camera" in scenario.sensors and scenario.landmark_fix.method not in METHODS:
+        return f"landmark_fix.method: {scenario.landmark_fix.method}: has no compiled form"
     if not isinstance(scenario.servo, LqServo):
         return f"servo.kind: {scenario.servo.kind}: has no compiled form"
     if scenario.commands != Commands() or scenario.command_link != CommandLink():
@@ -89,6 +97,7 @@ def constants_of(scenario: Scenario) -> FlightConstants:
         ),
         _imu(scenario),
         _uwb(scenario, room),
+        _camera(scenario, room) if "camera" in scenario.sensors else None,
         _filter(scenario, room, start_of(path)),
         ServoConstants(
             servo_gain(vehicle, scenario.servo.weights, h),
@@ -101,14 +110,14 @@ def constants_of(scenario: Scenario) -> FlightConstants:
     )
 
 
-def _link(scenario: Scenario, sensor: str) -> LinkConstants:
+def _link(scenario: Scenario, sensor: str, latency: int = 0) -> LinkConstants:
     settings = scenario.link_of(sensor)
     return LinkConstants(
         scenario.every(sensor) if sensor in scenario.sensors else 0,
         loss_parameters(settings.loss, scenario.h),
         steps_a_chain(settings),
         blackout_rows(settings, scenario.h),
-        (settings.delay, settings.random_delay),
+        (settings.delay + latency, settings.random_delay),
         stream_id(f"link/{sensor}"),
     )
 
@@ -134,32 +143,51 @@ def _uwb(scenario: Scenario, room: Room) -> UwbConstants:
     )
 
 
+def _camera(scenario: Scenario, room: Room) -> CameraConstants:
+    settings, fix = scenario.camera, scenario.landmark_fix
+    prior = prior_covariance(fix)
+    streams, false_stream = noise_streams(room)
+    return CameraConstants(
+        surroundings(room),
+        room.landmark_labels,
+        room.camera.scaled_to(settings.width).constants,
+        tables_of(settings, room, scenario.h),
+        streams,
+        false_stream,
+        _link(scenario, "camera", settings.latency),
+        box_belief(fix, as_known(scenario, room), scenario.image_width),
+        METHODS.index(fix.method),
+        len(fix.rows),
+        np.zeros(0) if prior is None else prior,
+        fix.joint is not None,
+    )
+
+
 def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
     settings, measurement, vehicle, h = scenario.estimator, scenario.measurement, scenario.vehicle, scenario.h
     extras = extra_states(settings, vehicle, h, scenario.flown_rows)
     P_0 = initial_covariance(settings, extras)
     xbar_0 = initial_estimate(scenario, r_0)
     sensors = [flown(name, scenario) for name in measurement.sensors if name in scenario.sensors]
-    sizes = {s.name: fix_or_message_size(s.name, message_size(s, scenario, room)) for s in sensors}
+    camera = PAYLOAD + len(scenario.landmark_fix.rows) + len(scenario.landmark_fix.rows) ** 2
+    handed = {"uwb": FIX_SIZE, "camera": camera, "imu": IMU_SIZE}
+    sizes = {s.name: handed[s.name] for s in sensors}
     V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
     incoming = incoming_of(measurement, sizes, V, dict(settings.gates))
     starts = dict(zip(measurement.sensors, incoming.start.tolist(), strict=True))
-    variances = imu_variances(scenario)
+    variances, augmented = imu_variances(scenario), augmented_rows(measurement.rows, extras)
     return FilterConstants(
         incoming,
         max(sum(sizes.values()), 1),
-        (starts["uwb"], starts["imu"]),
+        (starts["uwb"], starts["imu"], starts["camera"]),
         measurement.layout,
         settings.delay == "drop",
         augmented_model(settings, vehicle, settings.integrator, h, extras),
-        augmented_rows(measurement.rows, extras).layout,
+        augmented.layout,
         measurement.sensors.index("imu"),
         np.zeros(0) if variances is None else variances,
         np.concatenate((xbar_0[:N_X], np.zeros(len(P_0) - N_XBAR), xbar_0[N_X:], P_0.ravel())),
         bool(extras),
+        slot_of(augmented, len(P_0)) if settings.delay == "replay" else None,
+        history_ticks(settings.horizon, h),
     )
-
-
-def fix_or_message_size(sensor: str, message: int) -> int:
-    """Return the size of what the handler gets of a sensor: of ranges a fix, of the imu its message."""
-    return PAYLOAD + 12 if sensor == "uwb" else IMU_SIZE if sensor == "imu" else message

@@ -7,16 +7,14 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Inpu
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
-from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.kalman_filter import Predictor, handed_over
 from ortilo_drake.onboard.estimator.late_measurements import (
     N_BELIEF,
     empty_history,
+    past_belief,
     replay_step,
-    row_of_past,
     slot_of,
     with_acted,
 )
@@ -74,15 +72,9 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         return True
 
     def _calc_past(self, message: InputPort, context: Context, output: BasicVector) -> None:
-        output.set_value(self._past(context, message.Eval(context)))
-
-    def _past(self, context: Context, message: np.ndarray) -> np.ndarray:
-        if message[ARRIVED]:
-            history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
-            row = row_of_past(history, tick_of(message[STAMP], self._h))
-            if row >= 0:
-                return np.asarray(known_part(history[row, self._slot.belief : self._slot.y], self._n))
-        return np.asarray(context.get_discrete_state(self._known).value())
+        history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
+        known = context.get_discrete_state(self._known).value()
+        output.set_value(past_belief(history, self._slot, self._n, message.Eval(context), known, self._h))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         y, delta, V2, u, r = self.inputs_in(context)
