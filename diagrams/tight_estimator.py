@@ -10,8 +10,9 @@ from scipy.stats import chi2
 from ortilo_drake.diagrams.estimator import make_detector
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layout_of, motion_of
-from ortilo_drake.onboard.estimator.tight.system import Aids, TightFilter
+from ortilo_drake.onboard.estimator.tight.aids import Aids
+from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layout_of, motion_of, watch_of
+from ortilo_drake.onboard.estimator.tight.system import TightFilter
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.sensors.messages import message_port
@@ -48,6 +49,7 @@ def make_tight(scenario: Belief, xbar_0: np.ndarray) -> Diagram:
             float(chi2.ppf(*of)) for of in ((settings.gate, 1), (settings.gate, 2), (scenario.landmark_fix.gate, 2))
         ),
         huber=settings.huber,
+        watch=watch_of(settings, h),
     )
     builder = DiagramBuilder()
     rows = {sensor.name: scenario.measurement.C_of(sensor.name) for sensor in own}

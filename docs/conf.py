@@ -21,7 +21,10 @@ try:
 except ModuleNotFoundError:  # a checkout that is not installed
     version = release = "unreleased"
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_nb",
+    *(f"sphinx.ext.{name}" for name in ("autodoc", "autosummary", "intersphinx", "napoleon", "viewcode")),
+]
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "_templates", "**.ipynb_checkpoints"]
 default_role = "code"  # docstrings set code in single backticks
@@ -41,6 +44,19 @@ autodoc_typehints = "signature"
 napoleon_use_ivar = True
 python_use_unqualified_type_names = True
 viewcode_line_numbers = True
+
+# Types of other projects link to their own pages. What we name of them stands in inventories/, so that no network is
+# needed; `make linkcheck` says whether the pages are still there.
+intersphinx_mapping = {
+    name: (site, f"inventories/{name}.txt")
+    for name, site in (
+        ("drake", "https://drake.mit.edu/pydrake/"),
+        ("numpy", "https://numpy.org/doc/stable/"),
+        ("pandas", "https://pandas.pydata.org/docs/"),
+        ("python", "https://docs.python.org/3/"),
+        ("xarray", "https://docs.xarray.dev/en/stable/"),
+    )
+}
 
 # --- looks -----------------------------------------------------------------------------------------------------
 html_theme = "pydata_sphinx_theme"

@@ -27,6 +27,7 @@ from ortilo_drake.model.parts import load_plugin
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
     no_args_is_help=True,
+    rich_markup_mode="markdown",  # Rich would take a unit such as [s] for a style and leave it out
     pretty_exceptions_enable=False,
 )
 

@@ -35,13 +35,16 @@ from ortilo_drake.scenario import load_scenario
 LOST = 3  # exit code of a flight that was lost
 
 
-def _print_flight(result: Summary, said: str) -> None:
+def _print_flight(result: Summary, said: str, blackout: float) -> None:
     out.print(f"[bold]{result.scenario}[/bold], seed {result.seed}")
     out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
     show_rows(_rows(result))
     if result.contacts:
         out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
 
+    if blackout > 0.0:
+        line = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
+        out.print(f"  UWB blacked out     {line}", soft_wrap=True)
     if result.arrivals.get("camera") == 0.0:
         line = "not one camera fix: `ortilo detector recognise` says which landmarks the detector knows"
         out.print(f"  [yellow]camera[/yellow]              {line}", soft_wrap=True)
@@ -96,6 +99,7 @@ def fly(
             raise InputError(f"{option}: is written by a flight that is not shown live; leave --meshcat out")
     check_writable(html, png, video, out_file, rerun, json_file)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
+    from ortilo_drake.flight.blackouts import in_blackout
     from ortilo_drake.flight.flight import fly as fly_once
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary
@@ -151,7 +155,8 @@ def fly(
     if rerun and recorder:
         save_recording(flight, recorder.sightings, rerun)
     write_json(json_file, result)
-    _print_flight(result, verdict(flight))
+    blackout = in_blackout(flight["truth"].values, chosen).mean() if "uwb" in chosen.sensors else 0.0
+    _print_flight(result, verdict(flight), float(blackout))
     say_written(html, png, video, out_file, log, rerun, json_file)
     if result.lost:
         raise typer.Exit(LOST)

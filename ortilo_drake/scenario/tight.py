@@ -52,6 +52,8 @@ class InertialNoise(Frozen):
         yaw_sd: error of the yaw, which lasts [rad].
         angles_rate: random walk of both, likewise [rad].
         coasting_sd: what a tick without samples may change of body rates [rad/s] and specific force [m/s^2].
+        silent_rate: random walk of what body rates [rad/s] and specific force [m/s^2] are wrong by after a second in
+            which the imu says nothing new.
     """
 
     datasheet: Literal["none", "icm_42688_p", "bmi088"] = "none"
@@ -66,6 +68,7 @@ class InertialNoise(Frozen):
     yaw_sd: NonNegativeFloat = 0.0
     angles_rate: NonNegativeFloat = 2.0e-4
     coasting_sd: tuple[Positive, Positive] = (0.004, 0.15)
+    silent_rate: tuple[Positive, Positive] = (0.05, 0.3)
 
 
 class TightRanges(Frozen):
@@ -115,6 +118,26 @@ class TightPixels(Frozen):
     clock_sd: NonNegativeFloat = 0.0
 
 
+class TightWatch(Frozen):
+    """How the tight filter notices a sensor that goes wrong in flight; see onboard/estimator/tight/watch.py.
+
+    A sensor that says the same again is not listened to.
+
+    Attributes:
+        time: over which contradictions are averaged [s].
+        leans: mean of the angles' normalized innovations from which on the body rates are doubted [1].
+        gyroscope_sd: step of the gyroscope's bias per axis that is reckoned with then [rad/s].
+        sided: mean share of ranges refused on one side from which on their clock is doubted [1].
+        offset_sd: error of all ranges that is reckoned with then [m].
+    """
+
+    time: Positive = 0.5
+    leans: Positive = 1.0
+    gyroscope_sd: Positive = 0.02
+    sided: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.7
+    offset_sd: Positive = 1.0
+
+
 class TightFilter(Frozen):
     """The tightly coupled estimator: single ranges, pixels and inertial samples in one error-state Kalman filter.
 
@@ -128,6 +151,7 @@ class TightFilter(Frozen):
         initial_sd: what it believes of its initial error in position [m], angles [rad] and velocity [m/s].
         gate: probability [1] beyond which a range or a box is refused.
         huber: standard deviations of an innovation from which on it weighs less [1].
+        watch: how it notices a sensor that goes wrong; null has it trust the sensors as they are.
         horizon: how late a message may be [s]: poses of so many past ticks are kept.
     """
 
@@ -140,4 +164,5 @@ class TightFilter(Frozen):
     initial_sd: tuple[InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05)
     gate: Gate = 0.9999
     huber: Positive = 3.0
+    watch: TightWatch | None = TightWatch()
     horizon: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1

@@ -95,3 +95,18 @@ def test_the_tests_that_stand_for_a_claim_exist_and_every_row_has_one() -> None:
         files = re.findall(r"`([a-z]+/test_\w+\.py)`", row)
         assert files or "mutants.md" in row, row
         assert [file for file in files if not (ROOT / "tests" / file).exists()] == []
+
+
+def test_types_of_other_projects_link_to_their_pages(site: Path) -> None:
+    page = (site / "reference/modules/ortilo_drake.world.vehicle.failsafe.html").read_text(encoding="utf-8")
+    assert re.search(r'href="https://drake\.mit\.edu/pydrake/[^"]+#pydrake\.systems\.framework\.LeafSystem"', page)
+
+
+def test_every_name_of_the_inventory_of_drake_is_there() -> None:
+    lines = (ROOT / "docs/inventories/drake.txt").read_text(encoding="utf-8").splitlines()[3:]
+    assert len(lines) > 50
+    for line in lines:
+        name, kind, page = line.split()
+        module = page.removesuffix(".html")
+        found = getattr(importlib.import_module(module), name.removeprefix(f"{module}."))
+        assert isinstance(found, type) == (kind == "class"), name

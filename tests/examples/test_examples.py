@@ -45,7 +45,7 @@ def example(name: str) -> ModuleType:
 def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
     files = sorted(FOLDER.glob("*.py"))
     assert {file.stem for file in files} >= {
-        "alpha_beta", "barometer", "five_anchors", "hexarotor", "hurrying_planner", "mpc_servo"
+        "alpha_beta", "barometer", "five_anchors", "hexarotor", "hurrying_planner", "loss_study", "mpc_servo"
     }  # fmt: skip
     for file in files:
         lines = file.read_text().splitlines()
@@ -181,3 +181,12 @@ def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> 
         "nominal_imu_uwb: sensors.2: 'barometer' is not one of 'uwb', 'camera', 'imu', 'altimeter', 'flow'"
     )
     assert said[1] == "same"
+
+
+def test_an_own_study_has_a_row_a_flight_and_more_losses_make_it_worse(tmp_path: Path) -> None:
+    file = tmp_path / "study" / "loss.png"
+    flights = example("loss_study").main(file, losses=(0.0, 0.95), seeds=range(2), **SHORT)
+    assert file.stat().st_size > 10_000
+    assert list(flights["loss"]) == [0.0, 0.0, 0.95, 0.95]
+    error = flights.groupby("loss")["rms"].mean()
+    assert error[0.95] > error[0.0]

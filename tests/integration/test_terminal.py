@@ -1,11 +1,14 @@
 """What commands print: tables in a terminal, plain lines when piped."""
 
 import io
+import re
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 from ortilo_drake.commands import terminal
+from ortilo_drake.commands.app import app
 
 ROWS = {"estimation MSE": "x 0.1 m²", "touched": "[wall] 3"}
 TABLE = "# Found\n\n| axis | error |\n|---|---|\n| x | 0.1 |\n"
@@ -32,3 +35,9 @@ def test_in_a_terminal_both_are_tables(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "[wall] 3" in text  # not taken for a style
     assert "|---|" not in text
     assert "axis" in text
+
+
+@pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])
+def test_help_keeps_the_units_that_options_have_in_square_brackets(words: list[str]) -> None:
+    printed = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"}).output
+    assert re.search(r"\[(s|m)\]", printed)

@@ -176,7 +176,7 @@ def test_angles_are_taken_through_the_kinematic_equation() -> None:
     C[:] = 0.0
     C[6:9, 6:9] = 0.1**2 * np.eye(3)
     truth = np.array([0.06, -0.025, 0.08])
-    take_angles(x, C, layout, truth - angles_of(x[Q : Q + 4]), 1e-12, OPEN, np.inf)
+    take_angles(x, C, layout, truth - angles_of(x[Q : Q + 4]), 1e-12, OPEN, np.inf, np.empty(3))
     np.testing.assert_allclose(angles_of(x[Q : Q + 4]), truth, atol=2e-4)  # a turn of 0.02 rad, squared
     rpy = np.array([0.4, -0.3, 1.0])
     rates = inverse_rate_matrix(rpy) @ [0.2, -0.1, 0.3]

@@ -29,7 +29,14 @@ def wrapped(angle: float) -> float:
 
 @njit(cache=True)
 def take_angles(
-    x: np.ndarray, C: np.ndarray, layout: Layout, residual: np.ndarray, variance: float, gate: float, huber: float
+    x: np.ndarray,
+    C: np.ndarray,
+    layout: Layout,
+    residual: np.ndarray,
+    variance: float,
+    gate: float,
+    huber: float,
+    normalized: np.ndarray,
 ) -> int:
     """Take the imu's roll, pitch and yaw; return how many were used.
 
@@ -42,6 +49,7 @@ def take_angles(
         variance: of its noise [rad^2].
         gate: largest e^2 / S.
         huber: see update.
+        normalized: written to: e / sqrt(S) of each, 0 where it was refused (3).
     """
     where, row, PHt = np.zeros(4, np.int64), np.zeros(4), np.empty(C.shape[0])
     where[:3] = np.arange(THETA, THETA + 3)
@@ -54,7 +62,9 @@ def take_angles(
             where[3], row[3] = layout.angles + i, 1.0
             e -= x[ADDITIVE + layout.angles + i - GYRO]
             m = 4
-        used += update(x, C, where, row, m, e, variance, gate, huber, layout.core, PHt) >= 0.0
+        squared = update(x, C, where, row, m, e, variance, gate, huber, layout.core, PHt)
+        used += squared >= 0.0
+        normalized[i] = np.copysign(np.sqrt(max(squared, 0.0)), e)
     return used
 
 

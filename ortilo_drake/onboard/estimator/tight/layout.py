@@ -27,6 +27,7 @@ class Layout(NamedTuple):
         clock: how much older than its stamp a uwb, a camera message is [s] (2).
         range_bias: constant error of each anchor's ranges [m].
         range_slow: slow error of each anchor's ranges [m].
+        range_offset: error that all ranges have in common [m] (1): 0 until the watch opens it, see watch.py.
         survey: from where each landmark was surveyed to where it is [m] (3 each).
         pixel_slow: slow error of each landmark's box centre, u and v, in units of its standard deviation (2 each).
         core: numbers without the clones.
@@ -38,6 +39,7 @@ class Layout(NamedTuple):
     clock: int
     range_bias: int
     range_slow: int
+    range_offset: int
     survey: int
     pixel_slow: int
     core: int
@@ -45,10 +47,13 @@ class Layout(NamedTuple):
     n: int
 
 
+GROUPS: Final = Layout._fields[:-3]
+
+
 def make_layout(sizes: dict[str, int], clones: int) -> Layout:
     """Return the layout of the groups with these sizes, 0 leaving one out, in the order of Layout's fields."""
     at, places = N_INERTIAL, {}
-    for name in Layout._fields[:6]:
+    for name in GROUPS:
         size = sizes.get(name, 0)
         places[name] = at if size else -1
         at += size

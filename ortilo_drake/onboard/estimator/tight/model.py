@@ -3,8 +3,19 @@
 import numpy as np
 
 from ortilo_drake.model.room import Room
-from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL, THETA, Layout, P, V, make_layout
+from ortilo_drake.onboard.estimator.tight.layout import (
+    ACCEL,
+    GROUPS,
+    GYRO,
+    N_INERTIAL,
+    THETA,
+    Layout,
+    P,
+    V,
+    make_layout,
+)
 from ortilo_drake.onboard.estimator.tight.tick import Motion
+from ortilo_drake.onboard.estimator.tight.watch import Watch
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import DATASHEETS
 from ortilo_drake.scenario.tight import TightFilter as Settings
@@ -21,6 +32,7 @@ def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float
         "clock": 2 * clocks,
         "range_bias": anchors * (ranges.bias_sd > 0.0),
         "range_slow": anchors * (ranges.slow_sd > 0.0),
+        "range_offset": 1 * (anchors > 0 and settings.watch is not None),
         "survey": 3 * landmarks * (pixels.survey_sd > 0.0),
         "pixel_slow": 2 * landmarks * (pixels.slow_share > 0.0),
     }
@@ -56,12 +68,24 @@ def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
     set_group(layout.pixel_slow, 2 * landmarks, 1.0 - keep**2, keep)
     coasting = np.square(imu.coasting_sd)
     inertia = np.array(scenario.vehicle.inertia, dtype=float)
-    return Motion(np.array([rate_sd**2, force_sd**2]), coasting, keeps, steps, scenario.vehicle.mass, inertia, h)
+    variances, silent = np.array([rate_sd**2, force_sd**2]), np.square(imu.silent_rate)
+    watches = settings.watch is not None
+    return Motion(variances, coasting, keeps, steps, scenario.vehicle.mass, inertia, h, silent, watches)
+
+
+def watch_of(settings: Settings, h: float) -> Watch | None:
+    """Return what the watch goes by; None without one."""
+    watch = settings.watch
+    if watch is None:
+        return None
+    attitude = watch.gyroscope_sd * watch.time  # what the step has turned it by until it is noticed
+    opened = watch.gyroscope_sd**2, attitude**2, watch.offset_sd**2
+    return Watch(1.0 - np.exp(-h / watch.time), watch.leans, watch.sided, *opened)
 
 
 def _counts(layout: Layout) -> tuple[int, int]:
     """Return how many anchors and landmarks the layout is for, as far as it has states of them."""
-    starts = [at for at in (*layout[:6], layout.core) if at >= 0]
+    starts = [at for at in (*layout[: len(GROUPS)], layout.core) if at >= 0]
 
     def size(at: int) -> int:
         return min(s for s in starts if s > at) - at if at >= 0 else 0

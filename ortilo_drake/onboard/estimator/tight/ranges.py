@@ -1,10 +1,11 @@
 """Single ranges: each one is a measurement, also where it is the only one.
 
-    r_i = |p_WB + R_WB l_B - a_i| + b_i + s_i - (u . v) tau + noise
+    r_i = |p_WB + R_WB l_B - a_i| + b_i + s_i + c - (u . v) tau + noise
 
-with the antenna's lever arm l, constant and slow errors b_i and s_i of an anchor's ranges, u the direction from the
-anchor, and tau the time by which the message is older than its stamp. With differences the tick's clock offset is one
-more unknown, common to all ranges of a message: that is the same as differences to any one of them (TDoA).
+with the antenna's lever arm l, constant and slow errors b_i and s_i of an anchor's ranges, an error c that all have in
+common (0 until watch.py opens it), u the direction from the anchor, and tau the time by which the message is older than
+its stamp. With differences the tick's clock offset is one more unknown, common to all ranges of a message: that is the
+same as differences to any one of them (TDoA).
 """
 
 import numpy as np
@@ -58,8 +59,11 @@ def take_ranges(
     huber: float,
     clone: int,
     differences: bool,
-) -> tuple[int, int, float]:
-    """Take a uwb message range by range; return how many were used, how many refused, and the mean of e^2 / S.
+) -> tuple[int, int, float, int]:
+    """Take a uwb message range by range.
+
+    Returns how many were used, how many refused, the mean of e^2 / S of those used, and how many more of the refused
+    ones were too long than too short.
 
     Args:
         x: nominal state; changed.
@@ -77,7 +81,7 @@ def take_ranges(
     n = anchors.shape[0]
     where, row = np.zeros(12, np.int64), np.zeros(12)
     PHt, gradient = np.empty(C.shape[0]), np.empty(6)
-    used = refused = 0
+    used = refused = longer = 0
     total = 0.0
     # A common offset is a state of this message alone: its mean, variance and covariance with the error state.
     offset, offset_variance = 0.0, CLOCK_SD**2 if differences else 0.0
@@ -100,6 +104,10 @@ def take_ranges(
                 where[m], row[m] = group + i, 1.0
                 d += x[ADDITIVE + group + i - GYRO]
                 m += 1
+        if layout.range_offset >= 0:
+            where[m], row[m] = layout.range_offset, 1.0
+            d += x[ADDITIVE + layout.range_offset - GYRO]
+            m += 1
         if layout.clock >= 0:
             along = gradient[0] * x[V] + gradient[1] * x[V + 1] + gradient[2] * x[V + 2]
             where[m], row[m] = layout.clock, -along
@@ -133,4 +141,5 @@ def take_ranges(
             total += squared
         else:
             refused += 1
-    return used, refused, total / max(used, 1)
+            longer += 1 if measured > d else -1
+    return used, refused, total / max(used, 1), longer

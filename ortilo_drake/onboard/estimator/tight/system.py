@@ -1,14 +1,11 @@
 """The tight filter as a System: messages in, the paper's states one tick ahead out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import (
     ARRIVED,
     DETECTIONS_SIZE,
@@ -22,47 +19,17 @@ from ortilo_drake.model.signals import (
     size_of_samples,
     uwb_size,
 )
+from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles, take_fix
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout, P, Q, V, nominal_size
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, RATES, THRUST, Motion, go_on, keep_pose, one_ahead
+from ortilo_drake.onboard.estimator.tight.watch import LAST, says_again, watch_angles, watch_ranges
 from ortilo_drake.onboard.landmarks.landmark_association import associate
-from ortilo_drake.scenario import LandmarkFix
 
 N_AHEAD = N_X + N_X * N_X
-
-
-@dataclass(frozen=True)
-class Aids:
-    """What the filter believes of the sensors beside the imu.
-
-    Attributes:
-        anchors: a_i in W (n, 3) [m].
-        lever: where the antenna is in B (3) [m].
-        range_noise: s_0 [m] and s_1 of s_0 + s_1 r (2).
-        differences: whether only differences of ranges count.
-        room: landmarks as they are known onboard.
-        camera: the camera.
-        pixel_noise: see take_boxes (3).
-        association: settings of the association.
-        angle_sd: noise of a sample of the imu's angles [rad]; None leaves them out.
-        gates: largest squared innovations of a single number and of a box, and of a box that may be a landmark's.
-        huber: see update.
-    """
-
-    anchors: np.ndarray
-    lever: np.ndarray
-    range_noise: np.ndarray
-    differences: bool
-    room: Room
-    camera: Camera
-    pixel_noise: np.ndarray
-    association: LandmarkFix
-    angle_sd: float | None
-    gates: tuple[float, ...]
-    huber: float
 
 
 class TightFilter(LeafSystem):
@@ -86,6 +53,7 @@ class TightFilter(LeafSystem):
         nominal, covariance: see layout.py.
         kept (N_KEPT): of imu and control, see tick.py.
         ahead (156): the prediction for this tick.
+        watched: what the watch keeps, see watch.py.
 
     Args:
         layout: of the states.
@@ -141,6 +109,11 @@ class TightFilter(LeafSystem):
         self._covariance = self.DeclareDiscreteState(C_0.ravel())
         self._kept = self.DeclareDiscreteState(kept)
         self._ahead = self.DeclareDiscreteState(ahead)
+        watched = [name for name in ("uwb", "camera") if name in sensors]
+        ends = np.cumsum([LAST, *(sizes[name] - PAYLOAD for name in watched)])
+        self._last = {name: slice(ends[i], ends[i + 1]) for i, name in enumerate(watched)}
+        self._watched = self.DeclareDiscreteState(int(ends[-1]))
+        self._groups = self._nominal, self._covariance, self._kept, self._ahead, self._watched
         self.DeclarePeriodicUnrestrictedUpdateEvent(motion.h, 0.0, self._update)
         own = {self.discrete_state_ticket(self._ahead)}
         self.DeclareVectorOutputPort("estimate", N_X, self._calc_estimate, own)
@@ -198,24 +171,32 @@ class TightFilter(LeafSystem):
         x = context.get_discrete_state(self._nominal).CopyToVector()
         C = context.get_discrete_state(self._covariance).CopyToVector().reshape(layout.n, layout.n)
         kept = context.get_discrete_state(self._kept).CopyToVector()
+        watched, watch = context.get_discrete_state(self._watched).CopyToVector(), aids.watch
         messages = {name: port.Eval(context) for name, port in self._ports.items()}
         samples = np.zeros((1, IMU_SIZE))
         if "imu" in messages:
             imu = messages["imu"]
             samples = samples_in(imu, self._samples) if self._samples > 1 else imu[np.newaxis]
             samples = np.ascontiguousarray(samples)
-        residual = np.empty(3)
+        residual, normalized = np.empty(3), np.zeros(3)
         count = go_on(x, C, kept, samples, now, motion, residual)
         single = aids.gates[0]
         if count and aids.angle_sd is not None:
-            take_angles(x, C, layout, residual, aids.angle_sd**2 / count, single, aids.huber)
+            variance = aids.angle_sd**2 / count
+            take_angles(x, C, layout, residual, variance, single, aids.huber, normalized)
+            if watch is not None:
+                watch_angles(C, watched, normalized, watch)
         for name, message in messages.items():
             clone = self._clone_of(message, now)
             if name == "imu" or clone is None:
                 continue
+            if watch is not None and name in self._last and says_again(message, watched[self._last[name]]):
+                continue
             if name == "uwb":
                 noise = aids.range_noise, single, aids.huber, clone, aids.differences
-                take_ranges(x, C, layout, message, aids.anchors, aids.lever, *noise)
+                used, refused, _, longer = take_ranges(x, C, layout, message, aids.anchors, aids.lever, *noise)
+                if watch is not None:
+                    watch_ranges(C, watched, layout, used, refused, longer, watch)
             elif name == "camera":
                 self._take_boxes(x, C, message, kept[RATES : RATES + 3], clone)
             elif clone < 0:
@@ -226,10 +207,8 @@ class TightFilter(LeafSystem):
         ahead = np.empty(N_AHEAD)
         one_ahead(x, C, kept, self._control.Eval(context), motion, ahead)
         keep_pose(x, C, layout)
-        values = state.get_mutable_discrete_state()
-        for group, value in zip(
-            (self._nominal, self._covariance, self._kept, self._ahead), (x, C.ravel(), kept, ahead), strict=True
-        ):
+        values, groups = state.get_mutable_discrete_state(), (x, C.ravel(), kept, ahead, watched)
+        for group, value in zip(self._groups, groups, strict=True):
             values.set_value(group, value)
 
     def _clone_of(self, message: np.ndarray, now: float) -> int | None:

@@ -9,10 +9,11 @@ from numba.extending import register_jitable
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.silence import N_QUIET, end_silence, in_silence, is_repeated
 
-# What is kept of the imu and the control, beside state and covariance.
-RATES, FORCE, TIME, THRUST, TORQUE = 0, 3, 6, 7, 8
-N_KEPT = 11
+# What is kept of the imu and the control, beside state and covariance; QUIET is for silence.py.
+RATES, FORCE, TIME, THRUST, TORQUE, QUIET = 0, 3, 6, 7, 8, 11
+N_KEPT = QUIET + N_QUIET
 
 
 class Motion(NamedTuple):
@@ -26,6 +27,8 @@ class Motion(NamedTuple):
         mass: of the vehicle [kg].
         inertia: about its axes (3) [kg m^2].
         h: tick [s].
+        silent: what a silent imu lets body rates [rad^2/s^3] and specific force [m^2/s^5] walk (2).
+        watches: whether a sample that is the one before again is none.
     """
 
     variances: np.ndarray
@@ -35,6 +38,8 @@ class Motion(NamedTuple):
     mass: float
     inertia: np.ndarray
     h: float
+    silent: np.ndarray
+    watches: bool
 
 
 @njit(cache=True)
@@ -49,7 +54,8 @@ def go_on(
 ) -> int:
     """Propagate state and covariance to now; return how many samples of the imu there were.
 
-    Where samples are missing the last one stands for them, the specific force changed as the thrust was.
+    Where samples are missing the last one stands for them, the specific force changed as the thrust was; silence.py
+    has what becomes of the biases then.
 
     Args:
         x: nominal state; changed.
@@ -70,8 +76,9 @@ def go_on(
         if samples[k, 0] == 0.0 or stamp > now + 1e-9 or not np.isfinite(samples[k]).all():
             continue
         dt = stamp - kept[TIME]
-        if dt < -1e-9:
+        if dt < -1e-9 or (motion.watches and is_repeated(samples[k, 5:11], kept[QUIET:])):
             continue
+        end_silence(x, C, kept[RATES:TIME], kept[QUIET:], stamp)
         w, f = samples[k, 5:8], samples[k, 8:11]
         if dt > 1e-9:
             inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.variances)
@@ -92,6 +99,8 @@ def go_on(
     for i in range(motion.keeps.size):
         if motion.keeps[i] != 1.0:
             x[ADDITIVE + i] *= motion.keeps[i]
+    if count == 0:
+        in_silence(x, C, kept[QUIET:], now, motion.h, motion.silent)
     return count
 
 
