@@ -13,6 +13,7 @@ from ortilo_drake.commands.faults import faults
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.live import live
+from ortilo_drake.commands.map import map_
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.report import report
 from ortilo_drake.commands.room.app import room_app
@@ -58,6 +59,7 @@ def load_plugins(
 
 for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, doctor):
     app.command()(command)
+app.command("map")(map_)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")
 app.add_typer(hil_app, name="hil")
