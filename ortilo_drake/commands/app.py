@@ -43,18 +43,27 @@ def _say_version(asked: bool) -> None:
 
 
 @app.callback()
-def load_plugins(
+def set_up(
+    context: typer.Context,
     plugin: Annotated[
         list[Path] | None,
         typer.Option(help="A Python file that registers parts of your own (examples/); it is run. May be repeated."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers fly: tcp:// or tls:// (docs/cluster.md)."),
     ] = None,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
     ] = False,
 ) -> None:
-    """Run the files that register parts, before the command reads a scenario that names them."""
+    """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
     for file in plugin or ():
         load_plugin(file)
+    if scheduler is not None:
+        from ortilo_drake.flight.scheduler import on_scheduler
+
+        context.with_resource(on_scheduler(scheduler))
 
 
 for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, doctor):

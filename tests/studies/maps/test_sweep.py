@@ -92,4 +92,4 @@ def test_a_scenarios_file_is_meant_from_where_the_sweep_lies(tmp_path: Path) -> 
     of = load_sweep(tmp_path / "sweep.yaml")
     scenario = scenario_at(of, points_of(of)[0], "sweep")
     assert scenario.uwb.link.rate == 7.5
-    assert scenario.uwb.link.loss == 0.2
+    assert scenario.uwb.link.loss.probability == 0.2
