@@ -13,6 +13,7 @@ from ortilo_drake.commands.faults import faults
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.live import live
+from ortilo_drake.commands.map import map_
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.report import report
 from ortilo_drake.commands.room.app import room_app
@@ -42,22 +43,32 @@ def _say_version(asked: bool) -> None:
 
 
 @app.callback()
-def load_plugins(
+def set_up(
+    context: typer.Context,
     plugin: Annotated[
         list[Path] | None,
         typer.Option(help="A Python file that registers parts of your own (examples/); it is run. May be repeated."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers fly: tcp:// or tls:// (docs/cluster.md)."),
     ] = None,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
     ] = False,
 ) -> None:
-    """Run the files that register parts, before the command reads a scenario that names them."""
+    """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
     for file in plugin or ():
         load_plugin(file)
+    if scheduler is not None:
+        from ortilo_drake.flight.scheduler import on_scheduler
+
+        context.with_resource(on_scheduler(scheduler))
 
 
 for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, doctor):
     app.command()(command)
+app.command("map")(map_)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")
 app.add_typer(hil_app, name="hil")

@@ -5,15 +5,15 @@ import hashlib
 import json
 import logging
 from collections.abc import Callable, Iterable
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import xarray as xr
 
-import ortilo_drake
 from ortilo_drake.flight.files import remove_stale
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.program import program_digest
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
 from ortilo_drake.flight.summary import Summary, summary_text
 from ortilo_drake.flight.workers import run_all
@@ -32,20 +32,10 @@ def flight_folder(out: Path, scenario: Scenario) -> Path:
     flights of different programs or settings.
     """
     text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
-    everything = "\n".join((text, scenario.load_room().model_dump_json(), _camera(scenario), _program(), _plugins()))
+    everything = "\n".join(
+        (text, scenario.load_room().model_dump_json(), _camera(scenario), program_digest(), _plugins())
+    )
     return out / f"{scenario.name}-{hashlib.sha256(everything.encode()).hexdigest()[:8]}"
-
-
-@cache
-def _program() -> str:
-    """Return a digest of the package's sources, meshes and weights."""
-    digest = hashlib.sha256()
-    package = Path(ortilo_drake.__file__).parent
-    for folder in (package, (package / "diagrams").resolve()):  # a link, which rglob does not follow
-        for path in sorted(folder.rglob("*.*")):
-            if path.is_file() and "__pycache__" not in path.parts:
-                digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
-    return digest.hexdigest()
 
 
 def _plugins() -> str:

@@ -2,14 +2,19 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
 
 MAX_TILT = np.pi / 3  # beyond this the vehicle counts as tumbling
+LEAST_UPRIGHT = np.cos(MAX_TILT)
+CAUSES = ("diverged", "tumbled", "left the room", "hit a wall")
+NOT_LOST, DIVERGED, TUMBLED, LEFT_THE_ROOM, HIT_A_WALL = range(-1, len(CAUSES))
 BODY_HALF_HEIGHT = 0.15  # of the airframe about the centre of mass [m]; ours, for the M100
 
 
@@ -35,16 +40,68 @@ def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarra
     return {walls: arrays(walls) for walls in (True, False)}
 
 
-def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle, walls: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return which obstacles the vehicle's outline touches at each position (n, obstacles), and their names.
+def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return which obstacles but walls the vehicle's outline touches at each position (n, obstacles), and their names.
 
-    The outline is a disc of vehicle.radius that reaches BODY_HALF_HEIGHT up and down. The obstacles are the walls, or
-    all others.
+    The outline is a disc of vehicle.radius that reaches BODY_HALF_HEIGHT up and down.
     """
-    low, high, radius, top, names = _obstacles(room)[walls]
+    low, high, radius, top, names = _obstacles(room)[False]
     nearest = np.clip(p_WB[:, np.newaxis, 0:2], low, high)
     near = np.sum((p_WB[:, np.newaxis, 0:2] - nearest) ** 2, axis=2) < (vehicle.radius + radius) ** 2
     return near & (p_WB[:, 2:3] - BODY_HALF_HEIGHT < top), names
+
+
+class Bounds(NamedTuple):
+    """Within what a flight is not lost, as compiled functions take it.
+
+    Attributes:
+        low: lower corner of the room's inside [m] (3).
+        high: upper corner [m] (3).
+        walls: rows of a wall's low and high corner in plan, the reach of wall and outline about them, and its top less
+            the outline's half height [m] (n, 6).
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    walls: np.ndarray
+
+
+@lru_cache(maxsize=8)
+def bounds_of(room: Room, vehicle: Vehicle) -> Bounds:
+    """Return the bounds of a room for a vehicle."""
+    low, high, radius, top, _ = _obstacles(room)[True]
+    walls = np.column_stack((low, high, vehicle.radius + radius, top + BODY_HALF_HEIGHT))
+    return Bounds(np.array(room.interior.min, dtype=float), np.array(room.interior.max, dtype=float), walls)
+
+
+@njit(cache=True)
+def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
+    """Return the number of what ends a flight at the state x (12), an index in CAUSES; NOT_LOST if nothing does."""
+    low, high, walls = bounds
+    for i in range(x.size):
+        if not np.isfinite(x[i]):
+            return DIVERGED
+    if np.cos(x[3]) * np.cos(x[4]) < LEAST_UPRIGHT:
+        return TUMBLED
+    for i in range(3):
+        if x[i] < low[i] or x[i] > high[i]:
+            return LEFT_THE_ROOM
+    for j in range(walls.shape[0]):
+        aside = x[0] - min(max(x[0], walls[j, 0]), walls[j, 2])
+        ahead = x[1] - min(max(x[1], walls[j, 1]), walls[j, 3])
+        if aside**2 + ahead**2 < walls[j, 4] ** 2 and x[2] < walls[j, 5]:
+            return HIT_A_WALL
+    return NOT_LOST
+
+
+@njit(cache=True)
+def first_loss(states: np.ndarray, bounds: Bounds) -> tuple[int, int]:
+    """Return the first tick at which a flight is lost, and its cause; its length and NOT_LOST if it is not."""
+    for k in range(states.shape[0]):
+        cause = cause_of_loss(states[k], bounds)
+        if cause != NOT_LOST:
+            return k, cause
+    return states.shape[0], NOT_LOST
 
 
 def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Lost | None:
@@ -59,19 +116,8 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Los
         room: the room.
         vehicle: the vehicle.
     """
-    p_WB, finite = states[:, 0:3], np.all(np.isfinite(states), axis=1)
-    at_wall, _ = touched(p_WB, room, vehicle, walls=True)
-    causes = {
-        "diverged": ~finite,
-        "tumbled": finite & (np.cos(states[:, 3]) * np.cos(states[:, 4]) < np.cos(MAX_TILT)),
-        "left the room": finite & np.any((p_WB < room.interior.min) | (p_WB > room.interior.max), axis=1),
-        "hit a wall": np.any(at_wall, axis=1),
-    }
-    found = [(int(np.argmax(bad)), cause) for cause, bad in causes.items() if bad.any()]
-    if not found:
-        return None
-    tick, cause = min(found, key=lambda loss: loss[0])
-    return Lost(tick, tick * h, cause)
+    tick, cause = first_loss(np.ascontiguousarray(states), bounds_of(room, vehicle))
+    return None if cause == NOT_LOST else Lost(tick, tick * h, CAUSES[cause])
 
 
 def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:
@@ -80,5 +126,5 @@ def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:
     Their extents are our estimates, the walls' are surveyed: so a contact is reported beside a flight's errors, but
     does not end it.
     """
-    touches, names = touched(states[:, 0:3], room, vehicle, walls=False)
+    touches, names = touched(states[:, 0:3], room, vehicle)
     return sorted(set(names[np.any(touches, axis=0)].tolist()))

@@ -17,6 +17,7 @@ from typing import Any
 
 from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
 
+from ortilo_drake.flight.scheduler import gone, remote_client
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.parts import load_plugin, plugin_files
 
@@ -53,6 +54,8 @@ def run_all(
 ) -> None:
     """Call a function once for each job, on that many processes; a worker that dies is replaced and its job done again.
 
+    Within scheduler.on_scheduler its workers do it, however many there are.
+
     Args:
         function: an importable function; arguments and result are plain data.
         jobs: its arguments.
@@ -60,22 +63,32 @@ def run_all(
         take: called here with each job's number and result as it comes in, in any order.
 
     Raises:
-        InputError: if the script that runs would start processes again in each of them.
+        InputError: if the script that runs would start processes again in each of them, or a scheduler goes away.
     """
+    remote = remote_client()
+    if remote is not None:
+        with gone():
+            _submit(remote, function, jobs, take)
+        return
     if workers == 1 or len(jobs) < 2:
         for number, job in enumerate(jobs):
             take(number, function(*job))
         return
     _refuse_unguarded_script(workers)
     with ExitStack() as stack:
-        client = _connect(workers, min(workers, len(jobs)), stack)
-        files = plugin_files()
-        futures = {
-            client.submit(_with_plugins, files, function, *job, pure=False, retries=2): number
-            for number, job in enumerate(jobs)
-        }
-        for future in as_completed(futures):
-            take(futures[future], future.result())
+        _submit(_connect(workers, min(workers, len(jobs)), stack), function, jobs, take)
+
+
+def _submit(
+    client: Client, function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], take: Callable[[int, Any], None]
+) -> None:
+    files = plugin_files()
+    futures = {
+        client.submit(_with_plugins, files, function, *job, pure=False, retries=2): number
+        for number, job in enumerate(jobs)
+    }
+    for future in as_completed(futures):
+        take(futures[future], future.result())
 
 
 def _refuse_unguarded_script(workers: int) -> None:

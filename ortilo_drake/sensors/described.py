@@ -28,7 +28,7 @@ def _of_fix(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
     raise NotImplementedError("the noise of a fix from ranges or boxes is that of studies/loop/fix_covariance.py")
 
 
-def _as_known(scenario: Belief, room: Room) -> Room:
+def as_known(scenario: Belief, room: Room) -> Room:
     """Return the room with the landmarks' shapes as far as they are known onboard."""
     return room if scenario.landmark_fix.shapes == "outlines" else room.model_copy(update={"landmark_outline": {}})
 
@@ -54,7 +54,7 @@ BUILT_IN = {
         ),
         sd=_of_fix,
         make_onboard=lambda scenario, room: LandmarkFix(
-            scenario.landmark_fix, _as_known(scenario, room), scenario.image_width, scenario.h
+            scenario.landmark_fix, as_known(scenario, room), scenario.image_width, scenario.h
         ),
         V=lambda scenario: _diagonal(scenario.estimator.V.camera),
     ),

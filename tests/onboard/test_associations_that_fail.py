@@ -9,13 +9,15 @@ from scipy.stats import chi2
 from seen_landmarks import CAMERA, EXACT, OUTLINES, POINTS, ROOM, boxes, centers, covariance, jacobian, state
 
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
-from ortilo_drake.onboard.landmarks.joint_compatibility import joint_distance, jointly_compatible
+from ortilo_drake.onboard.landmarks.box_fix import DOUBLINGS
+from ortilo_drake.onboard.landmarks.joint_compatibility import joint_distance, joint_limits, jointly_compatible
 from ortilo_drake.onboard.landmarks.landmark_association import ambiguous, associate
-from ortilo_drake.onboard.landmarks.landmark_fix import DOUBLINGS, LandmarkFix
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import LandmarkFix as Settings
 
 GATE = float(chi2.ppf(0.999, 2))
 FORBIDDEN = 1.0e6
+LIMITS = joint_limits(0.999, 20)
 SHOWN = [0, 2, 4, 6, 8, 9]  # of the room: in the image, whole, from EXACT
 
 
@@ -92,15 +94,15 @@ def test_the_pairing_that_contradicts_the_others_goes(bad: int) -> None:
     J = jacobian(np.array(EXACT))[2 * bad : 2 * bad + 2]
     alone = np.array([14.0, 0.0]) @ np.linalg.solve(J @ P @ J.T + np.eye(2), [14.0, 0.0])
     assert alone < GATE
-    kept = jointly_compatible(z, POINTS, OUTLINES, state(), P, CAMERA, sds, 0.999)
+    kept = jointly_compatible(z, POINTS, OUTLINES, state(), P, CAMERA, sds, LIMITS)
     assert kept.tolist() == [i for i in range(len(POINTS)) if i != bad]
-    assert len(jointly_compatible(centers(EXACT), POINTS, OUTLINES, state(), P, CAMERA, sds, 0.999)) == len(POINTS)
+    assert len(jointly_compatible(centers(EXACT), POINTS, OUTLINES, state(), P, CAMERA, sds, LIMITS)) == len(POINTS)
 
 
 def test_of_two_landmarks_given_each_others_boxes_there_is_no_fix_and_no_harm() -> None:
     P, sds, n = covariance(0.1).reshape(15, 15)[:6, :6], np.ones((2, 2)), [3, 5]
     swapped = centers(EXACT)[n][::-1]
-    kept = jointly_compatible(swapped, POINTS[n], OUTLINES[n], state(), P, CAMERA, sds, 0.999)
+    kept = jointly_compatible(swapped, POINTS[n], OUTLINES[n], state(), P, CAMERA, sds, LIMITS)
     assert len(kept) < 2
 
 

@@ -9,12 +9,13 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
-from ortilo_drake.onboard.estimator.belief import diagonal_of_P, known_part
+from ortilo_drake.onboard.estimator.belief import diagonal_of_P
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.kalman_filter import Predictor, handed_over
 from ortilo_drake.onboard.estimator.late_measurements import (
     N_BELIEF,
     empty_history,
+    past_belief,
     replay_step,
     row_of_past,
     slot_of,
@@ -79,22 +80,17 @@ class ReplayKalmanFilter(LeafSystem, Predictor):
         return True
 
     def _calc_past(self, message: InputPort, context: Context, output: BasicVector) -> None:
-        past = self._past(context, message.Eval(context))
-        present = context.get_discrete_state(self._known).value()
-        output.set_value(present if past is None else np.asarray(known_part(past, self._n)))
+        history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
+        known = context.get_discrete_state(self._known).value()
+        output.set_value(past_belief(history, self._slot, self._n, message.Eval(context), known, self._h))
 
     def _calc_whole_past(self, message: InputPort, context: Context, output: BasicVector) -> None:
-        past = self._past(context, message.Eval(context))
-        output.set_value(context.get_discrete_state(self._belief).value() if past is None else past)
-
-    def _past(self, context: Context, message: np.ndarray) -> np.ndarray | None:
-        """Return the belief of [x; e; i] of the tick of a message's stamp; None for the present one."""
-        if message[ARRIVED]:
-            history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
-            row = row_of_past(history, tick_of(message[STAMP], self._h))
-            if row >= 0:
-                return np.asarray(history[row, self._slot.belief : self._slot.y])
-        return None
+        """Return the belief of [x; e; i] of the tick of a message's stamp, the present one's if that is not kept."""
+        received = message.Eval(context)
+        history = context.get_discrete_state(self._history).value().reshape(-1, self._slot.size)
+        row = row_of_past(history, tick_of(received[STAMP], self._h)) if received[ARRIVED] else -1
+        past = history[row, self._slot.belief : self._slot.y]
+        output.set_value(past if row >= 0 else context.get_discrete_state(self._belief).value())
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         y, delta, V2, u, r = self.inputs_in(context)

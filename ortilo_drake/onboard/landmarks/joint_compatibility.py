@@ -11,17 +11,25 @@ large, the box goes whose absence makes it smallest.
 """
 
 import numpy as np
+from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.gate import squared_gate
 
 
+def joint_limits(probability: float, most: int) -> np.ndarray:
+    """Return the largest d^2 of 0 to `most` boxes with which right pairings are compatible with a probability."""
+    return np.array([0.0, *(squared_gate(probability, 2 * n) for n in range(1, most + 1))])
+
+
+@njit(cache=True)
 def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
     """Return d^2 of the differences e (2 n), of Jacobian J (2 n, 6), P (6 x 6) and the boxes' errors sd (2 n)."""
-    return float(e @ np.linalg.solve(J @ P @ J.T + np.diag(sd**2), e))
+    return float(e @ np.linalg.solve(J @ np.ascontiguousarray(P) @ np.ascontiguousarray(J.T) + np.diag(sd**2), e))
 
 
+@njit(cache=True)
 def jointly_compatible(
     centers: np.ndarray,
     positions: np.ndarray,
@@ -30,7 +38,7 @@ def jointly_compatible(
     P: np.ndarray,
     camera: Camera,
     sd: np.ndarray,
-    probability: float,
+    limits: np.ndarray,
 ) -> np.ndarray:
     """Return the boxes that are compatible, as indices in rising order.
 
@@ -42,20 +50,33 @@ def jointly_compatible(
         P: covariance of position and attitude (6 x 6).
         camera: the camera.
         sd: error of each box centre [px] (n, 2).
-        probability: with which right pairings are within the limit.
+        limits: of joint_limits, at least of n boxes.
     """
     n = len(centers)
     e, J, z = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty(2)
     R_WB = rotation_matrix(xhat[3:6])
-    kept = []
+    kept, m = np.empty(n, dtype=np.int64), 0
     for i in range(n):
         if box_center(positions[i], outlines[i], xhat[0:3], xhat[3:6], R_WB, camera, z, J[i]):
             e[i] = centers[i] - z
-            kept.append(i)
+            kept[m] = i
+            m += 1
+    kept = kept[:m]
+    distance = distance_of(kept, e, J, P, sd)
+    while kept.size > 0 and distance > limits[kept.size]:
+        best, distance = kept[:0], np.inf
+        for a in range(kept.size):
+            rest = np.concatenate((kept[:a], kept[a + 1 :]))
+            its = distance_of(rest, e, J, P, sd)
+            if a == 0 or its < distance:
+                best, distance = rest, its
+        kept = best
+    return kept
 
-    def distance(of: list[int]) -> float:
-        return joint_distance(e[of].ravel(), J[of].reshape(-1, 6), P, sd[of].ravel())
 
-    while kept and distance(kept) > squared_gate(probability, 2 * len(kept)):
-        kept = min(([k for k in kept if k != i] for i in kept), key=distance)
-    return np.array(kept, dtype=np.int64)
+@njit(cache=True)
+def distance_of(kept: np.ndarray, e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
+    """Return joint_distance of the boxes kept alone, of e (n, 2), J (n, 2, 6) and sd (n, 2) of all."""
+    if kept.size == 0:
+        return 0.0
+    return joint_distance(e[kept].ravel(), J[kept].reshape((2 * kept.size, 6)), P, sd[kept].ravel())

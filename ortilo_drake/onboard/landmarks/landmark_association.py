@@ -14,12 +14,13 @@ its place, of the landmark or of the box, costs less than a margin more; such pa
 """
 
 import numpy as np
-import scipy  # not scipy.optimize: that takes a second to import, and loads by itself when it is used
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import NEAR, Camera, box_center, extent_box, in_body_frame
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
+from ortilo_drake.onboard.landmarks.assignment import assign
 
 BORDER = 1.5  # a box that comes nearer to the image's border is taken for cut [px]
 MAX_SCALE = 1.6  # a box this much larger or smaller than predicted belongs to a landmark nearer or farther away
@@ -154,6 +155,26 @@ def association_costs(
     return candidates[:k], centers, costs
 
 
+@register_jitable
+def without(costs: np.ndarray, row: int, column: int) -> np.ndarray:
+    """Return costs without a row and a column."""
+    rest = np.empty((costs.shape[0] - 1, costs.shape[1] - 1))
+    for i in range(rest.shape[0]):
+        for j in range(rest.shape[1]):
+            rest[i, j] = costs[i + (i >= row), j + (j >= column)]
+    return rest
+
+
+@register_jitable
+def cost_of(costs: np.ndarray, column: np.ndarray) -> float:
+    """Return the cost of an assignment, the column of each row."""
+    total = 0.0
+    for i in range(column.size):
+        total += costs[i, column[i]]
+    return total
+
+
+@njit(cache=True)
 def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float) -> np.ndarray:
     """Return which landmarks (k) are paired with a box that may as well be another's, or another box theirs.
 
@@ -164,19 +185,21 @@ def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float
         margin: by which the best assignment with another pairing must cost more.
     """
     rows = np.arange(len(costs))
-    best, doubtful = costs[rows, column].sum(), np.zeros(len(costs), dtype=bool)
-    for i, j in np.argwhere(costs[:, :n_boxes] < _FORBIDDEN):
-        if column[i] == j:
-            continue
-        concerned = (rows == i) & (column < n_boxes) | (column == j)
-        if not np.any(concerned & ~doubtful):
-            continue
-        rest = np.delete(np.delete(costs, i, axis=0), j, axis=1)
-        if costs[i, j] + rest[scipy.optimize.linear_sum_assignment(rest)].sum() - best < margin:
-            doubtful |= concerned
+    best, doubtful = cost_of(costs, column), np.zeros(len(costs), dtype=np.bool_)
+    for i in range(len(costs)):
+        for j in range(n_boxes):
+            if not costs[i, j] < _FORBIDDEN or column[i] == j:
+                continue
+            concerned = (rows == i) & (column < n_boxes) | (column == j)
+            if not np.any(concerned & ~doubtful):
+                continue
+            rest = without(costs, i, j)
+            if costs[i, j] + cost_of(rest, assign(rest)) - best < margin:
+                doubtful |= concerned
     return doubtful
 
 
+@njit(cache=True)
 def associate(
     detections: np.ndarray,
     xhat: np.ndarray,
@@ -213,7 +236,7 @@ def associate(
     candidates, centers, costs = association_costs(
         detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth, inside
     )
-    _, column = scipy.optimize.linear_sum_assignment(costs)
+    column = assign(costs)
     paired = column < len(centers)
     if margin > 0.0:
         paired &= ~ambiguous(costs, column, len(centers), margin)

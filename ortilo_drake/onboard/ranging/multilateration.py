@@ -121,6 +121,13 @@ def differentiable_fix_message(
     return message
 
 
+def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
+    """Return s_0 [m], s_1 and s_2 [m] (3) of range_equations.py, as the settings have it."""
+    noise = settings.noise
+    sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
+    return np.array([*sd, settings.bias_sd])
+
+
 # Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("Multilateration_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def Multilateration_(T: type) -> type:
@@ -155,9 +162,7 @@ def Multilateration_(T: type) -> type:
             self._arguments = {"settings": settings, "anchors": anchors, "h": h}
             self._plain: Any = fix_message if T is float else differentiable_fix_message
             self._tested: Any = tested_fix_message if T is float else differentiable_tested_fix_message
-            noise, exclude = settings.noise, settings.exclude
-            sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
-            self._noise = np.array([*sd, settings.bias_sd])
+            self._noise, exclude = believed_noise(settings), settings.exclude
             self._anchors = np.ascontiguousarray(anchors, dtype=float)
             self._three = settings.method == "nearest_three"
             self._consistency = None if exclude is None else consistency_of(exclude, len(anchors))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
@@ -63,6 +64,24 @@ def delay_of_message(
     return delays[0] + int(u[_DELAY] * (delays[1] + 1))
 
 
+@register_jitable
+def delay_of_tick(
+    k: int,
+    every: int,
+    p_WB: np.ndarray,
+    bad: bool,
+    loss: np.ndarray,
+    blackouts: np.ndarray,
+    delays: tuple[int, int],
+    seed: int,
+    stream: np.uint64,
+) -> int:
+    """Return delay_of_message of tick k, NOT_SENT where none is due: one is every so many ticks."""
+    if k % every != 0:
+        return NOT_SENT
+    return delay_of_message(k, p_WB, bad, loss, blackouts, delays, seed, stream)
+
+
 @njit(cache=True)
 def chain_after(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
     """Return whether the chain is bad at tick k + 1, from what it is at tick k."""
@@ -82,6 +101,21 @@ def put_in_flight(flying: np.ndarray, arrival: int, message: np.ndarray) -> None
         return
     row[0] = arrival
     row[1:] = message
+
+
+@register_jitable
+def landing_row(flying: np.ndarray, k: int, newest: float) -> int:
+    """Return the row of the message that lands at tick k and whose stamp is newer than that [s]; NOT_SENT for none."""
+    if flying.shape[0] > 0:
+        row = k % flying.shape[0]
+        if flying[row, 0] == k and flying[row, 1 + STAMP] > newest:
+            return row
+    return NOT_SENT
+
+
+def steps_a_chain(settings: Link) -> bool:
+    """Return whether what is lost depends on a chain that steps."""
+    return settings.loss.kind in ("bursts", "gilbert_elliott")
 
 
 def blackout_rows(settings: Link, h: float) -> np.ndarray:
@@ -146,7 +180,7 @@ def SensorLink_(T: type) -> type:
             self._state = self.DeclareVectorInputPort("state", N_X)
 
             self._chain = self._flying = None
-            if settings.loss.kind in ("bursts", "gilbert_elliott"):
+            if steps_a_chain(settings):
                 self._chain = self.DeclareDiscreteState(1)
             most = sum(self._delays)
             if most:
@@ -165,7 +199,7 @@ def SensorLink_(T: type) -> type:
 
         def _delay(self, context: Any, k: int) -> int:
             if k % self._every:
-                return NOT_SENT
+                return NOT_SENT  # and asks for no state
             x = values_of(self._state.Eval(context)) if self._by_position else self._nowhere
             bad = self._chain is not None and context.get_discrete_state(self._chain)[0] == 1.0
             seed = self.seed_in(context)
@@ -182,9 +216,9 @@ def SensorLink_(T: type) -> type:
                     output.set_value(message)
             if self._flying is not None:
                 flying = context.get_discrete_state(self._flying).CopyToVector().reshape(self._flying_shape)
-                landed = flying[k % len(flying)]
-                if landed[0] == k and landed[1 + STAMP] > newest:
-                    output.set_value(landed[1:])
+                row = landing_row(flying, k, newest)
+                if row != NOT_SENT:
+                    output.set_value(flying[row, 1:])
 
         def _update(self, context: Any, discrete_state: Any) -> None:
             k = tick_of(time_in(context), self._h)

@@ -173,6 +173,20 @@ def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> n
     return np.concatenate((pose, x[6:12]))
 
 
+def tables_of(settings: CameraSettings, room: Room, h: float) -> Tables:
+    """Return a camera's rates and errors; InputError if the file of measured ones is missing or wrong."""
+    if isinstance(settings.errors, ParametricErrors):
+        image = room.camera.scaled_to(settings.width).constants.image
+        return parametric_tables(settings.errors, room.classes, image)
+    return measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
+
+
+def noise_streams(room: Room) -> tuple[np.ndarray, np.uint64]:
+    """Return the numbers of the noise streams of each landmark, see STREAMS (n, 4), and of the one of false boxes."""
+    streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
+    return np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)), stream_id("camera false boxes")
+
+
 class ProjectedCamera(SeededSystem):
     """A memoryless camera and detector in one, of measured or given errors.
 
@@ -203,19 +217,11 @@ class ProjectedCamera(SeededSystem):
         super().__init__(seed)
         self.set_name("projected_camera")
         camera = room.camera.scaled_to(settings.width).constants
-        if isinstance(settings.errors, ParametricErrors):
-            tables = parametric_tables(settings.errors, room.classes, camera.image)
-        else:
-            tables = measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
-        streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
-        self._room, self._camera, self._tables = surroundings(room), camera, tables
+        self._room, self._camera, self._tables = surroundings(room), camera, tables_of(settings, room, h)
         self._labels = room.landmark_labels
         self._landmarks = self.DeclareNumericParameter(BasicVector(room.landmark_positions.ravel()))
         self._mounting = self.DeclareNumericParameter(BasicVector([*camera.p_BC, 0.0, 0.0, 0.0, 1.0]))
-        self._streams = (
-            np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)),
-            stream_id("camera false boxes"),
-        )
+        self._streams = noise_streams(room)
         self._h, self._faults = h, faults
         self._state = self.DeclareVectorInputPort("state", N_X)
         self.DeclareVectorOutputPort(

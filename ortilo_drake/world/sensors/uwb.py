@@ -75,6 +75,11 @@ def ranging_settings(settings: Uwb) -> np.ndarray:
     return np.array([s_0, s_1, bias, most_walls, settings.max_distance])
 
 
+def walls_between(settings: Uwb, room: Room) -> np.ndarray:
+    """Return the walls that act on a range (m, 7): the room's, or none."""
+    return room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
+
+
 # Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("UwbRanging_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def UwbRanging_(T: type) -> type:
@@ -110,7 +115,7 @@ def UwbRanging_(T: type) -> type:
             n = len(room.anchors)
             self._anchors = self.DeclareNumericParameter(BasicVector_[T](room.anchor_positions.ravel()))
             self._bias = self.DeclareNumericParameter(BasicVector_[T](np.zeros(n)))
-            self._boxes = room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
+            self._boxes = walls_between(settings, room)
             self._settings = ranging_settings(settings)
             self._stream, self._h = stream_id("uwb"), h
             self._state = self.DeclareVectorInputPort("state", N_X)

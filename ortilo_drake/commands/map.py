@@ -1,0 +1,62 @@
+"""The command `ortilo map`: thousands of flights over a scenario's settings."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import JsonOption, WorkersOption, quiet_drake
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    made_by,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    show_markdown,
+    write_json,
+)
+from ortilo_drake.flight.files import write_text
+
+
+def map_(
+    sweep_file: Annotated[
+        Path, typer.Argument(metavar="SWEEP.yaml", help="Axes, design, flights: docs/how_to/maps.md.")
+    ],
+    workers: WorkersOption = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, table, report and figure.")] = Path(
+        "out/map"
+    ),
+    json_file: JsonOption = None,
+) -> None:
+    """Fly a map: at each point of a design over any settings as many flights as asked for.
+
+    The compiled engine flies them where it can, Drake where it cannot. Figures of each flight are kept as Parquet; what
+    is there already is not flown again, so an interrupted or killed run goes on where it stopped.
+    """
+    from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
+
+    sweep = load_sweep(sweep_file)
+    for point in points_of(sweep):  # refuses wrong settings before anything is flown
+        scenario_at(sweep, point, str(sweep_file))
+    report, table, figure = (out_folder / name for name in ("map.md", "map.csv", "map.png"))
+    check_writable(report, table, figure, json_file)
+    from ortilo_drake.studies.maps.map_figure import map_figure
+    from ortilo_drake.studies.maps.map_flights import fly_map
+    from ortilo_drake.studies.maps.map_report import map_csv, map_text
+
+    quiet_drake()
+    say_if_compiling()
+    with progress_bar() as progress:
+        task = progress.add_task("flights", total=sweep.count * sweep.most_flights)
+        count = workers or os.cpu_count() or 1
+        found = fly_map(
+            sweep, str(sweep_file), out_folder / "flights", count, lambda flown: progress.advance(task, flown)
+        )
+    text = map_text(found)
+    write_text(table, map_csv(found))
+    write_text(report, text + made_by())
+    drawn = map_figure(found, figure)
+    write_json(json_file, found)
+    show_markdown(text)
+    say_written(report, table, drawn, json_file)

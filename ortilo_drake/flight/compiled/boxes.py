@@ -1,0 +1,105 @@
+"""Boxes in a compiled flight: the camera's message of a tick and the fix that is made of it."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.flight.compiled.constants import CameraConstants
+from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, PAYLOAD, STAMP
+from ortilo_drake.onboard.landmarks.box_fix import boxes_to_solve, fix_of, refused_after
+from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
+from ortilo_drake.onboard.landmarks.known_attitude import known_attitude, known_tilt, pose
+from ortilo_drake.world.radio.link import NOT_SENT
+from ortilo_drake.world.sensors.projected_camera import detections_message
+
+METHODS = ("known_attitude", "known_tilt", "pose", "cosine_law")  # by their numbers; pnp is OpenCV's
+
+
+@register_jitable
+def solve_boxes(
+    method: int,
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    camera: Camera,
+    sd: np.ndarray,
+    max_residual: float,
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return what a method makes of boxes; arguments as theirs."""
+    if method == 0:
+        return known_attitude(centers, positions, outlines, xhat, P, camera, sd, max_residual)
+    if method == 1:
+        return known_tilt(centers, positions, outlines, xhat, P, camera, sd, max_residual)
+    if method == 2:
+        return pose(centers, positions, outlines, xhat, P, camera, sd, max_residual)
+    return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)
+
+
+@register_jitable
+def detections_of_tick(
+    camera: CameraConstants | None, x: np.ndarray, k: int, h: float, seed: int, bad: bool, flying: np.ndarray
+) -> np.ndarray:
+    """Return the detections message that lands at tick k, zeros if none does; arguments as detections_message."""
+    if camera is None:
+        return np.zeros(PAYLOAD)
+    delay = delay_through(camera.link, k, x, bad, seed)
+    if delay == NOT_SENT:
+        if flying.shape[0] == 0 or flying[k % flying.shape[0], 0] != k:
+            return np.zeros(PAYLOAD)
+        message = np.zeros(DETECTIONS_SIZE)
+    else:
+        room, streams, false_stream = camera.room, camera.streams, camera.false_stream
+        seen = camera.labels, camera.camera, camera.tables
+        message = detections_message(x, room, *seen, seed, streams, false_stream, k * h, h)
+    deliver(message, delay, flying, k)
+    return message
+
+
+@register_jitable
+def fix_of_boxes(
+    camera: CameraConstants | None, detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, refused: float
+) -> tuple[np.ndarray, float]:
+    """Return the fix of the boxes that landed, zeros if there is none, and how many images are refused after it.
+
+    Args:
+        camera: the camera.
+        detections: the message.
+        xhat: estimate that they are looked at with (15).
+        P: its covariance row by row (225).
+        refused: images before, see LandmarkFix.
+    """
+    if camera is None:
+        return np.zeros(PAYLOAD), refused
+    rows = camera.rows
+    if detections[ARRIVED] != 1.0:
+        return np.zeros(PAYLOAD + rows + rows * rows), refused
+    believed = camera.believed
+    if camera.prior.size > 0:
+        P = camera.prior
+    boxes = boxes_to_solve(detections, xhat, P, believed, 2.0**refused)
+    found, value, covariance = solve_boxes(
+        camera.method, *boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual
+    )
+    fix = fix_of(found, value, covariance, xhat, detections[STAMP], rows)
+    if camera.joint:
+        refused = refused_after(refused, fix[ARRIVED] == 1.0, detections, believed)
+    return fix, refused
+
+
+@register_jitable
+def empty_camera_link(camera: CameraConstants | None) -> np.ndarray:
+    """Return what the camera's link has in flight at first, see empty_link."""
+    if camera is None:
+        return np.zeros((0, 1 + PAYLOAD))
+    return empty_link(camera.link, DETECTIONS_SIZE)
+
+
+@register_jitable
+def camera_chain(camera: CameraConstants | None, k: int, bad: bool, seed: int) -> bool:
+    """Return whether the chain of the camera's link is bad at tick k + 1."""
+    if camera is None:
+        return False
+    return chain_of_tick(camera.link, k, bad, seed)

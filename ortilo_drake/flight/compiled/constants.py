@@ -1,0 +1,212 @@
+"""What a compiled flight is made of: plain numbers and arrays, prepared from a scenario."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.flight.lost import Bounds
+from ortilo_drake.model.measurement import Layout
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.late_measurements import Slot
+from ortilo_drake.onboard.estimator.measurement_handler import Incoming
+from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
+from ortilo_drake.world.sensors.camera_tables import Tables
+from ortilo_drake.world.sensors.landmark_view import Surroundings
+
+
+class LinkConstants(NamedTuple):
+    """How a sensor's messages are delivered, see world/radio/link.py.
+
+    Attributes:
+        every: ticks from one message to the next; 0 of a sensor that does not fly.
+        loss: probabilities of the chain (4).
+        has_chain: whether the chain ever steps.
+        blackouts: rows (n, 3).
+        delays: fixed delay and greatest additional delay [ticks].
+        stream: number of the link's noise.
+    """
+
+    every: int
+    loss: np.ndarray
+    has_chain: bool
+    blackouts: np.ndarray
+    delays: tuple[int, int]
+    stream: np.uint64
+
+
+class VehicleConstants(NamedTuple):
+    """The plant and what pushes it about.
+
+    Attributes:
+        mass: m [kg].
+        inertia: I_x, I_y, I_z [kg m^2].
+        kinematics: index in model.equations.KINEMATICS.
+        hover_thrust: m g [N].
+        force_sd: of the disturbance force per axis [N].
+        torque_sd: of its torque per axis [N m].
+        stream: number of the disturbance's noise.
+    """
+
+    mass: float
+    inertia: np.ndarray
+    kinematics: int
+    hover_thrust: float
+    force_sd: float
+    torque_sd: float
+    stream: np.uint64
+
+
+class ImuConstants(NamedTuple):
+    """The imu, see world/sensors/imu.py.
+
+    Attributes:
+        bias: of its nine values.
+        sd: of angles, rates and specific force (3).
+        stream: number of its noise.
+        link: how its messages are delivered.
+    """
+
+    bias: np.ndarray
+    sd: np.ndarray
+    stream: np.uint64
+    link: LinkConstants
+
+
+class UwbConstants(NamedTuple):
+    """Ranging, see world/sensors/uwb.py, and what the multilateration believes of it.
+
+    Attributes:
+        anchors: p_WA_i as they stand (n, 3).
+        bias: of each anchor's ranges [m] (n).
+        walls: those that act on a range (m, 7).
+        settings: see uwb_message (5).
+        stream: number of its noise.
+        link: how its messages are delivered.
+        surveyed: p_WA_i as they are believed to stand (n, 3).
+        noise: believed of the ranges (3).
+        three: whether the nearest three are met.
+    """
+
+    anchors: np.ndarray
+    bias: np.ndarray
+    walls: np.ndarray
+    settings: np.ndarray
+    stream: np.uint64
+    link: LinkConstants
+    surveyed: np.ndarray
+    noise: np.ndarray
+    three: bool
+
+
+class CameraConstants(NamedTuple):
+    """The projected camera, see world/sensors/projected_camera.py, and the landmark fix of its boxes.
+
+    Attributes:
+        room: landmarks and what may hide them.
+        labels: the landmarks' classes (n).
+        camera: the camera.
+        tables: of rates and errors.
+        streams: numbers of each landmark's noise (n, 4).
+        false_stream: number of the noise of false boxes.
+        link: how its messages are delivered, its latency among the delays.
+        believed: of the boxes.
+        method: index in METHODS of the loop's solve_boxes.
+        rows: of a fix.
+        prior: what stands in for P row by row (225); empty where P itself is taken.
+        joint: whether refused images are counted.
+    """
+
+    room: Surroundings
+    labels: np.ndarray
+    camera: Camera
+    tables: Tables
+    streams: np.ndarray
+    false_stream: np.uint64
+    link: LinkConstants
+    believed: BoxBelief
+    method: int
+    rows: int
+    prior: np.ndarray
+    joint: bool
+
+
+class FilterConstants(NamedTuple):
+    """Handler and filter.
+
+    Attributes:
+        incoming: how the messages and fixes of a tick stand in one vector.
+        size: of that vector.
+        first: where the fix of ranges begins in it, then the imu's message, then the fix of boxes; -1 of what does
+            not fly (3).
+        handled: the layout of what the handler hands over.
+        drops: whether late values are dropped.
+        model: what the filter believes of the vehicle.
+        layout: of its measurement, with the rows made of the imu's message.
+        imu_number: of the imu among the sensors.
+        imu_variances: of those rows (0, 3 or 6).
+        belief_0: [xhat_0, P_0 row by row] (n + n^2).
+        knows_force: whether the servo is told the force.
+        slot: where everything is in a row of the history; None where late measurements are not put into it.
+        history: how many ticks are kept in it.
+    """
+
+    incoming: Incoming
+    size: int
+    first: tuple[int, int, int]
+    handled: Layout
+    drops: bool
+    model: FilterModel
+    layout: Layout
+    imu_number: int
+    imu_variances: np.ndarray
+    belief_0: np.ndarray
+    knows_force: bool
+    slot: Slot | None
+    history: int
+
+
+class ServoConstants(NamedTuple):
+    """The LQ servo, see onboard/servo/lq_servo.py.
+
+    Attributes:
+        L: its gain (4, 15).
+        mass: m [kg] of its model.
+        yaw: that is held [rad].
+        error_form: whether it flies the error form.
+        lent: whether it is lent the true velocities.
+    """
+
+    L: np.ndarray
+    mass: float
+    yaw: float
+    error_form: bool
+    lent: bool
+
+
+class FlightConstants(NamedTuple):
+    """All that decides a flight beside its seed.
+
+    Attributes:
+        h: tick [s].
+        reference: r, r_dot, r_ddot at every tick (ticks + 1, 9).
+        yaw: at the start [rad].
+        vehicle: the plant.
+        imu: the imu.
+        uwb: ranging.
+        camera: the camera and its fix; None where there is none.
+        filter: handler and filter.
+        servo: the servo.
+        bounds: within what the flight is not lost.
+    """
+
+    h: float
+    reference: np.ndarray
+    yaw: float
+    vehicle: VehicleConstants
+    imu: ImuConstants
+    uwb: UwbConstants
+    camera: CameraConstants | None
+    filter: FilterConstants
+    servo: ServoConstants
+    bounds: Bounds

@@ -1,0 +1,112 @@
+"""The engine: a scenario's flights, compiled, any number of them on any number of threads."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE
+from ortilo_drake.flight.compiled.loop import fly_one, fly_some
+from ortilo_drake.flight.compiled.prepare import constants_of, why_not
+from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, with_seed
+
+AT_ONCE = 16  # flights that a thread takes at a time
+
+
+class Engine:
+    """A scenario's flights as one compiled loop.
+
+    A flight is that of flight.flight.FlightSimulator: the same functions on the same noise, in the same order. It
+    depends on its scenario and seed alone, not on what flies beside it or on which thread.
+
+    Args:
+        scenario: the scenario; its own seed is not used.
+
+    Attributes:
+        columns: names of the figures of a flight, those of figures.py and, for each sensor that flies, how many of its
+            values reached the filter and how many were due.
+
+    Raises:
+        InputError: if the scenario has a part that is not compiled, see prepare.why_not, or cannot be flown.
+    """
+
+    def __init__(self, scenario: Scenario):
+        reason = why_not(scenario)
+        if reason is not None:
+            raise InputError(f"{scenario.name}: {reason}: Drake flies it")
+        self._scenario, self._constants = scenario, constants_of(scenario)
+        self._ticks = len(self._constants.reference) - 1
+        self._sensors = scenario.measurement.sensors
+        counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]
+        self.columns = (*FIGURES, *counted)
+
+    @property
+    def _flying(self) -> list[str]:
+        return [sensor for sensor in self._sensors if sensor in self._scenario.sensors]
+
+    def fly(self, seed: int) -> xr.Dataset:
+        """Fly one seed; return its Dataset over ticks, see flight.flight.flight_dataset.
+
+        Raises:
+            InputError: if a scenario allows no such seed.
+        """
+        scenario = with_seed(self._scenario, seed)
+        log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
+        trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
+        last, cause = fly_one(seed, self._constants, trace, arrived, log)
+        lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
+        flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
+        flight.attrs["real_time_factor"] = float("nan")
+        return flight
+
+    def figures(
+        self, seeds: Sequence[int], threads: int = 1, progress: Callable[[int], None] = lambda flown: None
+    ) -> np.ndarray:
+        """Fly seeds and return the figures of each (n, columns).
+
+        Args:
+            seeds: of all noise.
+            threads: that fly.
+            progress: called with the number of flights flown since it was called last, from any thread.
+        """
+        all_seeds = np.asarray(seeds, dtype=np.int64)
+        found, arrived = np.empty((all_seeds.size, len(FIGURES))), np.empty((all_seeds.size, len(self._sensors)))
+        starts = iter(range(0, all_seeds.size, AT_ONCE))
+
+        def work() -> None:
+            own = _copied(self._constants)  # threads that share arrays wait for each other's reference counts
+            trace = np.zeros((self._ticks + 1, TRACE_SIZE))
+            for start in starts:
+                part = slice(start, start + AT_ONCE)
+                fly_some(all_seeds[part], own, trace, found[part], arrived[part])
+                progress(len(all_seeds[part]))
+
+        if threads == 1:
+            work()
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                for done in [pool.submit(work) for _ in range(threads)]:
+                    done.result()
+        return np.column_stack((found, *self._counts(found[:, 0], arrived)))
+
+    def _counts(self, last: np.ndarray, arrived: np.ndarray) -> list[np.ndarray]:
+        """Return the columns of arrivals, after the figures."""
+        columns = []
+        for sensor in self._flying:
+            columns += [arrived[:, self._sensors.index(sensor)], last // self._scenario.every(sensor) + 1]
+        return columns
+
+
+def _copied(constants: Any) -> Any:
+    """Return constants with arrays of their own."""
+    if isinstance(constants, np.ndarray):
+        return constants.copy()
+    if not isinstance(constants, tuple):
+        return constants
+    parts = [_copied(part) for part in constants]
+    return type(constants)(*parts) if hasattr(constants, "_fields") else tuple(parts)

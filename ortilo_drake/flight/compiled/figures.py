@@ -1,0 +1,123 @@
+"""The scalars of a compiled flight: what flight/metrics.py says of a log, of the few numbers a tick that they need."""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.ranging.range_equations import inverse, product
+
+# What a flight leaves behind in every tick: p_WB, its estimate, and e^T P_pp^-1 e.
+TRUE, ESTIMATED, NEES = slice(0, 3), slice(3, 6), 6
+TRACE_SIZE = 7
+# As in flight.summary.Summary, but of the ticks flown and the index of the loss's cause in lost.CAUSES, -1 for none.
+FIGURES = (
+    "ticks",
+    "cause",
+    "mse_x",
+    "mse_y",
+    "mse_z",
+    "path_mse",
+    "path_distance_mse",
+    "max_path_distance",
+    "max_reference_distance",
+    "nees",
+)
+
+
+@register_jitable
+def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
+    """Return e^T P_pp^-1 e of the position; NaN where P_pp (of P row by row, 225) is not positive definite."""
+    e = xhat[:3] - x[:3]
+    n = N_XBAR
+    definite, C = inverse((P[0], P[1], P[2], P[n + 1], P[n + 2], P[2 * n + 2]))
+    if not definite:
+        return np.nan
+    Ce = product(C, e)
+    return e[0] * Ce[0] + e[1] * Ce[1] + e[2] * Ce[2]
+
+
+@register_jitable
+def squared_distance_to(path: np.ndarray, i: int, p: np.ndarray) -> float:
+    """Return the squared distance of p (3) from the i-th point of a path (n, 3)."""
+    return (path[i, 0] - p[0]) ** 2 + (path[i, 1] - p[1]) ** 2 + (path[i, 2] - p[2]) ** 2
+
+
+@njit(cache=True)
+def nearest_on(path: np.ndarray, longest: float, p: np.ndarray, start: int) -> tuple[int, float]:
+    """Return the point of a path (n, 3) that is nearest to p (3), and its squared distance [m^2].
+
+    From a point at the distance D a nearer one than the best is at least (D - best) / longest points away: the search
+    goes that far at once, and so looks at few points and misses none.
+
+    Args:
+        path: its points.
+        longest: distance between two neighbours [m].
+        p: the position.
+        start: point to begin at, best a near one.
+    """
+    nearest, least = start, squared_distance_to(path, start, p)
+    best = np.sqrt(least)
+    for direction in (1, -1):
+        i = start + direction
+        while 0 <= i < path.shape[0]:
+            squared = squared_distance_to(path, i, p)
+            if squared < least:
+                nearest, least, best = i, squared, np.sqrt(squared)
+            ahead = (np.sqrt(squared) - best) * (1.0 - 1e-9)  # rounding must not skip the nearest
+            i += direction * max(1, int(ahead / longest)) if ahead < longest * path.shape[0] else direction * len(path)
+    return nearest, least
+
+
+@njit(cache=True)
+def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
+    """Return metrics.path_mse [m^2] of a flight along a path (n, 3): NaN where that does not run forward in x."""
+    n, m = trace.shape[0], 1
+    x, y = np.empty(n), np.empty(n)
+    x[0], y[0] = path[0, 0], path[0, 1]
+    for k in range(1, n):
+        if path[k, 0] - path[k - 1, 0] < -1e-9:
+            return np.nan
+        if path[k, 0] > path[k - 1, 0]:
+            x[m], y[m] = path[k, 0], path[k, 1]
+            m += 1
+    if m < 2:
+        return np.nan
+    total = 0.0
+    planned = np.interp(trace[:, 0], x[:m], y[:m])
+    for k in range(n):
+        total += (trace[k, 1] - planned[k]) ** 2
+    return total / n
+
+
+@njit(cache=True)
+def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
+    """Write the errors of a flight, FIGURES but the first two, to out.
+
+    Args:
+        trace: rows of TRACE_SIZE, see above, one for each tick flown (n, 7).
+        path: r at those ticks (n, 3).
+        out: one for each of FIGURES.
+    """
+    n = 0
+    while n < trace.shape[0] and np.all(np.isfinite(trace[n, :6])):
+        n += 1
+    out[2:] = np.nan
+    if n == 0:
+        return
+    trace, path = trace[:n], path[:n]
+    out[2:5], out[6:] = 0.0, 0.0
+    longest = 1e-12
+    for k in range(1, n):
+        longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))
+    out[5] = path_mse(trace, path)
+    near = 0
+    for k in range(n):
+        p = trace[k, TRUE]
+        for i in range(3):
+            out[2 + i] += (trace[k, 3 + i] - p[i]) ** 2 / n
+        near, squared = nearest_on(path, longest, p, near)
+        out[6] += squared / n
+        out[7] = max(out[7], np.sqrt(squared))
+        out[8] = max(out[8], np.sqrt(squared_distance_to(path, k, p)))
+        out[9] += trace[k, NEES] / n

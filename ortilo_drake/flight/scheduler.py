@@ -1,0 +1,110 @@
+"""Workers of a Dask scheduler that runs already, on this machine or on others: `ortilo --scheduler ADDRESS ...`.
+
+Dask runs whatever its client sends. So beyond loopback only TLS will do, with the certificates of Dask's own
+configuration (distributed.comm.tls), and the workers must have this very program: other sources fly other flights.
+"""
+
+import asyncio
+import ipaddress
+import logging
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from typing import Any, Final
+
+from distributed import Client
+from distributed.comm.core import CommClosedError
+
+from ortilo_drake.flight.program import program_digest
+from ortilo_drake.model.input_error import InputError
+
+ANSWERS_WITHIN: Final = 10.0  # of a scheduler, and of its first worker [s]
+
+_remote: ContextVar[tuple[str, Client] | None] = ContextVar("scheduler", default=None)
+
+
+def remote_client() -> Client | None:
+    """Return the client of the scheduler that this context is in; None outside of on_scheduler."""
+    found = _remote.get()
+    return None if found is None else found[1]
+
+
+@contextmanager
+def on_scheduler(address: str) -> Iterator[None]:
+    """Have a scheduler's workers do what run_all is given in this context.
+
+    Args:
+        address: such as tcp://127.0.0.1:8786 or tls://10.0.0.5:8786.
+
+    Raises:
+        InputError: if it is no such address, nobody answers, there is no worker, or one has another program.
+    """
+    check_address(address)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs of a lost scheduler is told in a line
+    try:
+        client = Client(address, timeout=ANSWERS_WITHIN)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise InputError(f"--scheduler {address}: does not answer: {_line(error)}") from None
+    try:
+        _check_workers(client, address)
+        token = _remote.set((address, client))
+        try:
+            yield
+        finally:
+            _remote.reset(token)
+    finally:
+        with suppress(OSError, RuntimeError, asyncio.CancelledError, TimeoutError):
+            client.close(timeout=2.0)
+
+
+@contextmanager
+def gone() -> Iterator[None]:
+    """Say in a line that the scheduler went away, where it does."""
+    try:
+        yield
+    except (CancelledError, asyncio.CancelledError, CommClosedError, TimeoutError) as error:
+        address = found[0] if (found := _remote.get()) else ""
+        raise InputError(
+            f"--scheduler {address}: went away ({_line(error)}); what is finished is kept: run it again"
+        ) from None
+
+
+def check_address(address: str) -> None:
+    """Refuse what is no address of a scheduler, or one beyond loopback that is not TLS; see on_scheduler."""
+    scheme, _, rest = address.partition("://")
+    host, _, port = rest.rpartition(":")
+    if scheme not in ("tcp", "tls") or not host or not port.isdigit():
+        raise InputError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
+    if scheme == "tcp" and not _is_loopback(host.strip("[]")):
+        raise InputError(
+            f"--scheduler {address}: is beyond loopback: must be tls://, with certificates in Dask's configuration "
+            "(docs/cluster.md)"
+        )
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _check_workers(client: Client, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=ANSWERS_WITHIN)
+    except TimeoutError:
+        raise InputError(f"--scheduler {address}: has no worker after {ANSWERS_WITHIN:g} s") from None
+    own = program_digest()
+    found: dict[str, Any] = client.run(program_digest, on_error="return")
+    for worker, digest in found.items():
+        if isinstance(digest, Exception):
+            raise InputError(f"--scheduler {address}: worker {worker}: has no ortilo-drake: {_line(digest)}")
+        if digest != own:
+            raise InputError(
+                f"--scheduler {address}: worker {worker}: has another version of ortilo-drake; install this one"
+            )
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,0 +1,164 @@
+"""From the boxes of an image to a fix, but for the method between: compiled functions."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import ARRIVED, MAX_DETECTIONS, N_XBAR, PAYLOAD, STAMP
+from ortilo_drake.onboard.gate import squared_gate
+from ortilo_drake.onboard.landmarks.joint_compatibility import joint_limits, jointly_compatible
+from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sds, pose_covariance, whole_boxes
+from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
+
+MAX_SD = 1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
+MAX_CORRECTION = 3.0  # nor is a fix farther than this from the estimate that its boxes were associated by [m]
+DOUBLINGS = 4  # of the believed error after refused images, at most
+LOST = 1.0e6  # an estimate as large as this associates nothing
+
+
+class BoxBelief(NamedTuple):
+    """What is believed of the boxes, as compiled functions take it.
+
+    Attributes:
+        positions: p_W of the landmarks (n, 3).
+        outlines: their outlines (n, m, 3).
+        labels: their classes (n).
+        camera: the camera.
+        sd: error of a small box's centre [px].
+        gate: largest squared Mahalanobis distance of an association.
+        max_residual: largest disagreement of a box with the others [sd].
+        growth: of the error with the box's size [1/px].
+        margin: of the association, see landmark_association.py.
+        limits: of the joint test, see joint_compatibility.py; empty to leave it out.
+        inside: how far from the border a landmark's predicted box must end [px].
+    """
+
+    positions: np.ndarray
+    outlines: np.ndarray
+    labels: np.ndarray
+    camera: Camera
+    sd: float
+    gate: float
+    max_residual: float
+    growth: float
+    margin: float
+    limits: np.ndarray
+    inside: float
+
+
+def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBelief:
+    """Return what a scenario's settings believe of boxes in images of that width [px]."""
+    joint = settings.joint
+    return BoxBelief(
+        room.landmark_positions,
+        room.landmark_outlines,
+        room.landmark_labels,
+        room.camera.scaled_to(width).constants,
+        settings.center_sd,
+        squared_gate(settings.gate, 2),
+        settings.max_residual,
+        settings.center_growth,
+        settings.margin,
+        np.zeros(0) if joint is None else joint_limits(joint, MAX_DETECTIONS),
+        -np.inf if settings.inside is None else settings.inside,
+    )
+
+
+def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
+    """Return what stands in for P, row by row (225), where the settings give a prior_sd."""
+    if settings.prior_sd is None:
+        return None
+    position, angle = np.square(settings.prior_sd)
+    return np.diag([position] * 3 + [angle] * 3 + [0.0] * (N_XBAR - 6)).ravel()
+
+
+@njit(cache=True)
+def boxes_to_solve(
+    detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, believed: BoxBelief, widened: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the boxes whose landmarks are found: centres (k, 2), p_W (k, 3), outlines (k, m, 3), errors (k, 2).
+
+    Args:
+        detections: the detections message; one that is there.
+        xhat: estimate (15).
+        P: its covariance row by row (225).
+        believed: of the boxes.
+        widened: by how much the estimate's error is taken for larger than P has it, when boxes are associated [1].
+    """
+    positions, outlines, camera, sd, growth = (
+        believed.positions,
+        believed.outlines,
+        believed.camera,
+        believed.sd,
+        believed.growth,
+    )
+    if not (np.all(np.abs(xhat) < LOST) and np.all(np.isfinite(P))):
+        return np.empty((0, 2)), positions[:0].copy(), outlines[:0].copy(), np.empty((0, 2))
+    chosen, centers = associate(
+        detections,
+        xhat,
+        widened**2 * P,
+        positions,
+        outlines,
+        believed.labels,
+        camera,
+        sd,
+        believed.gate,
+        growth,
+        believed.margin,
+        believed.inside,
+    )
+    p_W, outline = positions[chosen], outlines[chosen]
+    sds = center_sds(p_W, outline, xhat, camera, sd, growth)
+    if believed.limits.size > 0:
+        P_pose = widened**2 * pose_covariance(P)
+        kept = jointly_compatible(centers, p_W, outline, xhat, P_pose, camera, sds, believed.limits)
+        centers, p_W, outline, sds = centers[kept], p_W[kept], outline[kept], sds[kept]
+    return centers, p_W, outline, sds
+
+
+@njit(cache=True)
+def fix_of(
+    found: bool, value: np.ndarray, covariance: np.ndarray, xhat: np.ndarray, stamp: float, rows: int
+) -> np.ndarray:
+    """Return the fix message of a method's solution: value (m) and its covariance, or zeros where it is no fix.
+
+    Args:
+        found: whether there is a solution.
+        value: the solution (m).
+        covariance: its covariance (m, m).
+        xhat: estimate that its boxes were associated by (15).
+        stamp: of the boxes [s].
+        rows: m.
+    """
+    message = np.zeros(PAYLOAD + rows + rows * rows)
+    if not found or not covariance[0, 0] + covariance[1, 1] + covariance[2, 2] <= MAX_SD**2:
+        return message
+    correction = value[:3] - xhat[0:3]
+    if np.sqrt(np.sum(correction**2)) > MAX_CORRECTION:
+        return message
+    message[ARRIVED], message[STAMP] = 1.0, stamp
+    message[PAYLOAD : PAYLOAD + rows], message[PAYLOAD + rows :] = value, covariance.ravel()
+    return message
+
+
+@njit(cache=True)
+def refused_after(refused: float, is_fix: bool, detections: np.ndarray, believed: BoxBelief) -> float:
+    """Return the number of refused images after one more: it rises if that could have given a fix and gave none.
+
+    Args:
+        refused: before.
+        is_fix: whether it gave one.
+        detections: its message; one that is there.
+        believed: of the boxes.
+    """
+    if is_fix:
+        return max(refused - 1.0, 0.0)
+    labels, known = whole_boxes(detections, believed.camera.image)[0], 0
+    for label in labels:
+        if np.any(believed.labels == label):
+            known += 1
+    return min(refused + 1.0, DOUBLINGS) if known >= 2 else refused

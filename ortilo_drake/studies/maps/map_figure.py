@@ -1,0 +1,97 @@
+"""The picture of a map: heat maps over two axes, curves over one."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+
+from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.sweep import Grid, Range
+from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
+from ortilo_drake.views.pictures import save_picture
+
+
+def map_figure(found: Map, path: Path) -> Path | None:
+    """Draw the share of lost flights and the median RMS error; None for what is no grid of one or two axes."""
+    axes = found.sweep.axes
+    if not isinstance(found.sweep.design, Grid) or len(axes) > 2:
+        return None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.5, 3.8), layout="constrained")
+        panels = figure.subplots(1, 2)
+        (_curves if len(axes) == 1 else _heat)(figure, panels, found)
+        return save_picture(figure, path)
+
+
+def _values(found: Map, key: str) -> list[Any]:
+    return list(dict.fromkeys(row.point[key] for row in found.rows))
+
+
+def _curves(figure: Figure, panels: Any, found: Map) -> None:
+    (key,) = found.sweep.axes
+    values, rows = _values(found, key), found.rows
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    x = values if numbers else range(len(values))
+    low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
+    panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
+    panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE)
+    panels[0].set(ylabel="flights lost [1]", ylim=(0.0, 1.0))
+    panels[0].legend()
+    rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.rms, row.rms_high)] for row in rows])
+    panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the flights")
+    panels[1].plot(x, rms[:, 1], "o-", color=BLUE)
+    panels[1].set(ylabel="RMS error of the position [m]", ylim=(0.0, None))
+    panels[1].legend()
+    axis = found.sweep.axes[key]
+    for panel in panels:
+        panel.set_xlabel(key)
+        if not numbers:
+            panel.set_xticks(x, [str(v) for v in values])
+        elif isinstance(axis, Range) and axis.scale == "log":
+            panel.set_xscale("log")
+    del figure
+
+
+def _heat(figure: Figure, panels: Any, found: Map) -> None:
+    first, second = found.sweep.axes
+    rows, columns = _values(found, first), _values(found, second)
+
+    def cells(figure_of: Any) -> np.ndarray:
+        return np.array([figure_of(row) for row in found.rows], dtype=float).reshape(len(rows), len(columns))
+
+    lost = cells(lambda row: row.lost / row.flights)
+    rms = cells(lambda row: np.nan if row.rms is None else row.rms)
+    finite = rms[np.isfinite(rms)]
+    spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
+    drawn = (
+        (panels[0], lost, Normalize(0.0, 1.0), "YlOrRd", "flights lost [1]"),
+        (panels[1], rms, spread, "viridis", "median RMS error [m]; white: all lost"),
+    )
+    for panel, values, norm, colors, label in drawn:
+        image = panel.imshow(values, origin="lower", aspect="auto", cmap=colors, norm=norm)
+        panel.set(xlabel=second, ylabel=first)
+        panel.set_xticks(*_ticks(columns))
+        panel.set_yticks(*_ticks(rows))
+        panel.tick_params(length=0)
+        panel.spines[:].set_visible(False)
+        figure.colorbar(image, ax=panel, label=label)
+    if lost.max() > 0.05 and lost.min() < 0.05 and min(lost.shape) > 1:
+        lines = panels[0].contour(lost, levels=[0.05, 0.5], colors="k", linewidths=0.8)
+        panels[0].clabel(lines, fmt={0.05: "5 %", 0.5: "50 %"}, fontsize=7)
+
+
+def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:
+    at = list(range(0, len(values), max(1, len(values) // 6)))
+    return at, [f"{v:.3g}" if isinstance(v, float) else str(v) for v in (values[i] for i in at)]
+
+
+def best_and_worst(found: Map) -> tuple[Row, Row]:
+    """Return the point with the smallest and that with the largest share of lost flights, then by their errors."""
+
+    def badness(row: Row) -> tuple[float, float]:
+        return row.lost / row.flights, np.inf if row.rms is None else row.rms
+
+    return min(found.rows, key=badness), max(found.rows, key=badness)

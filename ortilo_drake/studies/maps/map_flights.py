@@ -1,0 +1,178 @@
+"""The flights of a map: all points' chunks on the workers, and a row of figures for each point."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binomtest
+
+from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.flight.ensemble import flight_folder, fly_many
+from ortilo_drake.flight.lost import NOT_LOST
+from ortilo_drake.flight.workers import kept_workers, run_all
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, read_chunk, write_chunk
+from ortilo_drake.studies.maps.point_flights import columns_of, fly_figures
+from ortilo_drake.studies.maps.sweep import Sweep, Until, Value, points_of, scenario_at
+
+LEVEL = 0.95  # of the intervals
+
+
+@dataclass(frozen=True)
+class Row:
+    """What flew at a point.
+
+    Attributes:
+        point: its settings.
+        flights: how many flew.
+        lost: how many were lost.
+        lost_low: lower end of Wilson's 95 % interval of the share of lost flights [1].
+        lost_high: its upper end [1].
+        rms: median root mean squared error of the estimated position [m], of the flights that were not lost, as all
+            that follow; None where all were.
+        rms_low: its lower quartile [m].
+        rms_high: its upper quartile [m].
+        farthest: median of the largest distance from the path [m].
+        nees: mean of the position's NEES, 3 if the filter is consistent.
+        arrived: measurements used over those due, by sensor [1], of all flights.
+    """
+
+    point: dict[str, Value]
+    flights: int
+    lost: int
+    lost_low: float
+    lost_high: float
+    rms: float | None
+    rms_low: float | None
+    rms_high: float | None
+    farthest: float | None
+    nees: float | None
+    arrived: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Map:
+    """A map.
+
+    Attributes:
+        sweep: what was asked for.
+        rows: one for each point.
+        by_drake: why Drake flew some points and not the engine; None if it flew none.
+    """
+
+    sweep: Sweep
+    rows: list[Row]
+    by_drake: str | None
+
+
+def interval(lost: int, flights: int) -> tuple[float, float]:
+    """Return Wilson's interval of a share [1]."""
+    found = binomtest(lost, flights).proportion_ci(LEVEL, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
+    """Whether so many flights of a point say what was asked for."""
+    if not isinstance(sweep.flights, Until):
+        return flights >= sweep.flights
+    low, high = interval(lost, flights)
+    return flights >= sweep.flights.at_most or high - low <= 2.0 * sweep.flights.half_width
+
+
+def fly_map(
+    sweep: Sweep, source: str, out: Path, workers: int, progress: Callable[[int], None] = lambda flown: None
+) -> Map:
+    """Fly a map.
+
+    Chunks that are already in the folder are not flown again. Where the number of flights is open, the points that
+    need more get a chunk each, round by round: how many fly depends on what flew alone, not on who was first.
+
+    Args:
+        sweep: the sweep.
+        source: what to call it in an error.
+        out: folder of the chunks.
+        workers: worker processes; 1 flies in this one.
+        progress: called with the number of flights that came in.
+
+    Raises:
+        InputError: if a point's scenario is wrong, a flight cannot be flown or what is kept cannot be written.
+    """
+    points = points_of(sweep)
+    scenarios = [scenario_at(sweep, point, source) for point in points]
+    folders = [flight_folder(out, scenario) for scenario in scenarios]
+    chunks = chunks_of(sweep.seed, sweep.most_flights)
+    counts = [[0, 0] for _ in points]  # lost, flights
+    open_points, number = list(range(len(points))), 0
+    step = 1 if isinstance(sweep.flights, Until) else len(chunks)
+    with kept_workers():
+        while open_points and number < len(chunks):
+            of_round = chunks[number : number + step]
+            _fly([(scenarios[i], folders[i], chunk) for i in open_points for chunk in of_round], workers, progress)
+            for i in open_points:
+                for chunk in of_round:
+                    figures = _kept(scenarios[i], folders[i], chunk)
+                    counts[i][0] += int(np.sum(figures[:, 1] != NOT_LOST))
+                    counts[i][1] += len(figures)
+            open_points = [i for i in open_points if not is_enough(sweep, *counts[i])]
+            number += step
+        if sweep.whole:
+            seeds = range(sweep.seed, sweep.seed + min(sweep.whole, sweep.most_flights))
+            for scenario in scenarios:
+                fly_many(scenario, seeds, out / "whole", workers)
+    rows = []
+    for point, scenario, folder, (_, flights) in zip(points, scenarios, folders, counts, strict=True):
+        rows.append(_row(point, scenario, folder, chunks_of(sweep.seed, sweep.most_flights), flights))
+    return Map(sweep, rows, next((why for s in scenarios if (why := why_not(s))), None))
+
+
+def _fly(wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress: Callable[[int], None]) -> None:
+    """Fly the chunks that are missing, and keep them."""
+    missing = []
+    for scenario, folder, chunk in wanted:
+        if chunk_file(folder, chunk).exists() and read_chunk(folder, chunk, columns_of(scenario)) is not None:
+            progress(len(chunk))
+        else:
+            missing.append((scenario, folder, chunk))
+    texts = {id(scenario): scenario.model_dump_json() for scenario, _, _ in missing}
+    jobs = [(texts[id(scenario)], chunk, folder.name) for scenario, folder, chunk in missing]
+
+    def take(number: int, figures: np.ndarray) -> None:
+        scenario, folder, chunk = missing[number]
+        write_chunk(folder, chunk, columns_of(scenario), figures)
+        progress(len(chunk))
+
+    run_all(fly_figures, jobs, workers, take)
+
+
+def _kept(scenario: Scenario, folder: Path, chunk: range) -> np.ndarray:
+    figures = read_chunk(folder, chunk, columns_of(scenario))
+    if figures is None:
+        raise InputError(f"{chunk_file(folder, chunk)}: was flown, and is gone or damaged now; run it again")
+    return figures
+
+
+def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list[range], flights: int) -> Row:
+    """Return the figures of a point from its first flights; a point's figures alone are in memory at a time."""
+    columns = columns_of(scenario)
+    used = [chunk for chunk in chunks if chunk.start - chunks[0].start < flights]
+    figures = np.concatenate([_kept(scenario, folder, chunk) for chunk in used])
+    named = dict(zip(columns, figures.T, strict=True))
+    is_lost = named["cause"] != NOT_LOST
+    lost = int(is_lost.sum())
+    rms = np.sqrt(named["mse_x"] + named["mse_y"] + named["mse_z"])[~is_lost]
+    at = partial(_quantile, rms)
+    arrived = {
+        sensor: float(named[f"arrived_{sensor}"].sum() / named[f"due_{sensor}"].sum())
+        for sensor in (name.removeprefix("due_") for name in columns if name.startswith("due_"))
+    }
+    farthest = _quantile(named["max_path_distance"][~is_lost], 0.5)
+    nees = float(np.mean(named["nees"][~is_lost])) if lost < len(figures) else None
+    share = interval(lost, len(figures))
+    return Row(point, len(figures), lost, *share, at(0.5), at(0.25), at(0.75), farthest, nees, arrived)
+
+
+def _quantile(values: np.ndarray, q: float) -> float | None:
+    return float(np.quantile(values, q)) if len(values) else None

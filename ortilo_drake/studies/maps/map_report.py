@@ -1,0 +1,70 @@
+"""The report of a map: a summary, Sobol's indices, and a table with a row for each point."""
+
+import csv
+import io
+from typing import Any
+
+from ortilo_drake.studies.maps.indices import indices_of
+from ortilo_drake.studies.maps.map_figure import best_and_worst
+from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.views.markdown import table
+
+MOST_ROWS = 60  # of the report; the table of all points is a file of its own
+
+
+def map_text(found: Map) -> str:
+    """Return the report in Markdown."""
+    rows, flights = found.rows, sum(row.flights for row in found.rows)
+    lost = sum(row.lost for row in rows)
+    best, worst = best_and_worst(found)
+    lines = [f"# A map of {found.sweep.scenario} over {', '.join(found.sweep.axes)}", "", "## In short", ""]
+    lines += [
+        f"- {flights:,} flights at {len(rows):,} points, {lost:,} lost ({lost / flights:.2%}).",
+        f"- Best: {_said(best)}.",
+        f"- Worst: {_said(worst)}.",
+    ]
+    if found.by_drake:
+        lines.append(f"- Drake flew what the compiled engine does not: {found.by_drake}.")
+    lines.append("")
+    if indices := indices_of(found):
+        cells = [[i.figure, i.setting, f"{i.first:.2f}", f"{i.total:.2f}"] for i in indices]
+        lines += ["## What each setting makes of the spread", ""]
+        lines += table(["figure", "setting", "alone", "with the others"], cells)
+    elif found.sweep.design.kind == "sensitivity":
+        lines += ["No indices: the figures are the same everywhere, or all flights of a point were lost.", ""]
+    header = [*found.sweep.axes, "flights", "lost", "95 %", "RMS [m]", "middle half [m]", "farthest [m]", "NEES (3)"]
+    lines += ["## Points", "", *table(header, [_cells(row) for row in rows[:MOST_ROWS]])]
+    if len(rows) > MOST_ROWS:
+        lines += [f"The first {MOST_ROWS} of {len(rows)}; all of them are in map.csv.", ""]
+    return "\n".join(lines)
+
+
+def _said(row: Row) -> str:
+    where = ", ".join(f"{key} {_number(value)}" for key, value in row.point.items())
+    error = "" if row.rms is None else f", RMS error {row.rms:.3g} m"
+    return f"{where}: {row.lost} of {row.flights} lost{error}"
+
+
+def _cells(row: Row) -> list[str]:
+    half = "-" if row.rms_low is None else f"{row.rms_low:.3g} to {row.rms_high:.3g}"
+    figures = ["-" if value is None else f"{value:.3g}" for value in (row.rms, row.farthest, row.nees)]
+    interval = f"{row.lost_low:.1%} to {row.lost_high:.1%}"
+    settings = [_number(value) for value in row.point.values()]
+    return [*settings, str(row.flights), str(row.lost), interval, figures[0], half, *figures[1:]]
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def map_csv(found: Map) -> str:
+    """Return a row for each point as CSV: its settings, then its figures; empty where there is none."""
+    text = io.StringIO()
+    sensors = list(found.rows[0].arrived)
+    names = ["flights", "lost", "lost_low", "lost_high", "rms", "rms_low", "rms_high", "farthest", "nees"]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*found.sweep.axes, *names, *(f"arrived_{sensor}" for sensor in sensors)])
+    for row in found.rows:
+        figures = [getattr(row, name) for name in names] + [row.arrived[sensor] for sensor in sensors]
+        writer.writerow([*row.point.values(), *("" if value is None else value for value in figures)])
+    return text.getvalue()

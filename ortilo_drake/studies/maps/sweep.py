@@ -1,0 +1,203 @@
+"""What a map is made of: a scenario, axes, a design of points, how many flights at each."""
+
+import itertools
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, model_validator
+from scipy.stats import qmc
+
+from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
+from ortilo_drake.scenario import Scenario, load_scenario
+
+Value = bool | int | float | str
+Name = Annotated[str, Field(pattern=r"^[a-z_]+(\.[a-zA-Z_0-9]+)*$")]
+MOST_POINTS: Final = 100_000
+
+
+class Range(Frozen):
+    """Values from a start to a stop.
+
+    Attributes:
+        start: the first value, in the setting's unit.
+        stop: the last one, above the start.
+        count: how many a grid has.
+        scale: evenly spaced, or by their logarithm.
+        whole: whether the setting takes whole numbers alone.
+    """
+
+    start: Annotated[float, Field(allow_inf_nan=False)]
+    stop: Annotated[float, Field(allow_inf_nan=False)]
+    count: Annotated[int, Field(ge=2, le=1000)] = 11
+    scale: Literal["linear", "log"] = "linear"
+    whole: bool = False
+
+    @model_validator(mode="after")
+    def _goes_up(self) -> "Range":
+        if self.stop <= self.start:
+            raise ValueError(f".stop: {self.stop}: must be above the start, {self.start}")
+        if self.scale == "log" and self.start <= 0.0:
+            raise ValueError(f".start: {self.start}: must be above 0 on a logarithmic scale")
+        return self
+
+    def at(self, share: np.ndarray) -> list[float]:
+        """Return the values at shares of the way (n), 0 to 1."""
+        low, high = np.log([self.start, self.stop]) if self.scale == "log" else (self.start, self.stop)
+        values = low + np.asarray(share) * (high - low)
+        values = np.clip(np.exp(values) if self.scale == "log" else values, self.start, self.stop)
+        return [int(v) if self.whole else float(v) for v in (np.rint(values) if self.whole else values)]
+
+
+Values = Annotated[tuple[Value, ...], Field(min_length=1, max_length=1000)]
+
+
+def _group_or_not(value: Any) -> str:
+    return "group" if isinstance(value, dict | Frozen) else "plain"
+
+
+# Told apart before they are checked, so that an error is that of the form which was meant.
+Axis = Annotated[Annotated[Values, Tag("plain")] | Annotated[Range, Tag("group")], Discriminator(_group_or_not)]
+
+
+class Grid(Frozen):
+    """Every combination of the axes' values."""
+
+    kind: Literal["grid"] = "grid"
+
+
+class Scattered(Frozen):
+    """Points scattered over the ranges, evenly however few axes one looks at.
+
+    Attributes:
+        kind: 'latin_hypercube', or 'sobol' (Sobol's sequence, scrambled).
+        points: how many; a power of 2 with 'sobol'.
+        seed: of their places.
+    """
+
+    kind: Literal["latin_hypercube", "sobol"]
+    points: Annotated[int, Field(ge=2, le=MOST_POINTS)]
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+
+
+class Sensitivity(Frozen):
+    """Saltelli's points for Sobol's indices: points (axes + 2) of them.
+
+    Attributes:
+        kind: 'sensitivity'.
+        points: of each of the samples, a power of 2.
+        seed: of their places.
+    """
+
+    kind: Literal["sensitivity"]
+    points: Annotated[int, Field(ge=2, le=2**14)]
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+
+
+class Until(Frozen):
+    """Flights until it is known how many are lost.
+
+    Attributes:
+        half_width: half the width of the 95 % interval of the share of lost flights that is narrow enough [1].
+        at_most: flights at a point.
+    """
+
+    half_width: Annotated[float, Field(gt=0.0, lt=0.5)]
+    at_most: Annotated[int, Field(ge=1, le=10_000_000)]
+
+
+_Fixed = Annotated[int, Field(ge=1, le=10_000_000)]
+Flights = Annotated[Annotated[_Fixed, Tag("plain")] | Annotated[Until, Tag("group")], Discriminator(_group_or_not)]
+
+
+class Sweep(Frozen):
+    """A sweep file.
+
+    Attributes:
+        scenario: a ready-made scenario's name, or a .yaml file, meant from where the sweep lies.
+        settings: changed at every point, such as {camera.kind: projected}.
+        axes: by setting the values, in a list, or a range of them.
+        design: which points.
+        flights: at each point, seeds from `seed` on; or until it is known how many are lost.
+        seed: the first.
+        whole: of each point's flights, how many are kept whole, as netCDF; Drake flies these.
+    """
+
+    scenario: str = "imu_uwb"
+    settings: dict[Name, Any] = Field(default={})
+    axes: Annotated[dict[Name, Axis], Field(min_length=1, max_length=20)]
+    design: Annotated[Grid | Scattered | Sensitivity, Field(discriminator="kind")] = Grid()
+    flights: Flights = 100
+    seed: Annotated[int, Field(ge=0, lt=2**40)] = 0
+    whole: Annotated[int, Field(ge=0, le=10_000)] = 0
+
+    @model_validator(mode="after")
+    def _has_points(self) -> "Sweep":
+        if self.design.kind != "grid":
+            for key, axis in self.axes.items():
+                if not isinstance(axis, Range):
+                    raise ValueError(f"axes.{key}: must be a range, start and stop, for design {self.design.kind}")
+            if self.design.kind != "latin_hypercube" and self.design.points & (self.design.points - 1):
+                raise ValueError(f"design.points: {self.design.points}: must be a power of 2")
+        if (n := self.count) > MOST_POINTS:
+            raise ValueError(f"axes: {n} points: must be at most {MOST_POINTS}")
+        return self
+
+    @property
+    def most_flights(self) -> int:
+        """The largest number of flights at a point."""
+        return self.flights if isinstance(self.flights, int) else self.flights.at_most
+
+    @property
+    def count(self) -> int:
+        """The number of points."""
+        if isinstance(self.design, Grid):
+            return int(np.prod([len(axis) if isinstance(axis, tuple) else axis.count for axis in self.axes.values()]))
+        points = self.design.points
+        return points if isinstance(self.design, Scattered) else points * (len(self.axes) + 2)
+
+
+def points_of(sweep: Sweep) -> list[dict[str, Value]]:
+    """Return the settings of each point, in their order; of Saltelli's points A, B, then A with each column of B."""
+    axes, design = sweep.axes, sweep.design
+    if isinstance(design, Grid):
+        values = [list(a) if isinstance(a, tuple) else a.at(np.linspace(0.0, 1.0, a.count)) for a in axes.values()]
+        return [dict(zip(axes, point, strict=True)) for point in itertools.product(*values)]
+    d = len(axes)
+    if isinstance(design, Scattered):
+        sampler = qmc.LatinHypercube(d, rng=design.seed) if design.kind == "latin_hypercube" else None
+        shares = sampler.random(design.points) if sampler else _sobol(d, design.points, design.seed)
+    else:
+        both = _sobol(2 * d, design.points, design.seed)
+        A, B = both[:, :d], both[:, d:]
+        shares = np.vstack([A, B, *(np.where(np.arange(d) == i, B, A) for i in range(d))])
+    columns = [axis.at(shares[:, i]) for i, axis in enumerate(axes.values()) if isinstance(axis, Range)]
+    return [dict(zip(axes, point, strict=True)) for point in zip(*columns, strict=True)]
+
+
+def _sobol(d: int, n: int, seed: int) -> np.ndarray:
+    return np.asarray(qmc.Sobol(d, rng=seed).random(n))
+
+
+def load_sweep(path: Path) -> Sweep:
+    """Read a sweep file.
+
+    Raises:
+        InputError: naming file, field, value and what is allowed.
+    """
+    sweep = load_yaml(Sweep, path)
+    if sweep.scenario.endswith((".yaml", ".yml")):
+        sweep = sweep.model_copy(update={"scenario": str(path.parent / sweep.scenario)})
+    return sweep
+
+
+def scenario_at(sweep: Sweep, point: dict[str, Value], source: str) -> Scenario:
+    """Return the scenario at a point.
+
+    Raises:
+        InputError: naming the sweep, the field, its value and what is allowed.
+    """
+    try:
+        return load_scenario(sweep.scenario, (*sweep.settings.items(), *point.items()))
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None

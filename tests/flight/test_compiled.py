@@ -1,0 +1,114 @@
+"""The compiled engine's flights are those of the Drake diagram."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ortilo_drake.flight.compiled.engine import AT_ONCE, Engine
+from ortilo_drake.flight.compiled.figures import nearest_on
+from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.flight.compiled.sameness import apart
+from ortilo_drake.flight.metrics import nis, summary
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+
+COMPILED = ("paper_imu_uwb", "nominal_imu_uwb", "imu_uwb", "outage")
+BURSTS = "uwb.link.loss={kind: bursts, loss: 0.4, mean_length: 0.5}"
+SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
+VARIANTS = (
+    ("uwb.link.delay=2", "uwb.link.random_delay=3", "imu.link.loss=0.3"),
+    ("uwb.link.delay=2", "estimator.delay=drop", "imu.link.delay=1"),
+    (BURSTS, "estimator.gates={uwb: 0.9}"),
+    ("estimator.integrator=literal", "world.kinematics=rigid_body", "multilateration.method=nearest_three"),
+    ("estimator.force=thrust", "uwb.link.random_delay=2", "imu.link.rate=15"),
+    ("sensors=[imu]", "servo.form=paper", "world.kinematics=linear"),
+    ("control_rate=60", "uwb.link.rate=20", "sensors=[imu, uwb]"),
+)
+
+Flown = Callable[..., xr.Dataset]
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_ready_made_flights_are_drakes(name: str, flown: Flown) -> None:
+    engine = Engine(load_scenario(name, ("camera.kind=projected",)))
+    for seed in (0, 1):
+        found = apart(flown(name, ("camera.kind=projected",), seed), engine.fly(seed))
+        assert found.same, found
+
+
+@pytest.mark.parametrize("changes", VARIANTS)
+def test_flights_of_other_settings_are_drakes(changes: tuple[str, ...], flown: Flown) -> None:
+    engine = Engine(load_scenario("nominal_imu_uwb", (SHORT, *changes)))
+    found = apart(flown("nominal_imu_uwb", (SHORT, *changes), 5), engine.fly(5))
+    assert found.same, found
+
+
+def test_a_lost_flight_ends_where_drakes_does(flown: Flown) -> None:
+    changes = (SHORT, "world.disturbance.force_sd=12", "settle=20")
+    engine = Engine(load_scenario("nominal_imu_uwb", changes))
+    flight = engine.fly(2)
+    assert flight.attrs["lost"] != "null"
+    found = apart(flown("nominal_imu_uwb", changes, 2), flight)
+    assert found.same, found
+    ticks, cause = engine.figures([2])[0, :2]
+    assert ticks == flight.sizes["tick"] - 1
+    assert cause >= 0
+
+
+def test_a_flight_is_the_same_alone_and_in_any_batch() -> None:
+    engine = Engine(load_scenario("nominal_imu_uwb", (SHORT, BURSTS)))
+    seeds = range(3 * AT_ONCE + 1)
+    together = engine.figures(seeds, threads=2)
+    alone = np.vstack([engine.figures([seed]) for seed in seeds])
+    assert np.array_equal(together, alone, equal_nan=True)
+    assert np.array_equal(engine.figures(seeds[::-1])[::-1], alone, equal_nan=True)
+    assert len(np.unique(alone[:, 2])) == len(seeds)
+
+
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "paper_imu_uwb"])
+def test_figures_are_those_of_the_summary(name: str, flown: Flown) -> None:
+    engine = Engine(load_scenario(name))
+    found = dict(zip(engine.columns, engine.figures([1])[0], strict=True))
+    flight = flown(name, (), 1)
+    expected = summary(flight)
+    assert found["ticks"] == flight.sizes["tick"] - 1
+    for name in ("path_mse", "path_distance_mse", "max_path_distance", "max_reference_distance", "nees"):
+        assert found[name] == pytest.approx(getattr(expected, name), rel=1e-9)
+    for axis in "xyz":
+        assert found[f"mse_{axis}"] == pytest.approx(expected.mse[axis], rel=1e-9)
+    assert found["arrived_uwb"] / found["due_uwb"] == pytest.approx(expected.arrivals["uwb"])
+    assert found["arrived_imu"] == len(nis(flight, "imu"))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(0.0, 3.0))
+def test_the_nearest_point_is_found(seed: int, points: int, aside: float) -> None:
+    random = np.random.default_rng(seed)
+    path = np.cumsum(random.normal(size=(points, 3)) * random.choice([0.0, 1.0], points)[:, None], axis=0)
+    p = path[random.integers(points)] + aside * random.normal(size=3)
+    longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0.0), 1e-12)
+    _, squared = nearest_on(path, longest, p, int(random.integers(points)))
+    assert squared == pytest.approx(np.min(np.sum((path - p) ** 2, axis=1)), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        (("truth.vehicle.mass_factor_sd=0.1",), "truth"),
+        (("world.plant=continuous",), "world.plant"),
+        (("command_link.loss=0.1",), "command_link"),
+        (("estimator={kind: tight}",), "estimator.kind"),
+        (("imu.link.rate=60",), "imu.link.rate"),
+        (("sensors=[uwb, imu, altimeter]",), "sensors"),
+    ],
+)
+def test_what_is_not_compiled_is_told_in_a_line(changes: tuple[str, ...], field: str) -> None:
+    scenario = load_scenario("nominal_imu_uwb", changes)
+    reason = why_not(scenario)
+    assert reason is not None
+    assert reason.startswith(field)
+    with pytest.raises(InputError, match="Drake flies it"):
+        Engine(scenario)
