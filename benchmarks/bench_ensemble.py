@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file to write")
     parser.add_argument("--smoke", action="store_true", help="few flights, one round, no compilation")
     arguments = parser.parse_args()
-    flights, rounds = (2, 1) if arguments.smoke else (64, 5)
+    flights, rounds = (2, 1) if arguments.smoke else (32, 3)
     found: dict[str, dict[str, float]] = {}
     for name in SCENARIOS:
         figures = speeds(name, flights, rounds)
