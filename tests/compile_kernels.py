@@ -14,6 +14,7 @@ import numpy as np
 from command_line import run
 from made_up_motion import TABLE_MAP, made_up, write_tables
 
+from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
@@ -40,6 +41,8 @@ def fly_all() -> None:
         warm_up(load_scenario(name, (PROJECTED,)))
     for changes in VARIANTS:
         warm_up(load_scenario("nominal_imu_uwb", changes))
+    for name in ("nominal_imu_uwb", "nominal_imu_uwb_yolo"):  # other types of flights are compiled where they are flown
+        Engine(load_scenario(name, (PROJECTED, SHORT[1]))).figures([0])
     with tempfile.TemporaryDirectory() as folder:
         flight, log = f"{folder}/flight.nc", f"{folder}/log"
         assert run("fly", "nominal_imu_uwb", *SHORT, "--log", log, "--out", flight) == 0

@@ -15,16 +15,16 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.vehicle import GRAVITY
 
+Triple = tuple[float, float, float]  # of any scalar; an array would cost more than the arithmetic
+
 
 @register_jitable
-def thrust_direction(phi: float, theta: float, psi: float) -> np.ndarray:
+def thrust_direction(phi: float, theta: float, psi: float) -> Triple:
     """Return the body's z axis in W, the third column of R_WB (paper, equations of motion)."""
-    return np.array(
-        [
-            np.cos(phi) * np.sin(theta) * np.cos(psi) + np.sin(phi) * np.sin(psi),
-            np.cos(phi) * np.sin(theta) * np.sin(psi) - np.sin(phi) * np.cos(psi),
-            np.cos(phi) * np.cos(theta),
-        ]
+    return (
+        np.cos(phi) * np.sin(theta) * np.cos(psi) + np.sin(phi) * np.sin(psi),
+        np.cos(phi) * np.sin(theta) * np.sin(psi) - np.sin(phi) * np.cos(psi),
+        np.cos(phi) * np.cos(theta),
     )
 
 
@@ -55,28 +55,24 @@ rotation_matrix = njit(cache=True)(rotation)
 
 
 @register_jitable
-def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> np.ndarray:
+def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> Triple:
     """Return the paper's x_ddot, y_ddot, z_ddot: (f_T / m) z_B - g, plus the disturbance force."""
     z_B = thrust_direction(x[3], x[4], x[5])
-    return np.array(
-        [
-            u[0] / mass * z_B[0] + d[0] / mass,
-            u[0] / mass * z_B[1] + d[1] / mass,
-            u[0] / mass * z_B[2] - GRAVITY + d[2] / mass,
-        ]
+    return (
+        u[0] / mass * z_B[0] + d[0] / mass,
+        u[0] / mass * z_B[1] + d[1] / mass,
+        u[0] / mass * z_B[2] - GRAVITY + d[2] / mass,
     )
 
 
 @register_jitable
-def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: np.ndarray) -> Triple:
     """Return Euler's equations about the principal axes for body rates w: the paper's rotational equations."""
     I_x, I_y, I_z = inertia[0], inertia[1], inertia[2]
-    return np.array(
-        [
-            (I_y - I_z) / I_x * w[1] * w[2] + (u[1] + d[3]) / I_x,
-            (I_z - I_x) / I_y * w[0] * w[2] + (u[2] + d[4]) / I_y,
-            (I_x - I_y) / I_z * w[0] * w[1] + (u[3] + d[5]) / I_z,
-        ]
+    return (
+        (I_y - I_z) / I_x * w[1] * w[2] + (u[1] + d[3]) / I_x,
+        (I_z - I_x) / I_y * w[0] * w[2] + (u[2] + d[4]) / I_y,
+        (I_x - I_y) / I_z * w[0] * w[1] + (u[3] + d[5]) / I_z,
     )
 
 

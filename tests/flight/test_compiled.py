@@ -14,9 +14,9 @@ from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.compiled.sameness import apart
 from ortilo_drake.flight.metrics import nis, summary
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario import load_scenario, scenario_names
 
-COMPILED = ("paper_imu_uwb", "nominal_imu_uwb", "imu_uwb", "outage")
+COMPILED = tuple(name for name in scenario_names() if why_not(load_scenario(name, ("camera.kind=projected",))) is None)
 BURSTS = "uwb.link.loss={kind: bursts, loss: 0.4, mean_length: 0.5}"
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 VARIANTS = (
@@ -45,6 +45,26 @@ def test_flights_of_other_settings_are_drakes(changes: tuple[str, ...], flown: F
     engine = Engine(load_scenario("nominal_imu_uwb", (SHORT, *changes)))
     found = apart(flown("nominal_imu_uwb", (SHORT, *changes), 5), engine.fly(5))
     assert found.same, found
+
+
+CAMERA_VARIANTS = (
+    ("camera.link.delay=1", "camera.link.random_delay=4", "estimator.delay=replay", "uwb.link.delay=2"),
+    ("camera.link.loss={kind: bursts, loss: 0.4, mean_length: 0.5}", "landmark_fix.method=known_tilt"),
+    ("landmark_fix={method: cosine_law, prior_sd: [0.3, 0.02]}", "camera.link.rate=10", "estimator.delay=drop"),
+)
+
+
+@pytest.mark.parametrize("changes", CAMERA_VARIANTS)
+def test_flights_of_other_cameras_are_drakes(changes: tuple[str, ...], flown: Flown) -> None:
+    changes = (SHORT, "camera.kind=projected", *changes)
+    engine = Engine(load_scenario("nominal_imu_uwb_yolo", changes))
+    found = apart(flown("nominal_imu_uwb_yolo", changes, 4), engine.fly(4))
+    assert found.same, found
+
+
+def test_the_ready_made_scenarios_of_the_papers_estimator_are_compiled() -> None:
+    paper = {f"{preset}imu_uwb{camera}" for preset in ("paper_", "nominal_", "") for camera in ("", "_yolo")}
+    assert {*paper, "outage", "bursty_link", "uwb_walls"} <= {*COMPILED}
 
 
 def test_a_lost_flight_ends_where_drakes_does(flown: Flown) -> None:
@@ -103,6 +123,8 @@ def test_the_nearest_point_is_found(seed: int, points: int, aside: float) -> Non
         (("estimator={kind: tight}",), "estimator.kind"),
         (("imu.link.rate=60",), "imu.link.rate"),
         (("sensors=[uwb, imu, altimeter]",), "sensors"),
+        (("sensors=[uwb, camera, imu]", "camera.kind=rendered"), "camera.kind"),
+        (("sensors=[uwb, camera, imu]", "camera.kind=projected", "landmark_fix.method=pnp"), "landmark_fix.method"),
     ],
 )
 def test_what_is_not_compiled_is_told_in_a_line(changes: tuple[str, ...], field: str) -> None:

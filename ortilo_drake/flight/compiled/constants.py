@@ -61,12 +61,14 @@ class ImuConstants(NamedTuple):
     """The imu, see world/sensors/imu.py.
 
     Attributes:
+        whole: whether more than its angles is read.
         bias: of its nine values.
         sd: of angles, rates and specific force (3).
         stream: number of its noise.
         link: how its messages are delivered.
     """
 
+    whole: bool
     bias: np.ndarray
     sd: np.ndarray
     stream: np.uint64

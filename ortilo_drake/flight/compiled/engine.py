@@ -94,6 +94,10 @@ class Engine:
                     done.result()
         return np.column_stack((found, *self._counts(found[:, 0], arrived)))
 
+    def simulated_time(self, figures: np.ndarray) -> float:
+        """Return how long flights of these figures lasted together [s]."""
+        return float(np.sum(figures[:, FIGURES.index("ticks")])) * self._scenario.h
+
     def _counts(self, last: np.ndarray, arrived: np.ndarray) -> list[np.ndarray]:
         """Return the columns of arrivals, after the figures."""
         columns = []

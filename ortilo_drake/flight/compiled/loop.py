@@ -16,7 +16,7 @@ from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.ranging.multilateration import fix_message
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.world.radio.link import NOT_SENT
-from ortilo_drake.world.sensors.imu import imu_message
+from ortilo_drake.world.sensors.imu import attitude_message, imu_message
 from ortilo_drake.world.sensors.uwb import uwb_message
 from ortilo_drake.world.vehicle.disturbance import disturbance_at
 
@@ -39,7 +39,11 @@ def imu_of_tick(
     if delay == NOT_SENT:
         message = np.zeros(IMU_SIZE)
     else:
-        message = imu_message(x, u, d, mass, imu.bias, imu.sd, seed, imu.stream, k * h, h)
+        message = (
+            imu_message(x, u, d, mass, imu.bias, imu.sd, seed, imu.stream, k * h, h)
+            if imu.whole
+            else attitude_message(x, imu.bias, imu.sd, seed, imu.stream, k * h, h)
+        )
     deliver(message, delay, flying, k)
     return message
 
@@ -108,7 +112,7 @@ def fly_one(
     arrived[:] = 0.0
     for k in range(last + 1):
         r = flight.reference[k]
-        known = known_part(belief, n)
+        known = belief if n == N_XBAR else known_part(belief, n)
         felt = imu_of_tick(imu, vehicle.mass, x, u, d, k, h, seed, imu_bad, imu_flying)
         ranges = uwb_of_tick(uwb, x, k, h, seed, uwb_bad, uwb_flying)
         detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying)

@@ -129,7 +129,8 @@ def _link(scenario: Scenario, sensor: str, latency: int = 0) -> LinkConstants:
 def _imu(scenario: Scenario) -> ImuConstants:
     settings = scenario.imu
     sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-    return ImuConstants(np.zeros(9), sd, stream_id("imu"), _link(scenario, "imu"))
+    whole = imu_variances(scenario) is not None
+    return ImuConstants(whole, np.zeros(9), sd, stream_id("imu"), _link(scenario, "imu"))
 
 
 def _uwb(scenario: Scenario, room: Room) -> UwbConstants:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
@@ -57,6 +58,19 @@ def imu_message(
     v = normals(seed, stream, tick_of(time, h), 9)
     for i in range(9):
         message[2 + i] += bias[i] + sd[i // 3] * v[i]
+    return message
+
+
+@register_jitable
+def attitude_message(
+    x: np.ndarray, bias: np.ndarray, sd: np.ndarray, seed: int, stream: np.uint64, time: float, h: float
+) -> np.ndarray:
+    """Return imu_message with its angles alone, all else 0: for readers of nothing else. Arguments as there."""
+    message = np.zeros(11)
+    message[0], message[1] = 1.0, time
+    v = normals(seed, stream, tick_of(time, h), 3)  # the first of the nine
+    for i in range(3):
+        message[2 + i] = x[3 + i] + (bias[i] + sd[0] * v[i])
     return message
 
 
