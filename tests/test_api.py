@@ -15,9 +15,9 @@ from pydrake.systems.framework import Diagram
 from scipy.spatial.transform import Rotation
 
 import ortilo_drake as od
-from ortilo_drake.flight import workers
 from ortilo_drake.flight.flight import fly as fly_dataset
 from ortilo_drake.flight.metrics import estimation_mse, summary
+from ortilo_drake.flight.processes import workers
 from ortilo_drake.interop.log.reader import read_log
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import ORTILO_ROOM

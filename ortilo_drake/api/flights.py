@@ -13,8 +13,8 @@ import pandas as pd
 from ortilo_drake.api.flight import Flight
 from ortilo_drake.api.settings import load_scenario, plain_value
 from ortilo_drake.flight import ensemble
+from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.flight.summary import Summary
-from ortilo_drake.flight.workers import kept_workers
 from ortilo_drake.scenario import Scenario
 
 

@@ -48,7 +48,7 @@ def analyze(
     report = out_folder / f"{chosen.name}.md"
     check_writable(json_file, report)
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.report.analysis_text import analysis_text
     from ortilo_drake.studies.report.analyze import analysis_data
     from ortilo_drake.studies.report.analyze import analyze as analyze_scenario

@@ -61,7 +61,7 @@ def set_up(
     for file in plugin or ():
         load_plugin(file)
     if scheduler is not None:
-        from ortilo_drake.flight.scheduler import on_scheduler
+        from ortilo_drake.flight.processes.scheduler import on_scheduler
 
         context.with_resource(on_scheduler(scheduler))
 

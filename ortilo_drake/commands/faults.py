@@ -72,7 +72,7 @@ def faults(
         raise InputError(f"SCENARIO: {', '.join(flown)}: must differ by name")
     report, figure = out_folder / "faults.md", out_folder / "faults.png"
     check_writable(report, figure, json_file)
-    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.faults.fault_flights import fault_study
     from ortilo_drake.studies.faults.fault_report import fault_figure, fault_text
 

@@ -47,7 +47,7 @@ def sensitivity(
     name = load_scenario(scenario, laid_over).name  # refuses wrong settings before anything is flown
     report, figure = out_folder / f"{name}.md", out_folder / f"{name}.png"
     check_writable(report, figure, json_file)
-    from ortilo_drake.flight.workers import kept_workers
+    from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.sensitivity.mismatches import Settings
     from ortilo_drake.studies.sensitivity.sensitivity_flights import sensitivity as study
     from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text

@@ -86,8 +86,8 @@ def tables(
     say_if_compiling()
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.flight.ensemble import flight_file, fly_many
+    from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.flight.saved_flight import load_flight
-    from ortilo_drake.flight.workers import kept_workers
     from ortilo_drake.studies.paper_tables.error_figure import error_figure
     from ortilo_drake.views.figures import DRAWN, arrival_figure, trajectory_figure
 

@@ -13,10 +13,10 @@ import xarray as xr
 from ortilo_drake.flight.files import remove_stale
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
-from ortilo_drake.flight.program import program_digest
+from ortilo_drake.flight.processes.program import program_digest
+from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
 from ortilo_drake.flight.summary import Summary, summary_text
-from ortilo_drake.flight.workers import run_all
 from ortilo_drake.model.parts import plugin_files
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import own_backend

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from ortilo_drake.flight.ensemble import flight_folder
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.workers import run_all
+from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.scenario import Scenario
 

@@ -121,6 +121,8 @@ def test_the_nearest_point_is_found(seed: int, points: int, aside: float) -> Non
         (("world.plant=continuous",), "world.plant"),
         (("command_link.loss=0.1",), "command_link"),
         (("estimator={kind: tight}",), "estimator.kind"),
+        (("estimator.robust={}",), "estimator.robust"),
+        (("multilateration.exclude={}",), "multilateration.exclude"),
         (("imu.link.rate=60",), "imu.link.rate"),
         (("sensors=[uwb, imu, altimeter]",), "sensors"),
         (("sensors=[uwb, camera, imu]", "camera.kind=rendered"), "camera.kind"),

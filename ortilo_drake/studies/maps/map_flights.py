@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.ensemble import flight_folder, fly_many
 from ortilo_drake.flight.lost import NOT_LOST
-from ortilo_drake.flight.workers import kept_workers, run_all
+from ortilo_drake.flight.processes.workers import kept_workers, run_all
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, read_chunk, write_chunk

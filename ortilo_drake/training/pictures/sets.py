@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.workers import run_all
+from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.pictures.labels import Frames

@@ -17,7 +17,7 @@ from typing import Any
 
 from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
 
-from ortilo_drake.flight.scheduler import gone, remote_client
+from ortilo_drake.flight.processes.scheduler import gone, remote_client
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.parts import load_plugin, plugin_files
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 from distributed import Client
 from distributed.comm.core import CommClosedError
 
-from ortilo_drake.flight.program import program_digest
+from ortilo_drake.flight.processes.program import program_digest
 from ortilo_drake.model.input_error import InputError
 
 ANSWERS_WITHIN: Final = 10.0  # of a scheduler, and of its first worker [s]

@@ -14,7 +14,7 @@ import pytest
 from distributed import Client, Security, SpecCluster
 from distributed.comm import CommClosedError
 
-from ortilo_drake.flight.workers import kept_workers, run_all, start_cluster
+from ortilo_drake.flight.processes.workers import kept_workers, run_all, start_cluster
 
 pytestmark = pytest.mark.processes
 
@@ -112,7 +112,7 @@ PROGRAM = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from test_workers import die_once, say, stay
-from ortilo_drake.flight.workers import run_all
+from ortilo_drake.flight.processes.workers import run_all
 
 found = {}
 run_all(die_once, [(sys.argv[2], k) for k in range(4)], 2, found.__setitem__)
@@ -157,9 +157,9 @@ def test_kept_workers_are_the_same_in_every_call_and_end_with_the_context() -> N
 @pytest.mark.parametrize(
     ("text", "refused"),
     [
-        ("from ortilo_drake.flight.workers import run_all\nrun_all(print, [('x',)] * 2, 2)\n", True),
+        ("from ortilo_drake.flight.processes.workers import run_all\nrun_all(print, [('x',)] * 2, 2)\n", True),
         (
-            "from ortilo_drake.flight.workers import run_all\n"
+            "from ortilo_drake.flight.processes.workers import run_all\n"
             "if __name__ == '__main__':\n    run_all(print, [('x',)] * 2, 2)\n",
             False,
         ),

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from ortilo_drake.flight import scheduler
-from ortilo_drake.flight.scheduler import check_address, on_scheduler
-from ortilo_drake.flight.workers import run_all
+from ortilo_drake.flight.processes import scheduler
+from ortilo_drake.flight.processes.scheduler import check_address, on_scheduler
+from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.input_error import InputError
 
 DASK = [sys.executable, "-m", "dask"]

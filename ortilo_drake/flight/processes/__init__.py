@@ -1,0 +1,1 @@
+"""Processes that fly: workers of this machine, and those of a scheduler."""
