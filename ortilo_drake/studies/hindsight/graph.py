@@ -3,7 +3,7 @@
 A variable each for the pose X_k, the velocity V_k and the imu's biases B_k of every tick, and for what lasts of the
 sensors' errors. Factors: what is believed of the start, the preintegrated imu between two ticks, its angles, each range
 and each box's centre at its stamp, and rows of other sensors. Levenberg and Marquardt's method begins at what the
-flight's own filter estimated (GTSAM: Dellaert and Kaess, "Factor graphs for robot perception", Foundations and Trends in
+flight's own filter estimated (Dellaert and Kaess, "Factor graphs for robot perception", Foundations and Trends in
 Robotics 6, 2017).
 
 Boxes are given to landmarks by the onboard half's association: at first about the filter's estimates, and then, in a
@@ -38,8 +38,7 @@ from ortilo_drake.studies.hindsight.inertial_factors import InertialTick, inerti
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 from ortilo_drake.studies.hindsight.rts import Smoothed
 from ortilo_drake.studies.hindsight.slow import Keys, Process
-
-_ITERATIONS, _RELATIVE = 60, 1e-7  # of Levenberg and Marquardt's method
+from ortilo_drake.studies.hindsight.solver import minimum
 
 
 class FlightGraph:
@@ -121,7 +120,7 @@ class FlightGraph:
     def _add_angles(self, k: int, tick: InertialTick, errors: Process | None) -> None:
         sd = self._settings.imu.angle_sd
         if tick.rpy is not None and sd is not None:
-            noise = weighted(np.full(3, sd / np.sqrt(tick.count)), self._settings.huber)
+            noise = weighted(np.full(3, sd / np.sqrt(tick.samples)), self._settings.huber)
             self.graph.add(angles_factor(X(k), errors.at(k * self._h) if errors else None, tick.rpy, noise))
 
     def _messages(self, name: str) -> list[tuple[int, np.ndarray]]:
@@ -210,10 +209,7 @@ class FlightGraph:
 
         Of the covariance position and angles are there, each tick's by itself; the rest is 0.
         """
-        parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(_ITERATIONS)
-        parameters.setRelativeErrorTol(_RELATIVE)
-        values = gtsam.LevenbergMarquardtOptimizer(self.graph, self.values, parameters).optimize()
+        values = minimum(self.graph, self.values)
         marginals = gtsam.Marginals(self.graph, values)
         out = Smoothed(np.zeros((self._n, N_X)), np.zeros((self._n, N_X, N_X)))
         for k in range(self._n):

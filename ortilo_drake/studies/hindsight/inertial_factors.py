@@ -46,13 +46,13 @@ class InertialTick(NamedTuple):
     Attributes:
         motion: preintegrated.
         rpy: its angles, each brought to the tick by the body rates, their mean (3) [rad]; None where there are none.
-        count: of how many samples.
+        samples: how many they are of.
         w: body rates (3) [rad/s].
     """
 
     motion: gtsam.PreintegratedImuMeasurements
     rpy: np.ndarray | None
-    count: int
+    samples: int
     w: np.ndarray
 
 
