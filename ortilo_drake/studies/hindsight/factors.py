@@ -150,7 +150,8 @@ def box_factor(
             z -= moved * tau
             found += [-tau * J[:, :3], -moved[:, np.newaxis]]
         if H is not None:
-            H[:] = found
+            for i, block in enumerate(found):
+                H[i] = block
         return z - center
 
     others = [survey] if survey is not None else []

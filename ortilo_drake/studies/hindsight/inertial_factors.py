@@ -20,7 +20,7 @@ from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.scenario.tight import InertialNoise
 
-INTEGRATION_SD = 1e-6  # of a tick's position beside the samples' noise [m]: of one sample alone it would have none
+INTEGRATION_SD = 1e-5  # of a tick's position beside the samples' noise [m]: of one sample alone it would have none
 _CLOSE = 1e-9  # two stamps are the same within this [s]
 
 
