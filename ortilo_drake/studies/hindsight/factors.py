@@ -14,7 +14,7 @@ from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.ranges import range_row
 
-LEAST_SD = 1e-9  # stands for a standard deviation of 0, with which no factor can be weighted
+LEAST_SD = 1e-6  # stands for a standard deviation of 0, with which no factor can be weighted [m, rad, s, ...]
 Error = Callable[[gtsam.CustomFactor, gtsam.Values, list[np.ndarray] | None], np.ndarray]
 
 

@@ -38,7 +38,7 @@ from ortilo_drake.studies.hindsight.inertial_factors import InertialTick, inerti
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 from ortilo_drake.studies.hindsight.rts import Smoothed
 from ortilo_drake.studies.hindsight.slow import Keys, Process
-from ortilo_drake.studies.hindsight.solver import minimum
+from ortilo_drake.studies.hindsight.solver import eliminated, minimum
 
 
 class FlightGraph:
@@ -210,7 +210,7 @@ class FlightGraph:
         Of the covariance position and angles are there, each tick's by itself; the rest is 0.
         """
         values = minimum(self.graph, self.values)
-        marginals = gtsam.Marginals(self.graph, values)
+        marginals = eliminated(self.graph, values)
         out = Smoothed(np.zeros((self._n, N_X)), np.zeros((self._n, N_X, N_X)))
         for k in range(self._n):
             pose = values.atPose3(X(k))
