@@ -12,6 +12,7 @@ from ortilo_drake.commands.doctor import doctor
 from ortilo_drake.commands.faults import faults
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
+from ortilo_drake.commands.hindsight import hindsight
 from ortilo_drake.commands.live import live
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.report import report
@@ -55,7 +56,7 @@ def load_plugins(
         load_plugin(file)
 
 
-for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, doctor):
+for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, hindsight, doctor):
     app.command()(command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(detector_app, name="detector")

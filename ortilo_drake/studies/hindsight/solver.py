@@ -14,14 +14,14 @@ _FIRST, _FACTOR, _LARGEST = 1e-5, 10.0, 1e5  # the damping, as GTSAM's defaults 
 
 
 def minimum(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, relative: float = 1e-8, iterations: int = 60
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, relative: float = 1e-6, iterations: int = 60
 ) -> gtsam.Values:
     """Return values at a minimum of half the graph's sum of weighted squares.
 
     Args:
         graph: the factors.
         values: where the method begins; not changed.
-        relative: it ends with a step that decreases the sum by less than this share.
+        relative: it ends with a step that changes the sum by no more than this share.
         iterations: most steps.
     """
     order = gtsam.Ordering.MetisNonlinearFactorGraph(graph)
@@ -32,15 +32,17 @@ def minimum(
             step = _damped(linear, values, damping).optimize(order, gtsam.EliminateQR)
             tried = values.retract(step)
             new = graph.error(tried)
-            if new <= error:
+            done = abs(new - error) <= relative * error
+            if new <= error or done:
                 break
             damping *= _FACTOR
             if damping > _LARGEST:  # no step, however short, leads down from here
                 return values
-        values, decrease, error = tried, error - new, new
-        damping /= _FACTOR
-        if decrease <= relative * error:
+        if new <= error:
+            values, error = tried, new
+        if done:
             return values
+        damping /= _FACTOR
     return values
 
 
