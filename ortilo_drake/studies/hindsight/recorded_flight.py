@@ -70,7 +70,7 @@ def _kept(messages: Signals, boxes: np.ndarray | None) -> Signals:
 
 
 def fly_recorded(scenario: Scenario, seed: int) -> RecordedFlight:
-    """Fly a seed of a scenario; the flight is flight.fly's bit for bit.
+    """Fly a seed of a scenario, its two halves in lockstep (flight/lockstep.py).
 
     Raises:
         InputError: as flight.fly.

@@ -1,5 +1,4 @@
-"""The graph's factors: their derivatives by finite differences, the imu by an integrated motion, processes by their
-covariance functions."""
+"""The graph's factors: derivatives by finite differences, the imu by a motion, processes by covariance functions."""
 
 from collections.abc import Callable
 
@@ -38,7 +37,7 @@ def derivatives(factor: "gtsam.CustomFactor", values: "gtsam.Values") -> tuple[n
     linear = factor.linearize(values)
     said, _ = linear.jacobian()
     columns, step = [], 1e-6
-    for key in factor.keys():
+    for key in list(factor.keys()):
         for i in range(values.dims()[key]):
             ends = []
             for sign in (1.0, -1.0):
@@ -46,7 +45,7 @@ def derivatives(factor: "gtsam.CustomFactor", values: "gtsam.Values") -> tuple[n
                 one = np.zeros(values.dims()[key])
                 one[i] = sign * step
                 other = gtsam.VectorValues()
-                for its in values.keys():
+                for its in list(values.keys()):
                     other.insert(its, one if its == key else move.at(its))
                 ends.append(factor.unwhitenedError(values.retract(other)))
             columns.append((ends[0] - ends[1]) / (2.0 * step))
@@ -125,8 +124,9 @@ def test_derivatives_of_rows_of_the_twelve_states() -> None:
     np.testing.assert_allclose(said, found, rtol=0.0, atol=1e-8)
 
 
-def test_the_preintegrated_imu_is_the_motion(h: float = 1.0 / 30.0, n: int = 8) -> None:
-    """Of a body whose rates and specific force are polynomials of time, integrated to 1e-12; samples are of mid-step."""
+def test_the_preintegrated_imu_is_the_motion() -> None:
+    """Of a body whose rates and specific force are polynomials of time; each sample is that of mid-step."""
+    h, n = 1.0 / 30.0, 8
 
     def w(t: float) -> np.ndarray:
         return np.array([0.5 + t, -0.4 * t, 0.3 - 2.0 * t])
@@ -153,8 +153,9 @@ def test_the_preintegrated_imu_is_the_motion(h: float = 1.0 / 30.0, n: int = 8) 
     np.testing.assert_allclose(found.position(), end[:3], rtol=0.0, atol=1e-6)
 
 
-def test_the_noise_of_a_tick_is_that_of_its_samples(h: float = 0.04, n: int = 8) -> None:
+def test_the_noise_of_a_tick_is_that_of_its_samples() -> None:
     """Of a body at rest: sums of n independent samples' effects."""
+    h, n = 0.04, 8
     f = np.array([0.0, 0.0, 9.81])
     samples = [inertial.Sample((i + 1) * h / n, np.zeros(3), np.zeros(3), f) for i in range(n)]
     _, tick = inertial.inertial_ticks(samples, 2, h, n, (1e-3, 0.05), InertialNoise())

@@ -1,4 +1,4 @@
-"""The graph of whole flights: against dense least squares over all ticks, beside the filters, late messages, sensors."""
+"""The graph of whole flights: against dense least squares, beside the filters, with late messages and more sensors."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from ortilo_drake.studies.hindsight.rts import Smoothed, smoothed
 
 pytest.importorskip("gtsam", reason="needs the extra 'smoother'")
 
-from ortilo_drake.studies.hindsight.graph import FlightGraph, graph_smoothed  # noqa: E402
+from ortilo_drake.studies.hindsight.graph import FlightGraph, graph_smoothed
 
 # Through the first blackout and out of it again.
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [4, 1.5, 1.5], [7, 1.5, 1.5]]}"
@@ -75,7 +75,7 @@ def dense_positions(recorded: RecordedFlight) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_it_is_the_dense_problem_over_single_samples() -> None:
-    """Seven ticks with two messages of ranges: GTSAM's preintegrated graph against every sample's noise as an unknown."""
+    """Seven ticks with two messages of ranges: the preintegrated graph against every sample's noise as an unknown."""
     wide = "estimator.initial_sd=[0.3, 0.1, 0.3]"
     scenario = load_scenario("tight_imu_uwb", (*PLAIN, wide, "uwb.link.blackouts=[]", "imu.link.rate=120"))
     recorded = first_ticks(fly_recorded(scenario.model_copy(update={"settle": 0.0}), 2), 7)
