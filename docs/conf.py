@@ -38,7 +38,7 @@ nb_merge_streams = True
 
 # --- docstrings ------------------------------------------------------------------------------------------------
 autosummary_generate = True
-autodoc_mock_imports = ["rerun"]  # an extra that is large; the site is built without it
+autodoc_mock_imports = ["gtsam", "rerun"]  # extras that are large; the site is built without them
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 napoleon_use_ivar = True

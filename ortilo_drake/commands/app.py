@@ -12,6 +12,7 @@ from ortilo_drake.commands.doctor import doctor
 from ortilo_drake.commands.faults import faults
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
+from ortilo_drake.commands.hindsight import hindsight
 from ortilo_drake.commands.live import live
 from ortilo_drake.commands.map import map_
 from ortilo_drake.commands.replay import replay
@@ -66,7 +67,7 @@ def set_up(
         context.with_resource(on_scheduler(scheduler))
 
 
-for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, doctor):
+for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, hindsight, doctor):
     app.command()(command)
 app.command("map")(map_)
 app.add_typer(scenario_app, name="scenario")

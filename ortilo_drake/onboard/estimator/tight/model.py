@@ -39,7 +39,7 @@ def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float
     return make_layout(sizes, round(settings.horizon / h))
 
 
-def _sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float]:
+def sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float]:
     """Return the noise of a sample of body rates [rad/s] and specific force [m/s^2]."""
     imu = settings.imu
     if imu.datasheet == "none":
@@ -51,7 +51,7 @@ def _sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, floa
 def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
     """Return what the filter believes of imu and vehicle."""
     imu, ranges, pixels, h = settings.imu, settings.ranges, settings.pixels, scenario.h
-    rate_sd, force_sd = _sample_sds(settings, scenario.samples("imu"), h)
+    rate_sd, force_sd = sample_sds(settings, scenario.samples("imu"), h)
     keeps, steps = np.ones(layout.core - GYRO), np.zeros(layout.core - GYRO)
     steps[:3], steps[3:6] = h * imu.gyroscope_rate**2, h * imu.accelerometer_rate**2
 

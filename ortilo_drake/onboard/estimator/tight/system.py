@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import (
@@ -114,7 +114,7 @@ class TightFilter(LeafSystem):
         self._last = {name: slice(ends[i], ends[i + 1]) for i, name in enumerate(watched)}
         self._watched = self.DeclareDiscreteState(int(ends[-1]))
         self._groups = self._nominal, self._covariance, self._kept, self._ahead, self._watched
-        self.DeclarePeriodicUnrestrictedUpdateEvent(motion.h, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(motion.h, 0.0, self._update)
         own = {self.discrete_state_ticket(self._ahead)}
         self.DeclareVectorOutputPort("estimate", N_X, self._calc_estimate, own)
         self.DeclareVectorOutputPort("covariance", N_X * N_X, self._calc_covariance, own)
@@ -166,7 +166,7 @@ class TightFilter(LeafSystem):
                 V2[block] = port.Eval(context)[PAYLOAD + m :]
         output.SetFromVector(V2)
 
-    def _update(self, context: Context, state: State) -> None:
+    def _update(self, context: Context, values: DiscreteValues) -> None:
         now, motion, layout, aids = context.get_time(), self._motion, self._layout, self._aids
         x = context.get_discrete_state(self._nominal).CopyToVector()
         C = context.get_discrete_state(self._covariance).CopyToVector().reshape(layout.n, layout.n)
@@ -207,7 +207,7 @@ class TightFilter(LeafSystem):
         ahead = np.empty(N_AHEAD)
         one_ahead(x, C, kept, self._control.Eval(context), motion, ahead)
         keep_pose(x, C, layout)
-        values, groups = state.get_mutable_discrete_state(), (x, C.ravel(), kept, ahead, watched)
+        groups = (x, C.ravel(), kept, ahead, watched)
         for group, value in zip(self._groups, groups, strict=True):
             values.set_value(group, value)
 

@@ -1,0 +1,77 @@
+"""The command `ortilo hindsight`: the best that could have been known of a flight or a log."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import (
+    CameraOption,
+    JsonOption,
+    SetOption,
+    WorkersOption,
+    quiet_drake,
+    scenarios_from,
+    with_camera,
+)
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    show_markdown,
+    write_json,
+)
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+
+_FLIGHTS = 4
+
+
+def hindsight(
+    flown: Annotated[
+        str,
+        typer.Argument(
+            metavar="[SCENARIO|LOG]",
+            help="A ready-made scenario's name, a .yaml file, or the log of a flight.",
+            autocompletion=scenarios_from,
+        ),
+    ] = "tight_imu_uwb",
+    flights: Annotated[
+        int | None, typer.Option(min=1, max=100_000, help=f"Flights of the scenario, seeds from 0; {_FLIGHTS}.")
+    ] = None,
+    camera: CameraOption = None,
+    workers: WorkersOption = None,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Estimate flights again by all that was measured in them, before and after each moment.
+
+    It shows the filter that flew, the smoother of a linear filter, the batch factor graph of ranges, boxes and imu
+    (needs the extra `smoother`), and the Cramer-Rao floor of a filter.
+    """
+    check_writable(json_file)
+    log, laid_over = Path(flown), with_camera(settings, camera, None)
+    is_log = log.is_dir() or log.suffix == ".mcap"
+    if is_log and (laid_over or flights is not None or workers is not None):
+        raise InputError(f"{log}: is a log: --flights, --camera, --workers and --set are for scenarios")
+    scenario = None if is_log else load_scenario(flown, laid_over)  # refuses wrong settings before anything is flown
+    from ortilo_drake.studies.hindsight.hindsight import fly_in_hindsight, in_hindsight, study_of
+    from ortilo_drake.studies.hindsight.hindsight_report import hindsight_text
+    from ortilo_drake.studies.hindsight.recorded_flight import read_recorded
+
+    quiet_drake()
+    say_if_compiling()
+    if scenario is None:
+        recorded = read_recorded(log)
+        found = study_of(recorded.scenario, [in_hindsight(recorded)])
+    else:
+        count = flights or _FLIGHTS
+        with progress_bar() as progress:
+            task = progress.add_task("flights", total=count)
+            its = workers or os.cpu_count() or 1
+            found = fly_in_hindsight(scenario, range(count), its, lambda n: progress.advance(task, n))
+    write_json(json_file, found)
+    show_markdown(hindsight_text(found))
+    say_written(json_file)

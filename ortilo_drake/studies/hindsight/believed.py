@@ -1,0 +1,39 @@
+"""What the graph believes of the sensors: what the tight filter of the scenario does, or what its own filter says."""
+
+import numpy as np
+
+from ortilo_drake.scenario import Belief, IntermittentFilter
+from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
+
+
+def believed(scenario: Belief) -> TightFilter:
+    """Return what is believed of the sensors, in the settings of the tight filter.
+
+    Of a scenario that flies the paper's filter they are that filter's V, walks and biases and what its multilateration
+    believes of ranges; of boxes it says nothing, and the defaults stand. So it is of an estimator of one's own, of
+    which nothing else is known either. Neither gate nor horizon is read: late messages count at their stamps.
+    """
+    settings = scenario.estimator
+    if isinstance(settings, TightFilter):
+        return settings
+    ranges = TightRanges(noise=scenario.multilateration.noise, bias_sd=scenario.multilateration.bias_sd)
+    if not isinstance(settings, IntermittentFilter):
+        return TightFilter(kind="tight", ranges=ranges)
+    V, walks, biases = settings.V, settings.walks, settings.biases
+    imu = InertialNoise(
+        rate_sd=_sd(V.rates),
+        specific_force_sd=_sd(V.specific_force),
+        angle_sd=_sd(V.imu),
+        gyroscope_sd=walks.gyroscope_sd,
+        gyroscope_rate=walks.gyroscope_rate,
+        accelerometer_sd=walks.accelerometer_sd,
+        accelerometer_rate=walks.accelerometer_rate,
+        level_sd=biases.level_sd,
+        yaw_sd=biases.yaw_sd,
+    )
+    return TightFilter(kind="tight", imu=imu, ranges=ranges, initial_sd=settings.initial_sd[:3])
+
+
+def _sd(variances: tuple[float, float, float]) -> float:
+    """Return the standard deviation that three axes have on average."""
+    return float(np.sqrt(np.mean(variances)))

@@ -1,0 +1,224 @@
+"""Factors of the graph beside the imu's: ranges, boxes, angles, rows of other sensors, and what varies slowly.
+
+Residuals are predicted less measured, by the equations that the tight filter flies (onboard/estimator/tight). A pose's
+tangent is GTSAM's, [theta, t] in B: R_WB exp([theta]x), p_WB + R_WB t.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from ortilo_drake.model.pinhole import Camera, box_center
+from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
+from ortilo_drake.onboard.estimator.tight.ranges import range_row
+
+LEAST_SD = 1e-6  # stands for a standard deviation of 0, with which no factor can be weighted [m, rad, s, ...]
+Error = Callable[[gtsam.CustomFactor, gtsam.Values, list[np.ndarray] | None], np.ndarray]
+
+
+def weighted(sds: np.ndarray, huber: float) -> gtsam.noiseModel.Base:
+    """Return noise of these standard deviations, by Huber's loss beyond that many of them; inf: by squares alone."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(np.asarray(sds, dtype=float), LEAST_SD))
+    if np.isinf(huber):
+        return noise
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber), noise)
+
+
+def rpy_of(R: np.ndarray) -> np.ndarray:
+    """Return roll, pitch and yaw of R_z(psi) R_y(theta) R_x(phi) (3)."""
+    sine = min(1.0, max(-1.0, -R[2, 0]))
+    return np.array([np.arctan2(R[2, 1], R[2, 2]), np.arcsin(sine), np.arctan2(R[1, 0], R[0, 0])])
+
+
+class Moving(NamedTuple):
+    """What tells how a message's prediction changes with its clock: keys of velocity and clock, and body rates.
+
+    Attributes:
+        velocity: key of v_WB.
+        clock: key of the time by which the message is older than its stamp.
+        w: body rates (3) [rad/s].
+    """
+
+    velocity: int
+    clock: int
+    w: np.ndarray
+
+
+def range_factor(
+    pose: int,
+    errors: tuple[int, ...],
+    moving: Moving | None,
+    measured: float,
+    anchor: np.ndarray,
+    lever: np.ndarray,
+    noise: gtsam.noiseModel.Base,
+) -> gtsam.CustomFactor:
+    """Return the factor of one range, see onboard/estimator/tight/ranges.py.
+
+    Args:
+        pose: key of the pose at its stamp.
+        errors: keys of numbers that it errs by (1 each) [m].
+        moving: of its clock; None where that is known.
+        measured: the range [m].
+        anchor: a in W (3).
+        lever: where the antenna is in B (3).
+        noise: of the range.
+    """
+    clock = len(errors) + 1  # keys: pose, errors, velocity, clock
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
+        X, row = values.atPose3(pose), np.empty(6)
+        R = X.rotation().matrix()
+        predicted = range_row(X.translation(), R, lever, anchor, row)
+        for key in errors:
+            predicted += values.atVector(key)[0]
+        if moving is not None:
+            v, tau = values.atVector(moving.velocity), values.atVector(moving.clock)[0]
+            predicted -= row[:3] @ v * tau
+        if H is not None:
+            along = row[:3].copy()
+            if moving is not None:  # d (u . v) by p, of the direction u
+                distance = max(float(np.linalg.norm(X.translation() + R @ lever - anchor)), 1e-9)
+                bent = (v - (along @ v) * along) / distance * tau
+                row[:3] -= bent
+                row[3:] -= np.cross(lever, R.T @ bent)
+                H[clock], H[clock + 1] = -tau * along[np.newaxis], np.array([[-along @ v]])
+            H[0] = np.concatenate((row[3:], row[:3] @ R))[np.newaxis]
+            for i in range(len(errors)):
+                H[1 + i] = np.ones((1, 1))
+        return np.array([predicted - measured])
+
+    keys = [pose, *errors, *((moving.velocity, moving.clock) if moving else ())]
+    return gtsam.CustomFactor(noise, keys, error)
+
+
+class Landmark(NamedTuple):
+    """A landmark as its boxes are predicted: where it was surveyed (3), and its outline, see model/pinhole.py."""
+
+    position: np.ndarray
+    outline: np.ndarray
+
+
+def box_factor(
+    pose: int,
+    survey: int | None,
+    slow: tuple[int, np.ndarray] | None,
+    moving: Moving | None,
+    center: np.ndarray,
+    landmark: Landmark,
+    camera: Camera,
+    noise: gtsam.noiseModel.Base,
+) -> gtsam.CustomFactor:
+    """Return the factor of one box's centre, see onboard/estimator/tight/pixels.py.
+
+    From a pose without a projection it says nothing. How the camera's clock moves the prediction is taken to first
+    order: its own change with the pose is left out of the derivatives.
+
+    Args:
+        pose: key of the pose at its stamp.
+        survey: key of the landmark's offset from where it was surveyed (3); None where there is none.
+        slow: key of the error that lasts (2) and its scale (2) [px]; likewise.
+        moving: of its clock; likewise.
+        center: of the box (2) [px].
+        landmark: the landmark.
+        camera: the camera.
+        noise: of what is new in the box.
+    """
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
+        X, z, J = values.atPose3(pose), np.empty(2), np.empty((2, 6))
+        R = X.rotation().matrix()
+        rpy, position = rpy_of(R), landmark.position
+        if survey is not None:
+            position = position + values.atVector(survey)
+        seen = box_center(position, landmark.outline, X.translation(), rpy, R, camera, z, J)
+        if not seen:
+            z, J = center.copy(), np.zeros((2, 6))
+        J_theta = J[:, 3:] @ inverse_rate_matrix(rpy)
+        found = [np.hstack([J_theta, J[:, :3] @ R])]
+        if survey is not None:
+            found.append(-J[:, :3])
+        if slow is not None:
+            scale = np.diag(slow[1]) * seen
+            z += scale @ values.atVector(slow[0])
+            found.append(scale)
+        if moving is not None:
+            moved = J[:, :3] @ values.atVector(moving.velocity) + J_theta @ moving.w
+            tau = values.atVector(moving.clock)[0]
+            z -= moved * tau
+            found += [-tau * J[:, :3], -moved[:, np.newaxis]]
+        if H is not None:
+            for i, block in enumerate(found):
+                H[i] = block
+        return z - center
+
+    others = [survey] if survey is not None else []
+    others += [slow[0]] if slow is not None else []
+    keys = [pose, *others, *((moving.velocity, moving.clock) if moving else ())]
+    return gtsam.CustomFactor(noise, keys, error)
+
+
+def angles_factor(pose: int, errors: int | None, rpy: np.ndarray, noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
+    """Return the factor of the imu's roll, pitch and yaw (3) [rad]; errors is the key of what they err by (3)."""
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
+        own = rpy_of(values.atPose3(pose).rotation().matrix())
+        e = (own - rpy + np.pi) % (2.0 * np.pi) - np.pi
+        if H is not None:
+            H[0] = np.hstack([inverse_rate_matrix(own), np.zeros((3, 3))])
+        if errors is not None:
+            e = e + values.atVector(errors)
+            if H is not None:
+                H[1] = np.eye(3)
+        return e
+
+    return gtsam.CustomFactor(noise, [pose] if errors is None else [pose, errors], error)
+
+
+def rows_factor(
+    pose: int,
+    velocity: int,
+    bias: int,
+    w: np.ndarray,
+    y: np.ndarray,
+    C: np.ndarray,
+    V: np.ndarray,
+    huber: float,
+) -> gtsam.CustomFactor:
+    """Return the factor of values y = C x + v of the paper's twelve states.
+
+    Args:
+        pose: key of the pose.
+        velocity: of v_WB.
+        bias: of the imu's biases.
+        w: body rates as measured (3) [rad/s].
+        y: values (m).
+        C: their rows (m, 12).
+        V: covariance of v (m, m).
+        huber: see weighted.
+    """
+    whiten = np.linalg.inv(np.linalg.cholesky(V))
+    rows, value = whiten @ C, whiten @ y
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
+        X, v = values.atPose3(pose), values.atVector(velocity)
+        R = X.rotation().matrix()
+        rpy, rates = rpy_of(R), w - values.atConstantBias(bias).gyroscope()
+        E = inverse_rate_matrix(rpy)
+        if H is not None:
+            by_rpy = rows[:, 3:6] + rows[:, 9:12] @ _euler_rates_by_rpy(rpy, rates)
+            H[0] = np.hstack([by_rpy @ E, rows[:, :3] @ R])
+            H[1] = rows[:, 6:9].copy()
+            H[2] = np.hstack([np.zeros((len(y), 3)), -rows[:, 9:12] @ E])
+        return np.asarray(rows @ np.concatenate((X.translation(), rpy, v, E @ rates)) - value)
+
+    return gtsam.CustomFactor(weighted(np.ones(len(y)), huber), [pose, velocity, bias], error)
+
+
+def _euler_rates_by_rpy(rpy: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return d(E(rpy)^-1 w) / d rpy (3, 3)."""
+    s, c, t, k = np.sin(rpy[0]), np.cos(rpy[0]), np.tan(rpy[1]), 1.0 / np.cos(rpy[1])
+    a, b = s * w[1] + c * w[2], c * w[1] - s * w[2]
+    return np.array([[t * b, a * k * k, 0.0], [-a, 0.0, 0.0], [k * b, a * k * t, 0.0]])

@@ -1,0 +1,184 @@
+"""What the filter that flew made of its flights, beside what hindsight makes of the same messages."""
+
+import importlib.util
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ortilo_drake.flight.efficiency import floor_at_ticks
+from ortilo_drake.flight.metrics import loss_of
+from ortilo_drake.flight.workers import run_all
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.optional import check_installed
+from ortilo_drake.scenario import IntermittentFilter, Scenario
+from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight, fly_recorded
+from ortilo_drake.studies.hindsight.rts import is_linear, smoothed
+
+FLOWN, RTS, GRAPH, FLOOR = "flown", "rts", "graph", "floor"
+EXTRA: Final = "smoother"  # brings gtsam
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Estimates of one flight beside the truth.
+
+    Attributes:
+        mse: mean squared error of the position per axis [m^2].
+        nees: mean of e^T P_pp^-1 e, 3 if P is right; None of a floor, which has no errors.
+    """
+
+    mse: tuple[float, float, float]
+    nees: float | None
+
+
+@dataclass(frozen=True)
+class FlightInHindsight:
+    """A flight.
+
+    Attributes:
+        seed: of all noise.
+        lost: when it was lost [s]; None if it was not. Its errors are those up to then.
+        ways: what each way of estimating made of it: FLOWN, RTS, GRAPH, FLOOR, as far as there are any.
+    """
+
+    seed: int
+    lost: float | None
+    ways: dict[str, Judged]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way of estimating, over all flights.
+
+    Attributes:
+        way: FLOWN, RTS, GRAPH or FLOOR.
+        rms: root mean square of the flights' errors per axis [m].
+        rms_distance: of the distance between estimated and true position [m].
+        nees: mean over the flights.
+    """
+
+    way: str
+    rms: tuple[float, float, float]
+    rms_distance: float
+    nees: float | None
+
+
+@dataclass(frozen=True)
+class Hindsight:
+    """A study, as `ortilo hindsight --json` writes it.
+
+    Attributes:
+        scenario: its name.
+        estimator: the kind of filter that flew.
+        lost: flights that were lost.
+        rows: by way.
+        missing: why a row is not there, a line each.
+        flights: each of them.
+    """
+
+    scenario: str
+    estimator: str
+    lost: int
+    rows: list[Row]
+    missing: list[str]
+    flights: list[FlightInHindsight]
+
+
+def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:
+    """Return how estimated positions (n, 3) of covariance P (n, 3, 3) compare with the true ones (n, 3)."""
+    e = x - truth
+    nees = np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
+    a, b, c = np.mean(e**2, axis=0).tolist()
+    return Judged((a, b, c), float(np.mean(nees)))
+
+
+def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
+    """Return what every way that can makes of a flight."""
+    flight = recorded.flight
+    truth = flight["truth"].values[:, :3]
+    flown = flight["estimate"].values[:, :3], flight["covariance"].values[:, :3, :3]
+    ways = {FLOWN: judged(*flown, truth)}
+    if is_linear(recorded.scenario):
+        x, P = smoothed(recorded)
+        ways[RTS] = judged(x[:, :3], P[:, :3, :3], truth)
+    if has_graph():
+        from ortilo_drake.studies.hindsight.graph import graph_smoothed
+
+        x, P = graph_smoothed(recorded)
+        ways[GRAPH] = judged(x[:, :3], P[:, :3, :3], truth)
+    floor = floor_at_ticks(flight)
+    if floor is not None:
+        a, b, c = np.mean(floor, axis=0).tolist()
+        ways[FLOOR] = Judged((a, b, c), None)
+    loss = loss_of(flight)
+    return FlightInHindsight(int(flight.attrs["seed"]), None if loss is None else loss.time, ways)
+
+
+def has_graph() -> bool:
+    """Return whether GTSAM is there."""
+    return importlib.util.find_spec("gtsam") is not None
+
+
+def hindsight_of(scenario_json: str, seed: int) -> FlightInHindsight:
+    """Fly a seed and look back on it. Runs in a worker: the arguments are plain data."""
+    return in_hindsight(fly_recorded(Scenario.model_validate_json(scenario_json), seed))
+
+
+def fly_in_hindsight(
+    scenario: Scenario, seeds: Sequence[int], workers: int = 1, progress: Callable[[int], None] | None = None
+) -> Hindsight:
+    """Fly seeds of a scenario and look back on each.
+
+    Args:
+        scenario: the scenario; its own seed is not used.
+        seeds: of the flights.
+        workers: worker processes; 1 flies in this process.
+        progress: called with the number of flights that came in.
+
+    Raises:
+        InputError: as flight.fly.
+    """
+    found: dict[int, FlightInHindsight] = {}
+
+    def take(number: int, its: FlightInHindsight) -> None:
+        found[number] = its
+        if progress:
+            progress(1)
+
+    text = scenario.model_dump_json()
+    run_all(hindsight_of, [(text, seed) for seed in seeds], workers, take)
+    return study_of(scenario, [found[number] for number in sorted(found)])
+
+
+def study_of(scenario: Scenario, flights: list[FlightInHindsight]) -> Hindsight:
+    """Return the study of flights of a scenario."""
+    rows = []
+    for way in (FLOWN, RTS, GRAPH, FLOOR):
+        its = [flight.ways[way] for flight in flights if way in flight.ways]
+        if its:
+            mse = np.mean([one.mse for one in its], axis=0)
+            known = [one.nees for one in its if one.nees is not None]
+            x, y, z = np.sqrt(mse).tolist()
+            nees = float(np.mean(known)) if known else None
+            rows.append(Row(way, (x, y, z), float(np.sqrt(mse.sum())), nees))
+    lost = sum(flight.lost is not None for flight in flights)
+    return Hindsight(scenario.name, str(scenario.estimator.kind), lost, rows, _missing(scenario, rows), flights)
+
+
+def _missing(scenario: Scenario, rows: list[Row]) -> list[str]:
+    """Return why rows are not there."""
+    there, lines = {row.way for row in rows}, []
+    if RTS not in there:
+        runs_again = isinstance(scenario.estimator, IntermittentFilter)
+        why = "runs again where a measurement comes late (estimator.delay replay)" if runs_again else "is not linear"
+        lines.append(f"RTS: the filter that flew {why}.")
+    if GRAPH not in there:
+        try:
+            check_installed("gtsam", EXTRA)
+        except InputError as error:
+            lines.append(f"graph: {error}.")
+    if FLOOR not in there:
+        lines.append("floor: the errors of this camera's detector have not been measured.")
+    return lines

@@ -1,0 +1,141 @@
+"""The imu in the graph: its samples of each tick preintegrated by GTSAM, and what its angles say of the attitude.
+
+A sample stamped s is of (s', s], s' the stamp before. GTSAM turns the specific force by the attitude at the step's
+beginning, the tight filter (onboard/estimator/tight/inertial.py) by that half way, which is what the sample is of; so
+each specific force is turned by half its step before, f' = exp([w dt / 2]x) f.
+
+Preintegration: Forster, Carlone, Dellaert and Scaramuzza, "On-manifold preintegration for real-time visual-inertial
+odometry", IEEE Trans. Robotics 33, 2017.
+"""
+
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.flight.signals import Signals
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
+from ortilo_drake.scenario.tight import InertialNoise
+
+INTEGRATION_SD = 1e-5  # of a tick's position beside the samples' noise [m]: of one sample alone it would have none
+_CLOSE = 1e-9  # two stamps are the same within this [s]
+
+
+class Sample(NamedTuple):
+    """A sample of the imu.
+
+    Attributes:
+        stamp: when its step ended [s].
+        rpy: roll, pitch, yaw as the imu has them (3) [rad].
+        w: body rates, the mean of this sample and the one before (3) [rad/s].
+        f: specific force (3) [m/s^2].
+    """
+
+    stamp: float
+    rpy: np.ndarray
+    w: np.ndarray
+    f: np.ndarray
+
+
+class InertialTick(NamedTuple):
+    """What the imu says of the step that ends at a tick.
+
+    Attributes:
+        motion: preintegrated.
+        rpy: its angles, each brought to the tick by the body rates, their mean (3) [rad]; None where there are none.
+        samples: how many they are of.
+        w: body rates (3) [rad/s].
+    """
+
+    motion: gtsam.PreintegratedImuMeasurements
+    rpy: np.ndarray | None
+    samples: int
+    w: np.ndarray
+
+
+def samples_of(messages: tuple[Signals, ...], n: int) -> list[Sample]:
+    """Return the samples of all imu messages in the order of their stamps; n is how many come in a message."""
+    rows: dict[float, np.ndarray] = {}
+    for its in messages:
+        if "imu" in its:
+            found = samples_in(its["imu"], n) if n > 1 else its["imu"][np.newaxis]
+            rows |= {float(row[STAMP]): row for row in found if row[ARRIVED] == 1.0 and np.isfinite(row).all()}
+    samples, before = [], np.zeros(3)
+    for stamp in sorted(rows):
+        rpy, w, f = rows[stamp][PAYLOAD:].reshape(3, 3)
+        samples.append(Sample(stamp, rpy, 0.5 * (before + w), f))
+        before = w
+    return samples
+
+
+def _parameters(sds: np.ndarray, dt: float, h: float) -> gtsam.PreintegrationParams:
+    """Return GTSAM's parameters for samples of these standard deviations (rates, specific force), dt apart."""
+    parameters = gtsam.PreintegrationParams.MakeSharedU(GRAVITY)
+    parameters.setGyroscopeCovariance(sds[0] ** 2 * dt * np.eye(3))
+    parameters.setAccelerometerCovariance(sds[1] ** 2 * dt * np.eye(3))
+    parameters.setIntegrationCovariance(INTEGRATION_SD**2 / h * np.eye(3))
+    return parameters
+
+
+def _integrate(motion: gtsam.PreintegratedImuMeasurements, w: np.ndarray, f: np.ndarray, dt: float) -> None:
+    motion.integrateMeasurement(Rotation.from_rotvec(0.5 * dt * w).apply(f), w, dt)
+
+
+def inertial_ticks(
+    samples: list[Sample], n: int, h: float, per_tick: int, sds: tuple[float, float], settings: InertialNoise
+) -> list[InertialTick | None]:
+    """Return what the imu says of the steps that end at ticks 1 to n - 1; that of tick 0 is None.
+
+    A step whose end no sample reaches goes on with the last one, and all of it is believed as little as coasting_sd
+    says: as the tight filter does with what is left of a tick.
+
+    Args:
+        samples: in the order of their stamps.
+        n: ticks.
+        h: tick [s].
+        per_tick: samples in a tick.
+        sds: of a sample's body rates [rad/s] and specific force [m/s^2].
+        settings: what is believed of the imu.
+    """
+    known = _parameters(np.array(sds), h / per_tick, h)
+    coasting = _parameters(np.array(settings.coasting_sd), h, h)
+    no_bias = gtsam.imuBias.ConstantBias()
+    ticks: list[InertialTick | None] = [None]
+    w, f = np.zeros(3), np.array([0.0, 0.0, GRAVITY])
+    at = 0
+    for k in range(1, n):
+        begin, end = (k - 1) * h, k * h
+        while at < len(samples) and samples[at].stamp <= begin + _CLOSE:
+            at += 1
+        first = at
+        while at < len(samples) and samples[at].stamp <= end + _CLOSE:
+            at += 1
+        its = samples[first:at]
+        whole = bool(its) and its[-1].stamp > end - _CLOSE
+        motion = gtsam.PreintegratedImuMeasurements(known if whole else coasting, no_bias)
+        t = begin
+        for sample in its:
+            w, f = sample.w, sample.f
+            _integrate(motion, w, f, sample.stamp - t)
+            t = sample.stamp
+        if not whole:
+            _integrate(motion, w, f, end - t)
+        ticks.append(InertialTick(motion, _mean_angles(its, end), len(its), w))
+    return ticks
+
+
+def _mean_angles(samples: list[Sample], end: float) -> np.ndarray | None:
+    """Return the samples' angles at the tick's end (3), by the rates that followed each, their mean."""
+    if not samples:
+        return None
+    turned, after, t = [], np.zeros(3), end
+    for sample, later in zip(reversed(samples), [None, *reversed(samples[1:])], strict=True):
+        rates = sample.w if later is None else later.w
+        after = after + (t - sample.stamp) * rates
+        t = sample.stamp
+        turned.append(sample.rpy + inverse_rate_matrix(sample.rpy) @ after)
+    angles = np.unwrap(np.array(turned), axis=0)
+    return np.asarray(angles.mean(axis=0))

@@ -1,0 +1,167 @@
+"""The fixed-interval smoother of the paper's filter, with whatever further states it carries.
+
+Forward it is the filter itself, over [x; e] without the integral, which is a known quantity:
+
+    S_k = H P_k H^T + V2,  L_k = Phi (I - P_k H^T S_k^-1 H),  e_k = y_k - H xhat_{k|k-1}
+
+Backward, from r = 0 and N = 0 after the last tick,
+
+    r <- H^T S_k^-1 e_k + L_k^T r,   xhat_{k|n} = xhat_{k|k-1} + P_k r
+    N <- H^T S_k^-1 H + L_k^T N L_k,  P_{k|n} = P_k - P_k N P_k
+
+This is what Rauch, Tung and Striebel (AIAA Journal 3, 1965) compute, in the form of Bryson and Frazier (1963) and de
+Jong (J. American Statistical Association 84, 1989). RTS inverts P_{k+1|k}, which is singular here: W has rank 6, and
+states may begin without variance. This form inverts nothing but S_k.
+
+What tilts of the lift (intermittent_filter.tilted_lift) is taken as the filter took it, as a known input.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.flight.flight import logged_rows
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, PAYLOAD, samples_in
+from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
+from ortilo_drake.onboard.estimator.imu_rows import imu_variances, with_imu_rows
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel, tilted_lift
+from ortilo_drake.scenario import IntermittentFilter, Scenario
+from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
+
+
+class Tick(NamedTuple):
+    """What a linear filter took in a tick.
+
+    Attributes:
+        y: the values that arrived (m).
+        H: their rows over [x; e] (m, N).
+        V: their covariance (m, m).
+        u: control less hover (4).
+    """
+
+    y: np.ndarray
+    H: np.ndarray
+    V: np.ndarray
+    u: np.ndarray
+
+
+class Smoothed(NamedTuple):
+    """Estimates of a flight.
+
+    Attributes:
+        x: [x; e] (n, N).
+        P: covariance (n, N, N).
+    """
+
+    x: np.ndarray
+    P: np.ndarray
+
+
+class Forward(NamedTuple):
+    """A filter's run.
+
+    Attributes:
+        prior: xhat_{k|k-1} and P_k.
+        carries: L_k (n, N, N).
+        gradient: H^T S^-1 e (n, N).
+        information: H^T S^-1 H (n, N, N).
+    """
+
+    prior: Smoothed
+    carries: np.ndarray
+    gradient: np.ndarray
+    information: np.ndarray
+
+
+def run_forward(model: FilterModel, x_0: np.ndarray, P_0: np.ndarray, ticks: list[Tick]) -> Forward:
+    """Run the filter's recursion.
+
+    Args:
+        model: what it believes of the vehicle; its integrator is not used.
+        x_0: first estimate of [x; e] (N).
+        P_0: its covariance (N, N).
+        ticks: what it took (n).
+    """
+    n, N = len(ticks), len(x_0)
+    found = Forward(
+        Smoothed(np.empty((n, N)), np.empty((n, N, N))), np.empty((n, N, N)), np.zeros((n, N)), np.zeros((n, N, N))
+    )
+    x, P = x_0, P_0
+    for k, (y, H, V, u) in enumerate(ticks):
+        found.prior.x[k], found.prior.P[k] = x, P
+        HT_S = np.linalg.solve(H @ P @ H.T + V, H).T  # H^T S^-1
+        found.gradient[k], found.information[k] = HT_S @ (y - H @ x), HT_S @ H
+        left = np.eye(N) - P @ found.information[k]
+        found.carries[k] = model.Phi @ left
+        u_a = model.Gamma_a @ tilted_lift(x, u, model.mass) if model.extra else 0.0
+        x = model.Phi @ (x + P @ found.gradient[k]) + model.Gamma @ u + u_a
+        gain = P @ HT_S
+        P = model.Phi @ (left @ P @ left.T + gain @ V @ gain.T) @ model.Phi.T + model.W  # Joseph
+        P = (P + P.T) / 2.0
+    return found
+
+
+def smooth(found: Forward) -> Smoothed:
+    """Return every estimate by all measurements of a run."""
+    (x, P), out = found.prior, Smoothed(np.empty_like(found.prior.x), np.empty_like(found.prior.P))
+    r, N = np.zeros(x.shape[1]), np.zeros(P.shape[1:])
+    for k in range(len(x) - 1, -1, -1):
+        L = found.carries[k]
+        r = found.gradient[k] + L.T @ r
+        N = found.information[k] + L.T @ N @ L
+        out.x[k], out.P[k] = x[k] + P[k] @ r, P[k] - P[k] @ N @ P[k]
+    return out
+
+
+def is_linear(scenario: Scenario) -> bool:
+    """Return whether the scenario's filter is one whose run can be smoothed here: linear, and not run again."""
+    return isinstance(scenario.estimator, IntermittentFilter) and scenario.estimator.delay != "replay"
+
+
+def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, np.ndarray, list[Tick]]:
+    """Return the model, first estimate, its covariance, and the ticks of a flight with a linear filter.
+
+    The measurements are those that its filter took: fixes as they were made and gated in flight.
+    """
+    scenario, flight = recorded.scenario, recorded.flight
+    belief = scenario.belief
+    settings, vehicle = belief.estimator, belief.vehicle
+    extras = extra_states(settings, vehicle, belief.h, belief.flown_rows)
+    model = augmented_model(settings, vehicle, settings.integrator, belief.h, extras)
+    measurement = augmented_rows(belief.measurement.rows, extras)
+    N = len(model.Phi)
+    x_0 = np.zeros(N)
+    x_0[:N_X] = flight["estimate"].values[0, :N_X]
+    variances, hover = imu_variances(belief), np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])
+    ticks = []
+    for row, messages in zip(logged_rows(flight), recorded.messages, strict=True):
+        signals = row["y"], row["delta"], np.nan_to_num(row["V2"])
+        if variances is not None:
+            j = belief.measurement.sensors.index("imu")
+            imu = _one_sample(messages.get("imu"), belief.samples("imu"))
+            signals = with_imu_rows(*signals, imu, j, variances)
+        ticks.append(_tick(measurement, *signals, row["control"] - hover))
+    return model, x_0, initial_covariance(settings, extras)[:N, :N], ticks
+
+
+def _one_sample(message: np.ndarray | None, n: int) -> np.ndarray:
+    """Return an imu message of one sample: the mean of a tick's n, as onboard/sample_mean.py makes it."""
+    if message is None:
+        return np.zeros(IMU_SIZE)
+    if n == 1:
+        return message
+    samples = samples_in(message, n)
+    mean = np.concatenate((message[:PAYLOAD], samples[:, PAYLOAD:].mean(axis=0)))
+    return mean if samples[:, ARRIVED].all() else np.zeros(IMU_SIZE)
+
+
+def _tick(measurement: Measurement, y: np.ndarray, delta: np.ndarray, V2: np.ndarray, u: np.ndarray) -> Tick:
+    there = measurement.by_row(delta) > 0.0
+    return Tick(y[there], measurement.layout.C[there], measurement.matrix(V2)[np.ix_(there, there)], u)
+
+
+def smoothed(recorded: RecordedFlight) -> Smoothed:
+    """Return the smoothed estimates of a flight whose filter is linear, see is_linear."""
+    return smooth(run_forward(*linear_problem(recorded)))
