@@ -9,7 +9,7 @@ import numpy as np
 
 from ortilo_drake.flight.efficiency import floor_at_ticks
 from ortilo_drake.flight.metrics import loss_of
-from ortilo_drake.flight.workers import run_all
+from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.scenario import IntermittentFilter, Scenario
