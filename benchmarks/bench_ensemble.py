@@ -95,6 +95,7 @@ def main() -> None:
             figures["compile_s"], figures["cached_s"] = first_flights(name)
         for key, value in figures.items():
             found.setdefault(key, {})[name] = round(value, 1)
+        print(name, figures, file=sys.stderr, flush=True)  # the whole takes a quarter of an hour
     text = json.dumps(found, indent=2)
     print(text)
     if arguments.json:

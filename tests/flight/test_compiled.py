@@ -79,6 +79,20 @@ def test_a_lost_flight_ends_where_drakes_does(flown: Flown) -> None:
     assert cause >= 0
 
 
+def test_other_flights_are_told_apart() -> None:
+    engine = Engine(load_scenario("nominal_imu_uwb", (SHORT,)))
+    one, other = engine.fly(1), engine.fly(2)
+    assert apart(one, one).same
+    assert not apart(one, other).same
+    assert not apart(one, one.isel(tick=slice(0, -1))).same
+    nearly = one.copy(deep=True)
+    nearly["estimate"].values[7, 1] += 1e-8
+    assert not apart(one, nearly).same
+    late = one.copy(deep=True)
+    late["arrival"].values[7, 0] = not late["arrival"].values[7, 0]
+    assert not apart(one, late).arrivals
+
+
 def test_a_flight_is_the_same_alone_and_in_any_batch() -> None:
     engine = Engine(load_scenario("nominal_imu_uwb", (SHORT, BURSTS)))
     seeds = range(3 * AT_ONCE + 1)
