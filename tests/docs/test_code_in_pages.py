@@ -71,7 +71,7 @@ def parse(words: list[str]) -> Any:
     """Parse a command's words as Typer would, without running it; return the command."""
     command: Any = typer.main.get_command(app)
     while hasattr(command, "commands"):
-        if words[:1] == ["--plugin"]:
+        if words[:1] in (["--plugin"], ["--scheduler"]):
             words = words[2:]
         if not words:
             return command  # a group, named as such
@@ -126,4 +126,4 @@ def test_a_command_or_an_option_that_is_none_is_found() -> None:
 
 def test_the_pages_show_most_commands() -> None:
     shown = {words[0] for page in PAGES for words in commands(page.read_text(encoding="utf-8"))}
-    assert shown - {"--plugin"} == set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    assert shown - {"--plugin", "--scheduler"} == set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
