@@ -16,7 +16,7 @@ from made_up_motion import TABLE_MAP, made_up, write_tables
 
 from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.hil.real_time.warm_up import warm_up
-from ortilo_drake.onboard.estimator.filter_loops import filter_gain, filter_step
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
 from ortilo_drake.scenario import load_scenario, scenario_names
 from ortilo_drake.studies.tube.tube import predict_tube
@@ -59,10 +59,6 @@ def step_by_name() -> None:
     layout, sizes = scenario.measurement.layout, scenario.measurement.sizes
     belief, y, delta, V2 = (np.zeros(size) for size in (15 + 15 * 15, sizes["y"], sizes["delta"], sizes["V2"]))
     filter_step(belief, y, delta, V2, np.zeros(4), np.zeros(3), model, layout)
-    P = np.zeros((15, 15))
-    filter_gain(P, delta, V2, model.Phi, model.integrator, layout)
-    P.flags.writeable = False  # as in a flight's data
-    filter_gain(P, delta, V2, model.Phi, model.integrator, layout)
 
 
 def filter_recording() -> None:

@@ -1,11 +1,17 @@
-"""The step of intermittent_filter.py as loops over what is not zero, which takes half the time of its matrices.
+"""The step of intermittent_filter.py as loops over what is not zero, which takes a sixth of the time of its matrices.
 
-The covariance is computed in Joseph form. The error obeys
-xtilde_{k+1} = (Phibar - K H) xtilde_k + [w; 0] - (K + [0; E]) v, hence
+Of xbar = [x; e; i] the integral is known: from P_ii = 0 the printed equations leave K_i = -E and P_ii = 0, so that
 
-    P_{k+1} = F P_k F^T + blkdiag(W, 0) + G V2 G^T,   F = Phibar - K H,   G = K + [0; E]        (Joseph)
+    i_{k+1} = i_k + r_k - E y_k
 
-which stays positive where the printed difference may not. The last three rows of G vanish.
+and the rest is a Kalman filter of the N states [x; e], measured and then propagated, Phibar K the printed gain. The
+covariances of the sensors are blocks of V2, so one sensor is taken after the other:
+
+    S = C P C^T + V,   K = P C^T S^-1,   x^ <- x^ + K (y - C x^),   P <- P - K C P - (K C P)^T + K S K^T
+    x^ <- Phi x^ + Gamma u,   P <- Phi P Phi^T + W
+
+The covariance's measurement step is Joseph's (I - K C) P (I - K C)^T + K V K^T, multiplied out: an error of K enters it
+squared, so that it stays positive where the printed difference may not.
 
 Model and layout are unpacked, not read by name: a System hands them in as plain tuples, which numba takes in half the
 time of named ones.
@@ -23,146 +29,92 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_LITERAL,
     FilterModel,
     Numbers,
-    arrived_rows,
     integrated_sensor,
     tilted_lift,
 )
 
 
 @register_jitable
-def augmented_dynamics(Phi: np.ndarray, extra: Numbers, chosen: int, layout: Layout) -> np.ndarray:
-    """Return Phibar = [[Phi, 0], [-E C, I]], with E C the rows of the chosen sensor."""
-    _, states, weights, first, _, _ = layout
-    N = N_X + len(extra)
-    Phibar = np.zeros((N + 3, N + 3))
-    Phibar[:N, :N] = Phi
-    for i in range(3):
-        Phibar[N + i, N + i] = 1.0
-        if chosen >= 0:
-            for w in range(states.shape[1]):
-                Phibar[N + i, states[first[chosen] + i, w]] -= weights[first[chosen] + i, w]
-    return Phibar
-
-
-@register_jitable
-def sensors_of_rows(rows: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Return the sensor of each row that arrived (m)."""
-    sensors = np.empty_like(rows)
-    s = 0
-    for a in range(rows.size):
-        while rows[a] >= first[s + 1]:
-            s += 1
-        sensors[a] = s
-    return sensors
-
-
-@register_jitable
-def transposed_gain(
-    P: np.ndarray,
-    Phibar: np.ndarray,
-    extra: Numbers,
-    V2: np.ndarray,
-    rows: np.ndarray,
-    sensors: np.ndarray,
-    chosen: int,
-    layout: Layout,
-) -> np.ndarray:
-    """Return K^T (m, n) for the m rows of y that arrived.
+def measure(
+    x: np.ndarray, P: np.ndarray, y: np.ndarray, V: np.ndarray, states: np.ndarray, weights: np.ndarray, extra: Numbers
+) -> None:
+    """Change an estimate and its covariance by what one sensor measured.
 
     Args:
-        P: covariance (n, n), symmetric.
-        Phibar: augmented dynamics (n, n).
+        x: estimate of [x; e] (N).
+        P: its covariance (N, N).
+        y: values (m).
+        V: their covariance (m, m).
+        states: which states each row sees (m, w).
+        weights: with which coefficients (m, w).
         extra: of the model.
-        V2: covariances of the sensors (q).
-        rows: which rows of y arrived (m).
-        sensors: the sensor of each (m).
-        chosen: what integrated_sensor returned.
-        layout: of the measurement.
     """
-    _, states, weights, first, block, _ = layout
-    m, n = rows.shape[0], N_XBAR + len(extra)
-    HP = np.zeros((m, n))
-    KT = np.zeros((m, n))  # H P Phibar^T + V12^T Ebar^T, then K^T
-    S = np.zeros((m, m))  # H P H^T + V2
+    m, N = y.size, N_X + len(extra)
+    threes = m + (-m) % 3  # P is passed over once for three rows, those that are not there 0
+    CP, KT, S, e = np.zeros((threes, N)), np.zeros((threes, N)), V.copy(), y.copy()
     for a in range(m):
         for w in range(states.shape[1]):
-            state, c = states[rows[a], w], weights[rows[a], w]
-            for j in range(n):
-                HP[a, j] += c * P[state, j]
-    for i in range(n):
-        for j in range(n):
-            if Phibar[i, j] != 0.0:
-                for a in range(m):
-                    KT[a, i] += Phibar[i, j] * HP[a, j]
+            state, c = states[a, w], weights[a, w]
+            e[a] -= c * x[state]
+            for j in range(N):
+                CP[a, j] += c * P[state, j]
     for a in range(m):
-        s = sensors[a]
-        start = block[s] + (rows[a] - first[s]) * (first[s + 1] - first[s])
-        if s == chosen:
-            for i in range(3):
-                KT[a, n - 3 + i] -= V2[start + i]
         for b in range(m):
             for w in range(states.shape[1]):
-                S[a, b] += weights[rows[b], w] * HP[a, states[rows[b], w]]
-            if sensors[b] == s:
-                S[a, b] += V2[start + rows[b] - first[s]]
-    solve_in_place(S, KT)
-    return KT
+                S[a, b] += weights[b, w] * CP[a, states[b, w]]
+    KT[:] = CP
+    solve_in_place(S.copy(), KT[:m])
+    for a in range(m):  # C P - S K^T / 2, so that two products of it are the three that are taken from P
+        for j in range(N):
+            x[j] += KT[a, j] * e[a]
+        for b in range(m):
+            for j in range(N):
+                CP[a, j] -= 0.5 * S[a, b] * KT[b, j]
+    for i in range(N):
+        for a in range(0, threes, 3):
+            K_0, K_1, K_2 = KT[a, i], KT[a + 1, i], KT[a + 2, i]
+            D_0, D_1, D_2 = CP[a, i], CP[a + 1, i], CP[a + 2, i]
+            for j in range(N):
+                P[i, j] -= K_0 * CP[a, j] + K_1 * CP[a + 1, j] + K_2 * CP[a + 2, j]
+                P[i, j] -= D_0 * KT[a, j] + D_1 * KT[a + 1, j] + D_2 * KT[a + 2, j]
 
 
 @register_jitable
-def joseph(
-    P: np.ndarray,
-    Phibar: np.ndarray,
-    extra: Numbers,
-    KT: np.ndarray,
-    W: np.ndarray,
-    V2: np.ndarray,
-    rows: np.ndarray,
-    sensors: np.ndarray,
-    chosen: int,
-    layout: Layout,
-    P_next: np.ndarray,
-) -> None:
-    """Write P_{k+1} = F P F^T + blkdiag(W, 0) + G V2 G^T, symmetric, to P_next. Arguments as transposed_gain."""
-    _, states, weights, first, block, _ = layout
-    m, n = rows.shape[0], N_XBAR + len(extra)
-    FT = np.ascontiguousarray(Phibar.T)  # F = Phibar - K H
-    for a in range(m):
-        for w in range(states.shape[1]):
-            state, c = states[rows[a], w], weights[rows[a], w]
-            for i in range(n):
-                FT[state, i] -= c * KT[a, i]
-    FP = np.zeros((n, n))
-    for i in range(n):
-        for k in range(n):
-            if FT[k, i] != 0.0:
-                for j in range(n):
-                    FP[i, j] += FT[k, i] * P[k, j]
-    GT = KT.copy()  # G = K + [0; E]
-    for a in range(m):
-        if sensors[a] == chosen and rows[a] - first[chosen] < 3:
-            GT[a, n - 3 + rows[a] - first[chosen]] += 1.0
-    P_next[:] = 0.0
-    P_next[: n - 3, : n - 3] = W
-    GV = np.empty(n)  # a column of G V2
-    for a in range(m):
-        s = sensors[a]
-        size, axis = first[s + 1] - first[s], rows[a] - first[s]
-        GV[:] = 0.0
-        for b in range(size):
-            v = V2[block[s] + b * size + axis]
-            for i in range(n):
-                GV[i] += GT[a - axis + b, i] * v
-        for i in range(n):
-            for j in range(i, n):
-                P_next[i, j] += GV[i] * GT[a, j]
-    for i in range(n):
-        for k in range(n):
-            for j in range(i, n):
-                P_next[i, j] += FP[i, k] * FT[k, j]
-    for i in range(n):
-        for j in range(i):
-            P_next[i, j] = P_next[j, i]
+def nonzero_columns(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which columns of each row are not 0 (N, N), of which the first so many are meant (N)."""
+    columns, counts = np.empty(A.shape, np.uint8), np.zeros(A.shape[0], np.int64)
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            columns[i, counts[i]] = k  # overwritten by the next where it is none
+            counts[i] += A[i, k] != 0.0
+    return columns, counts
+
+
+@register_jitable
+def propagate(P: np.ndarray, Phi: np.ndarray, W: np.ndarray, extra: Numbers, out: np.ndarray) -> None:
+    """Write Phi P Phi^T + W, symmetric, to the first N rows and columns of out, and 0 to the others."""
+    N = N_X + len(extra)
+    columns, counts = nonzero_columns(Phi)
+    PPhiT, half = np.empty((N, N)), np.empty((N, N))
+    for i in range(N):
+        half[i] = 0.0
+        for c in range(counts[i]):
+            k, f = columns[i, c], Phi[i, columns[i, c]]
+            for j in range(N):
+                half[i, j] += f * P[k, j]
+    for i in range(N):
+        for j in range(N):
+            PPhiT[j, i] = half[i, j]
+    out[:] = 0.0
+    for i in range(N):
+        half[i] = W[i]
+        for c in range(counts[i]):
+            k, f = columns[i, c], Phi[i, columns[i, c]]
+            for j in range(N):
+                half[i, j] += f * PPhiT[k, j]
+        for j in range(i, N):
+            out[i, j] = half[i, j]
+            out[j, i] = half[i, j]
 
 
 @njit(cache=True)
@@ -176,62 +128,40 @@ def filter_step(
     model: FilterModel,
     layout: Layout,
 ) -> np.ndarray:
-    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2) from the same of tick k. Arguments as intermittent_step."""
+    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2) from the same of tick k, in which P_ii = 0.
+
+    Arguments as intermittent_step.
+    """
     Phi, Gamma, W, integrator, extra, Gamma_a, mass = model
     N, n = N_X + len(extra), N_XBAR + len(extra)
-    _, states, weights, first, _, is_position = layout
-    xhat, P = belief[:n], belief[n:].reshape(n, n)
-    rows = arrived_rows(delta, first)
-    sensors = sensors_of_rows(rows, first)
-    chosen = integrated_sensor(delta, is_position, integrator)
-    Phibar = augmented_dynamics(Phi, extra, chosen, layout)
-    KT = transposed_gain(P, Phibar, extra, V2, rows, sensors, chosen, layout)
+    _, states, weights, first, block, is_position = layout
+    x, P = belief[:N].copy(), belief[n:].reshape(n, n)[:N, :N].copy()
+    for s in range(delta.size):
+        if delta[s] != 0.0:
+            rows, m = slice(first[s], first[s + 1]), first[s + 1] - first[s]
+            V = V2[block[s] : block[s + 1]].reshape(m, m)
+            measure(x, P, y[rows], V, states[rows], weights[rows], extra)
 
     out = np.empty(n + n * n)
-    e = np.empty(rows.size)
-    for a in range(rows.size):
-        predicted = 0.0
-        for w in range(states.shape[1]):
-            predicted += weights[rows[a], w] * xhat[states[rows[a], w]]
-        e[a] = y[rows[a]] - predicted
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total += Phibar[i, j] * xhat[j]
-        for a in range(rows.size):
-            total += KT[a, i] * e[a]
-        out[i] = total
     for i in range(N):
+        total = 0.0
+        for j in range(N):
+            total += Phi[i, j] * x[j]
         for j in range(4):
-            out[i] += Gamma[i, j] * u[j]
+            total += Gamma[i, j] * u[j]
+        out[i] = total
     if len(extra) > 0:
-        out[:N] += Gamma_a @ tilted_lift(xhat, u, mass)
-    for i in range(3):
-        if integrator == INTEGRATOR_ESTIMATE:
-            out[N + i] += r[i] - xhat[i]
-        elif integrator == INTEGRATOR_LITERAL or chosen >= 0:  # Ibar r
-            out[N + i] += r[i]
-    joseph(P, Phibar, extra, KT, W, V2, rows, sensors, chosen, layout, out[n:].reshape(n, n))
-    return out
-
-
-@njit(cache=True)
-def filter_gain(
-    P: np.ndarray,
-    delta: np.ndarray,
-    V2: np.ndarray,
-    Phi: np.ndarray,
-    integrator: int,
-    layout: Layout,
-    extra: Numbers = (),
-) -> np.ndarray:
-    """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in filter_step."""
-    _, _, _, first, _, is_position = layout
-    rows = arrived_rows(delta, first)
-    sensors = sensors_of_rows(rows, first)
+        a = tilted_lift(belief, u, mass)
+        for i in range(N):
+            out[i] += Gamma_a[i, 0] * a[0] + Gamma_a[i, 1] * a[1] + Gamma_a[i, 2] * a[2]
     chosen = integrated_sensor(delta, is_position, integrator)
-    K = np.zeros((N_XBAR + len(extra), first[-1]))
-    KT = transposed_gain(P, augmented_dynamics(Phi, extra, chosen, layout), extra, V2, rows, sensors, chosen, layout)
-    for a in range(rows.size):
-        K[:, rows[a]] = KT[a]
-    return K
+    for i in range(3):
+        out[N + i] = belief[N + i]
+        if integrator == INTEGRATOR_ESTIMATE:
+            out[N + i] += r[i] - belief[i]
+        elif chosen >= 0:
+            out[N + i] += r[i] - y[first[chosen] + i]
+        elif integrator == INTEGRATOR_LITERAL:
+            out[N + i] += r[i]
+    propagate(P, Phi, W, extra, out[n:].reshape(n, n))
+    return out

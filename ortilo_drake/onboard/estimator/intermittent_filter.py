@@ -12,8 +12,8 @@ slips mended (Phibar and P_k throughout, V12^T Ebar^T in the last factor):
     P_{k+1} = Phibar P_k Phibar^T + Ebar V1 Ebar^T - K_k (H P_k Phibar^T + V12^T Ebar^T)        (covariance)
     xhat_{k+1|k} = Phibar xhat_{k|k-1} + Gammabar u_k + Ibar r_k + K_k (y_k - H xhat_{k|k-1})   (prediction)
 
-intermittent_step below is these three lines. filter_loops.py computes the same in half the time, and flies; a test
-holds it to this one. Of AutoDiffXd these lines are run, as plain Python.
+intermittent_step below is these three lines. filter_loops.py computes the same in a sixth of the time, and flies; a
+test holds it to this one. Of AutoDiffXd these lines are run, as plain Python.
 
 Rows that did not arrive are left out, which equals the full-size formula because V2 is block diagonal. The
 integrator is a known quantity: from P_ii = 0 the last three rows of K equal -E_k, and its block of P stays 0.
@@ -183,3 +183,20 @@ def intermittent_step(
     for a in range(m):
         gain[:, arrived[a]] = K[:, a]
     return xhat_next, (P_next + P_next.T) / 2.0, gain
+
+
+def filter_gain(
+    P: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    Phi: np.ndarray,
+    integrator: int,
+    layout: Layout,
+    extra: Numbers = (),
+) -> np.ndarray:
+    """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in intermittent_step."""
+    N, n = N_X + len(extra), N_XBAR + len(extra)
+    model = FilterModel(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, extra, np.zeros((N, 3)))
+    x, y, u, r = np.zeros(n), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)
+    gain: np.ndarray = intermittent_step.py_func(x, P, y, delta, V2, u, r, model, layout)[2]
+    return gain

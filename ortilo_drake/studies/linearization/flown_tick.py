@@ -10,8 +10,7 @@ from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS
-from ortilo_drake.onboard.estimator.filter_loops import filter_gain
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, filter_gain
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import ConstantNoise, Disturbance, HoverPlanner, Imu, Link, Scenario, Truth, Uwb, World
 from ortilo_drake.studies.linearization.operating_point import heading_ahead
