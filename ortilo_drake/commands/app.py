@@ -15,6 +15,7 @@ from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.hindsight import hindsight
 from ortilo_drake.commands.live import live
 from ortilo_drake.commands.map import map_
+from ortilo_drake.commands.rare import rare
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.report import report
 from ortilo_drake.commands.room.app import room_app
@@ -67,7 +68,21 @@ def set_up(
         context.with_resource(on_scheduler(scheduler))
 
 
-for command in (fly, live, tables, diagram, analyze, tune, replay, report, sensitivity, faults, hindsight, doctor):
+for command in (
+    fly,
+    live,
+    tables,
+    diagram,
+    analyze,
+    tune,
+    replay,
+    report,
+    sensitivity,
+    faults,
+    hindsight,
+    rare,
+    doctor,
+):
     app.command()(command)
 app.command("map")(map_)
 app.add_typer(scenario_app, name="scenario")

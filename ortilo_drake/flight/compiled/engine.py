@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE
-from ortilo_drake.flight.compiled.loop import fly_one, fly_some
+from ortilo_drake.flight.compiled.loop import distances_of, fly_one, fly_some
 from ortilo_drake.flight.compiled.prepare import constants_of, why_not
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
@@ -58,7 +58,8 @@ class Engine:
         scenario = with_seed(self._scenario, seed)
         log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
-        last, cause = fly_one(seed, self._constants, trace, arrived, log)
+        seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
+        last, cause = fly_one(seeds, self._constants, trace, arrived, log)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
@@ -93,6 +94,21 @@ class Engine:
                 for done in [pool.submit(work) for _ in range(threads)]:
                     done.result()
         return np.column_stack((found, *self._counts(found[:, 0], arrived)))
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks a flight that is not lost has, the first and the last among them."""
+        return self._ticks + 1
+
+    def distances(self, seeds: np.ndarray) -> np.ndarray:
+        """Fly, and return how far from its reference each flight is at each tick [m], infinity from a loss on.
+
+        Args:
+            seeds: of all noise, of each flight at each tick (n, ticks).
+        """
+        found = np.empty(seeds.shape)
+        distances_of(seeds.astype(np.int64), self._constants, np.zeros((self.ticks, TRACE_SIZE)), found)
+        return found
 
     def simulated_time(self, figures: np.ndarray) -> float:
         """Return how long flights of these figures lasted together [s]."""

@@ -7,7 +7,7 @@ from numba.extending import register_jitable
 from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, fix_of_boxes
 from ortilo_drake.flight.compiled.constants import FlightConstants, ImuConstants, ServoConstants, UwbConstants
 from ortilo_drake.flight.compiled.estimate import belief_about, belief_after, first_history, handed_over
-from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees
+from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees, squared_distance_to
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
 from ortilo_drake.model.equations import step
@@ -85,12 +85,13 @@ def fix_of_ranges(uwb: UwbConstants, message: np.ndarray, about: np.ndarray) -> 
 
 @njit(cache=True, nogil=True)
 def fly_one(
-    seed: int, flight: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
+    seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
 ) -> tuple[int, int]:
-    """Fly one seed and write what it leaves behind; return its last tick and the cause of its loss, see lost.CAUSES.
+    """Fly once and write what it leaves behind; return its last tick and the cause of its loss, see lost.CAUSES.
 
     Args:
-        seed: of all noise.
+        seeds: of all noise, at each tick (ticks + 1): one and the same for a flight of a seed, another from some tick
+            on for one that branches off it.
         flight: what decides it beside.
         trace: a row for each tick, see figures.py (ticks + 1, TRACE_SIZE).
         arrived: in how many ticks each sensor's value reached the filter (s).
@@ -111,7 +112,7 @@ def fly_one(
     last = flight.reference.shape[0] - 1
     arrived[:] = 0.0
     for k in range(last + 1):
-        r = flight.reference[k]
+        seed, r = seeds[k], flight.reference[k]
         known = belief if n == N_XBAR else known_part(belief, n)
         felt = imu_of_tick(imu, vehicle.mass, x, u, d, k, h, seed, imu_bad, imu_flying)
         ranges = uwb_of_tick(uwb, x, k, h, seed, uwb_bad, uwb_flying)
@@ -156,8 +157,27 @@ def fly_some(
         figures: to be written (n, FIGURES).
         arrived: to be written (n, s).
     """
-    no_log = np.zeros((0, 0))
+    no_log, of_ticks = np.zeros((0, 0)), np.empty(trace.shape[0], np.int64)
     for i in range(seeds.size):
-        last, cause = fly_one(seeds[i], flight, trace, arrived[i], no_log)
+        of_ticks[:] = seeds[i]
+        last, cause = fly_one(of_ticks, flight, trace, arrived[i], no_log)
         figures[i, 0], figures[i, 1] = last, cause
         figures_of(trace[: last + 1], flight.reference[: last + 1, :3], figures[i])
+
+
+@njit(cache=True, nogil=True)
+def distances_of(seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, distances: np.ndarray) -> None:
+    """Fly and write how far from its reference r each flight is at each tick [m], infinity from a loss on.
+
+    Args:
+        seeds: of all noise, of each flight at each tick (n, ticks + 1).
+        flight: what decides them beside.
+        trace: of one flight, overwritten (ticks + 1, TRACE_SIZE).
+        distances: to be written (n, ticks + 1).
+    """
+    no_log, arrived = np.zeros((0, 0)), np.zeros(flight.filter.handled.first.size - 1)
+    for i in range(seeds.shape[0]):
+        last, cause = fly_one(seeds[i], flight, trace, arrived, no_log)
+        for k in range(last + 1):
+            distances[i, k] = np.sqrt(squared_distance_to(flight.reference, k, trace[k, TRUE]))
+        distances[i, last + 1 if cause == NOT_LOST else last :] = np.inf

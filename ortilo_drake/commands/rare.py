@@ -1,0 +1,71 @@
+"""The command `ortilo rare`: how often what hardly ever happens does."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import (
+    CameraOption,
+    JsonOption,
+    ScenarioArgument,
+    SetOption,
+    WorkersOption,
+    quiet_drake,
+    with_camera,
+)
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    made_by,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    show_markdown,
+    write_json,
+)
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.scenario import load_scenario, with_seed
+
+
+def rare(
+    scenario: ScenarioArgument = "nominal_imu_uwb",
+    corridor: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="Distance from the reference that counts, in m; without it the vehicle's loss."),
+    ] = None,
+    paths: Annotated[int, typer.Option(min=20, help="Flights that splitting keeps going at a time.")] = 200,
+    repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, of which the interval comes.")] = 10,
+    count: Annotated[int, typer.Option(min=0, help="Flights to be counted beside it, to check by.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first repetition.")] = 0,
+    camera: CameraOption = None,
+    settings: SetOption = None,
+    workers: WorkersOption = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of what is found.")] = Path("out/rare"),
+    json_file: JsonOption = None,
+) -> None:
+    """Estimate how often the vehicle is lost, or strays from its reference: down to once in 10^6 flights.
+
+    By adaptive multilevel splitting over the noise of all sensors, links and the disturbance, in the compiled engine.
+    What is there already is not flown again, so an interrupted or killed run goes on where it stopped.
+    """
+    from ortilo_drake.studies.rare.rare_flights import rare_flights
+    from ortilo_drake.studies.rare.rare_report import rare_text
+
+    flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
+    check_writable(report := out_folder / "rare.md", json_file)
+    quiet_drake()
+    say_if_compiling()
+    with progress_bar() as progress:
+        task = progress.add_task("repetitions and batches", total=repetitions + -(-count // 500))
+        workers = workers or os.cpu_count() or 1
+
+        def advance(done: int) -> None:
+            progress.advance(task, done)
+
+        found = rare_flights(flown, corridor, paths, repetitions, out_folder / "kept", workers, count, advance)
+    text = rare_text(flown, found)
+    write_text(report, text + made_by())
+    write_json(json_file, found)
+    show_markdown(text)
+    say_written(report, json_file)

@@ -1,0 +1,1 @@
+"""How often what hardly ever happens does: multilevel splitting over the noise of flights."""
