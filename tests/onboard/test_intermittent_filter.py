@@ -133,7 +133,7 @@ def test_the_printed_formula_over_thousands_of_random_arrivals(steps: int, integ
 @pytest.mark.parametrize("integrator", ["literal", "hold"])
 @pytest.mark.parametrize("seed", range(4))
 def test_one_step_from_an_integral_that_is_not_known_is_the_printed_formula_too(seed: int, integrator: str) -> None:
-    """In flight the integral is known and its rows of P are 0, which the loops rely on; the equations hold for any P."""
+    """In flight the integral is known, its rows of P are 0, and the loops rely on it; the equations hold for any P."""
     rng = np.random.default_rng(seed)
     root, V2, delta = 0.1 * rng.normal(size=(15, 15)), spd_blocks(rng), np.array([[1, 1, 1], [0, 1, 0], [1, 0, 1]])
     for there in delta.astype(float):

@@ -69,6 +69,17 @@ def nearest_on(path: np.ndarray, longest: float, p: np.ndarray, start: int) -> t
     return nearest, least
 
 
+@register_jitable
+def distinct(path: np.ndarray) -> np.ndarray:
+    """Return the points of a path (n, 3) that differ from the one before."""
+    points, m = path.copy(), 1
+    for k in range(1, len(path)):
+        if np.any(path[k] != path[k - 1]):
+            points[m] = path[k]
+            m += 1
+    return points[:m]
+
+
 @njit(cache=True)
 def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
     """Return metrics.path_mse [m^2] of a flight along a path (n, 3): NaN where that does not run forward in x."""
@@ -111,12 +122,12 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     for k in range(1, n):
         longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))
     out[5] = path_mse(trace, path)
-    near = 0
+    points, near = distinct(path), 0  # a reference that waits at its goal has many that are the same
     for k in range(n):
         p = trace[k, TRUE]
         for i in range(3):
             out[2 + i] += (trace[k, 3 + i] - p[i]) ** 2 / n
-        near, squared = nearest_on(path, longest, p, near)
+        near, squared = nearest_on(points, longest, p, near)
         out[6] += squared / n
         out[7] = max(out[7], np.sqrt(squared))
         out[8] = max(out[8], np.sqrt(squared_distance_to(path, k, p)))
