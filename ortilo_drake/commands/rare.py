@@ -32,7 +32,9 @@ def rare(
     scenario: ScenarioArgument = "nominal_imu_uwb",
     corridor: Annotated[
         float | None,
-        typer.Option(min=0.001, max=1000.0, help="Distance from the reference that counts, in m; without it the vehicle's loss."),
+        typer.Option(
+            min=0.001, max=1000.0, help="Distance from the reference that counts, in m; without it the vehicle's loss."
+        ),
     ] = None,
     paths: Annotated[int, typer.Option(min=20, help="Flights that splitting keeps going at a time.")] = 200,
     repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, of which the interval comes.")] = 10,
