@@ -46,12 +46,12 @@ def rare(
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of what is found.")] = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
-    """Estimate how often the vehicle is lost, or strays from its reference: down to once in 10^6 flights.
+    """Estimate how often the vehicle is lost, or strays from its reference, when that is rare.
 
     By adaptive multilevel splitting over the noise of all sensors, links and the disturbance, in the compiled engine.
     What is there already is not flown again, so an interrupted or killed run goes on where it stopped.
     """
-    from ortilo_drake.studies.rare.rare_flights import rare_flights
+    from ortilo_drake.studies.rare.rare_flights import AT_ONCE, rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text
 
     flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
@@ -59,7 +59,7 @@ def rare(
     quiet_drake()
     say_if_compiling()
     with progress_bar() as progress:
-        task = progress.add_task("repetitions and batches", total=repetitions + -(-count // 500))
+        task = progress.add_task("repetitions and batches", total=repetitions + -(-count // AT_ONCE))
         workers = workers or os.cpu_count() or 1
 
         def advance(done: int) -> None:

@@ -1,4 +1,4 @@
-"""The step of intermittent_filter.py as loops over what is not zero, which takes a sixth of the time of its matrices.
+"""The step of intermittent_filter.py as loops over what is not zero, faster than its matrices.
 
 Of xbar = [x; e; i] the integral is known: from P_ii = 0 the printed equations leave K_i = -E and P_ii = 0, so that
 

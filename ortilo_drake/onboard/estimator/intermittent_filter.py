@@ -12,8 +12,8 @@ slips mended (Phibar and P_k throughout, V12^T Ebar^T in the last factor):
     P_{k+1} = Phibar P_k Phibar^T + Ebar V1 Ebar^T - K_k (H P_k Phibar^T + V12^T Ebar^T)        (covariance)
     xhat_{k+1|k} = Phibar xhat_{k|k-1} + Gammabar u_k + Ibar r_k + K_k (y_k - H xhat_{k|k-1})   (prediction)
 
-intermittent_step below is these three lines. filter_loops.py computes the same in a sixth of the time, and flies; a
-test holds it to this one. Of AutoDiffXd these lines are run, as plain Python.
+intermittent_step below is these three lines. filter_loops.py computes the same in less time, and flies; a test
+holds it to this one. Of AutoDiffXd these lines are run, as plain Python.
 
 Rows that did not arrive are left out, which equals the full-size formula because V2 is block diagonal. The
 integrator is a known quantity: from P_ii = 0 the last three rows of K equal -E_k, and its block of P stays 0.

@@ -1,4 +1,4 @@
-"""How often a scenario's vehicle is lost, or strays from its reference, when that is once in a thousand or a million.
+"""How often a scenario's vehicle is lost, or strays from its reference, when that is rare.
 
 Splitting is repeated, each time with noise of its own. The estimates of the repetitions are independent and without
 bias, so their mean is one too, and Student's t gives its interval.
@@ -106,7 +106,7 @@ def rare_flights(
         out: folder in which each repetition is kept.
         workers: worker processes; 1 flies in this one.
         count: flights to be counted beside it, seeds from 0 on.
-        progress: called with 1 for each repetition or batch of counted flights that is there.
+        progress: called with how many repetitions or batches of counted flights have come in.
 
     Raises:
         InputError: if the scenario has a part that is not compiled, or what is found cannot be kept.

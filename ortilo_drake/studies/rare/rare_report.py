@@ -11,10 +11,11 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
         says = f"about one flight in {1.0 / found.probability:,.0f} {event}"
     else:
         says = f"no repetition came to a flight that {event}: give more --paths"
+    interval = f", 95 % interval {found.low:.3g} to {found.high:.3g}" if found.probability > 0.0 else ""
     lines = [
         f"# {scenario.name}: {says}",
         "",
-        f"probability {found.probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g}, by"
+        f"probability {found.probability:.3g}{interval}, by"
         f" {len(found.repetitions)} repetitions of adaptive multilevel splitting, {found.flights:,} flights in all.",
     ]
     if found.low == 0.0 and found.probability > 0.0:

@@ -11,7 +11,9 @@ from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
-from ortilo_drake.studies.rare.rare_flights import rare_flights
+from ortilo_drake.studies.rare.rare_flights import Rare, rare_flights
+from ortilo_drake.studies.rare.rare_report import rare_text
+from ortilo_drake.studies.rare.splitting import Split
 
 SHORT = ("world.disturbance.force_sd=0.2",)
 SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
@@ -68,3 +70,9 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
     printed = capsys.readouterr().out
     assert "strays 0.8 m or more from its reference" in printed
     assert "strays 0.8 m" in (out / "rare.md").read_text(encoding="utf-8")
+
+
+def test_where_no_repetition_came_to_it_no_interval_is_claimed() -> None:
+    text = rare_text(SCENARIO, Rare(None, 0.0, 0.0, 0.0, [Split(0.0, 3, 40)] * 2, 80, None))
+    assert "no repetition came to a flight that loses its vehicle" in text
+    assert "interval" not in text
