@@ -5,13 +5,11 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
-from scipy.stats import chi2
 
 from ortilo_drake.diagrams.estimator import make_detector
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.onboard.estimator.tight.aids import Aids
-from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layout_of, motion_of, watch_of
+from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of
 from ortilo_drake.onboard.estimator.tight.system import TightFilter
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown
@@ -34,26 +32,9 @@ def make_tight(scenario: Belief, xbar_0: np.ndarray) -> Diagram:
     sensors = tuple(name for name in scenario.measurement.sensors if name in scenario.sensors)
     layout = layout_of(settings, room, sensors, h)
     own: list[Sensor] = [flown(name, scenario) for name in sensors if name not in SENSORS]
-    noise = settings.ranges.noise
-    aids = Aids(
-        anchors=np.ascontiguousarray(room.anchor_positions, dtype=float),
-        lever=np.array(settings.ranges.lever),
-        range_noise=np.array([noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]),
-        differences=settings.ranges.differences,
-        room=room.model_copy(update={"landmark_outline": {}}) if scenario.landmark_fix.shapes == "boxes" else room,
-        camera=room.camera.scaled_to(scenario.image_width).constants,
-        pixel_noise=np.array([settings.pixels.sd, settings.pixels.growth, settings.pixels.slow_share]),
-        association=scenario.landmark_fix,
-        angle_sd=settings.imu.angle_sd,
-        gates=tuple(
-            float(chi2.ppf(*of)) for of in ((settings.gate, 1), (settings.gate, 2), (scenario.landmark_fix.gate, 2))
-        ),
-        huber=settings.huber,
-        watch=watch_of(settings, h),
-    )
     builder = DiagramBuilder()
     rows = {sensor.name: scenario.measurement.C_of(sensor.name) for sensor in own}
-    arguments = layout, motion_of(settings, layout, scenario), initial_covariance(settings, layout), aids
+    arguments = layout, motion_of(settings, layout, scenario), initial_covariance(settings, layout), aids_of(settings, room, scenario)
     tight = builder.AddSystem(
         TightFilter(*arguments, sensors, scenario.measurement, scenario.samples("imu"), rows, xbar_0)
     )

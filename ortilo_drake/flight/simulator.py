@@ -32,12 +32,15 @@ def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
     return simulator
 
 
+def steps_a_tick(scenario: Scenario) -> int:
+    """Return into how many steps a tick of a continuous plant is divided; see make_simulator."""
+    return 4 if scenario.world.rotors.kind == "first_order" else 1
+
+
 def fix_steps(simulator: Simulator, scenario: Scenario) -> None:
     """Give a simulator its integrator; see make_simulator."""
-    steps = 4 if scenario.world.rotors.kind == "first_order" else 1
-    config = SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=scenario.h / steps, use_error_control=False
-    )
+    step = scenario.h / steps_a_tick(scenario)
+    config = SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=step, use_error_control=False)
     ApplySimulatorConfig(config, simulator)
 
 

@@ -11,7 +11,8 @@ from ortilo_drake.onboard.landmarks.box_fix import boxes_to_solve, fix_of, refus
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import known_attitude, known_tilt, pose
 from ortilo_drake.world.radio.link import NOT_SENT
-from ortilo_drake.world.sensors.projected_camera import detections_message
+from ortilo_drake.world.sensors.projected_camera import body_that_looks_ahead, detections_message
+from ortilo_drake.world.sensors.sensor_clock import state_before
 
 METHODS = ("known_attitude", "known_tilt", "pose", "cosine_law")  # by their numbers; pnp is OpenCV's
 
@@ -52,8 +53,11 @@ def detections_of_tick(
         message = np.zeros(DETECTIONS_SIZE)
     else:
         room, streams, false_stream = camera.room, camera.streams, camera.false_stream
-        seen = camera.labels, camera.camera, camera.tables
-        message = detections_message(x, room, *seen, seed, streams, false_stream, k * h, h)
+        looks = camera.labels, camera.camera, camera.tables
+        seen = state_before(x, camera.clock[0] + camera.clock[1] * (k * h))
+        if np.any(camera.turned):
+            seen = body_that_looks_ahead(seen, camera.camera.p_BC, camera.turned)
+        message = detections_message(seen, room, *looks, seed, streams, false_stream, k * h, h)
     deliver(message, delay, flying, k)
     return message
 

@@ -4,12 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.flight.compiled.slow import SlowConstants
 from ortilo_drake.flight.lost import Bounds
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot
 from ortilo_drake.onboard.estimator.measurement_handler import Incoming
+from ortilo_drake.onboard.estimator.tight.aids import Aids
+from ortilo_drake.onboard.estimator.tight.layout import Layout as TightLayout
+from ortilo_drake.onboard.estimator.tight.tick import Motion
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 from ortilo_drake.world.sensors.camera_tables import Tables
 from ortilo_drake.world.sensors.landmark_view import Surroundings
@@ -36,25 +40,41 @@ class LinkConstants(NamedTuple):
 
 
 class VehicleConstants(NamedTuple):
-    """The plant and what pushes it about.
+    """The plant, what makes its wrench and what pushes it about.
 
     Attributes:
         mass: m [kg].
         inertia: I_x, I_y, I_z [kg m^2].
         kinematics: index in model.equations.KINEMATICS.
-        hover_thrust: m g [N].
+        hover_thrust: m g of the vehicle as it is believed to be [N].
+        longest_step: of the integration of a continuous plant [s]; 0 of a sampled one.
+        wrench: T of world/vehicle/wrench_error.py (4, 4).
+        hover_speeds: of the rotors at the start [rad/s] (n); none where they are ideal.
+        mixing: M of their squared speeds (4, n).
+        unmixing: M^+ (n, 4).
+        max_speed: their largest [rad/s].
+        time_constant: of one speeding up and slowing down [s] (2).
         force_sd: of the disturbance force per axis [N].
         torque_sd: of its torque per axis [N m].
         stream: number of the disturbance's noise.
+        lasting_0: slow part of the lasting force at the start (6); nothing where there is none.
     """
 
     mass: float
     inertia: np.ndarray
     kinematics: int
     hover_thrust: float
+    longest_step: float
+    wrench: np.ndarray
+    hover_speeds: np.ndarray
+    mixing: np.ndarray
+    unmixing: np.ndarray
+    max_speed: float
+    time_constant: np.ndarray
     force_sd: float
     torque_sd: float
     stream: np.uint64
+    lasting_0: np.ndarray
 
 
 class ImuConstants(NamedTuple):
@@ -62,6 +82,7 @@ class ImuConstants(NamedTuple):
 
     Attributes:
         whole: whether more than its angles is read.
+        samples: in a message.
         bias: of its nine values.
         sd: of angles, rates and specific force (3).
         stream: number of its noise.
@@ -69,6 +90,7 @@ class ImuConstants(NamedTuple):
     """
 
     whole: bool
+    samples: int
     bias: np.ndarray
     sd: np.ndarray
     stream: np.uint64
@@ -84,6 +106,7 @@ class UwbConstants(NamedTuple):
         walls: those that act on a range (m, 7).
         settings: see uwb_message (5).
         stream: number of its noise.
+        clock: its offset [s] and drift [1], see world/sensors/sensor_clock.py (2).
         link: how its messages are delivered.
         surveyed: p_WA_i as they are believed to stand (n, 3).
         noise: believed of the ranges (3).
@@ -95,6 +118,7 @@ class UwbConstants(NamedTuple):
     walls: np.ndarray
     settings: np.ndarray
     stream: np.uint64
+    clock: np.ndarray
     link: LinkConstants
     surveyed: np.ndarray
     noise: np.ndarray
@@ -111,6 +135,8 @@ class CameraConstants(NamedTuple):
         tables: of rates and errors.
         streams: numbers of each landmark's noise (n, 4).
         false_stream: number of the noise of false boxes.
+        turned: roll, pitch and yaw by which it is turned from looking ahead [rad] (3).
+        clock: its offset [s] and drift [1] (2).
         link: how its messages are delivered, its latency among the delays.
         believed: of the boxes.
         method: index in METHODS of the loop's solve_boxes.
@@ -125,6 +151,8 @@ class CameraConstants(NamedTuple):
     tables: Tables
     streams: np.ndarray
     false_stream: np.uint64
+    turned: np.ndarray
+    clock: np.ndarray
     link: LinkConstants
     believed: BoxBelief
     method: int
@@ -168,6 +196,36 @@ class FilterConstants(NamedTuple):
     history: int
 
 
+class TightConstants(NamedTuple):
+    """The tight filter, see onboard/estimator/tight.
+
+    Attributes:
+        handled: the layout of y, delta and V2.
+        numbers: of uwb, imu and camera among the sensors; -1 of what does not fly (3).
+        samples: of the imu in a message.
+        layout: of the states.
+        motion: imu and vehicle.
+        aids: the other sensors.
+        x_0: first nominal state.
+        C_0: first covariance (n, n).
+        kept_0: what is kept of imu and control at first.
+        ahead_0: prediction for t_0 (156).
+        watched: how many numbers the watch keeps.
+    """
+
+    handled: Layout
+    numbers: tuple[int, int, int]
+    samples: int
+    layout: TightLayout
+    motion: Motion
+    aids: Aids
+    x_0: np.ndarray
+    C_0: np.ndarray
+    kept_0: np.ndarray
+    ahead_0: np.ndarray
+    watched: int
+
+
 class ServoConstants(NamedTuple):
     """The LQ servo, see onboard/servo/lq_servo.py.
 
@@ -192,23 +250,29 @@ class FlightConstants(NamedTuple):
     Attributes:
         h: tick [s].
         reference: r, r_dot, r_ddot at every tick (ticks + 1, 9).
-        yaw: at the start [rad].
+        x_0: true state at the start (12).
         vehicle: the plant.
+        force: that lasts; None where there is none.
         imu: the imu.
+        imu_errors: of its messages that last; None where there are none.
         uwb: ranging.
+        uwb_errors: of its messages that last; None where there are none.
         camera: the camera and its fix; None where there is none.
-        filter: handler and filter.
+        filter: the estimator.
         servo: the servo.
         bounds: within what the flight is not lost.
     """
 
     h: float
     reference: np.ndarray
-    yaw: float
+    x_0: np.ndarray
     vehicle: VehicleConstants
+    force: SlowConstants | None
     imu: ImuConstants
+    imu_errors: SlowConstants | None
     uwb: UwbConstants
+    uwb_errors: SlowConstants | None
     camera: CameraConstants | None
-    filter: FilterConstants
+    filter: FilterConstants | TightConstants
     servo: ServoConstants
     bounds: Bounds

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ortilo_drake.flight.compiled.constants import FlightConstants
 from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE
 from ortilo_drake.flight.compiled.loop import distances_of, fly_one, fly_some
 from ortilo_drake.flight.compiled.prepare import constants_of, why_not
+from ortilo_drake.flight.compiled.truth import constants_of_seed
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.scenario import Scenario, Truth, with_seed
 
 AT_ONCE = 16  # flights that a thread takes at a time
 
@@ -39,7 +41,7 @@ class Engine:
         reason = why_not(scenario)
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")
-        self._scenario, self._constants = scenario, constants_of(scenario)
+        self._scenario, self._room, self._constants = scenario, scenario.load_room(), constants_of(scenario)
         self._ticks = len(self._constants.reference) - 1
         self._sensors = scenario.measurement.sensors
         counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]
@@ -59,7 +61,7 @@ class Engine:
         log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
-        last, cause = fly_one(seeds, self._constants, trace, arrived, log)
+        last, cause = fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, log)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
@@ -84,7 +86,9 @@ class Engine:
             trace = np.zeros((self._ticks + 1, TRACE_SIZE))
             for start in starts:
                 part = slice(start, start + AT_ONCE)
-                fly_some(all_seeds[part], own, trace, found[part], arrived[part])
+                for same in self._alike(part, all_seeds.size):
+                    world = self._of_seed(own, int(all_seeds[same][0]))
+                    fly_some(all_seeds[same], world, trace, found[same], arrived[same])
                 progress(len(all_seeds[part]))
 
         if threads == 1:
@@ -104,11 +108,24 @@ class Engine:
         """Fly, and return how far from its reference each flight is at each tick [m], infinity from a loss on.
 
         Args:
-            seeds: of all noise, of each flight at each tick (n, ticks).
+            seeds: of all noise, of each flight at each tick (n, ticks); what differs in a flight's world is drawn by
+                its first.
         """
-        found = np.empty(seeds.shape)
-        distances_of(seeds.astype(np.int64), self._constants, np.zeros((self.ticks, TRACE_SIZE)), found)
+        found, trace = np.empty(seeds.shape), np.zeros((self.ticks, TRACE_SIZE))
+        for same in self._alike(slice(0, len(seeds)), len(seeds)):
+            world = self._of_seed(self._constants, int(seeds[same][0, 0]))
+            distances_of(seeds[same].astype(np.int64), world, trace, found[same])
         return found
+
+    def _of_seed(self, constants: FlightConstants, seed: int) -> FlightConstants:
+        """Return the constants of one seed's flight: what differs in its world is drawn."""
+        return constants_of_seed(constants, self._scenario, self._room, seed)
+
+    def _alike(self, part: slice, flights: int) -> list[slice]:
+        """Return a part of so many flights in pieces, each of one world: the whole where nothing is drawn."""
+        if self._scenario.truth == Truth():
+            return [part]
+        return [slice(i, i + 1) for i in range(part.start, min(part.stop, flights))]
 
     def simulated_time(self, figures: np.ndarray) -> float:
         """Return how long flights of these figures lasted together [s]."""

@@ -1,14 +1,135 @@
-"""Handler and filter of a compiled flight."""
+"""The paper's estimator in a compiled flight: solvers of fixes, handler and filter."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.flight.compiled.constants import FilterConstants
-from ortilo_drake.model.signals import ARRIVED, N_XBAR
+from ortilo_drake.flight.compiled.boxes import fix_of_boxes
+from ortilo_drake.flight.compiled.constants import CameraConstants, FilterConstants, UwbConstants
+from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, past_belief, replay_step
 from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
+from ortilo_drake.onboard.ranging.multilateration import fix_message
+
+
+class Memory(NamedTuple):
+    """What the estimator keeps from tick to tick, changed in place.
+
+    Attributes:
+        belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
+        history: of the last ticks.
+        refused: images that were refused in a row (1).
+    """
+
+    belief: np.ndarray
+    history: np.ndarray
+    refused: np.ndarray
+
+
+@register_jitable
+def first_memory(estimator: FilterConstants) -> Memory:
+    """Return what is kept at first."""
+    return Memory(estimator.belief_0.copy(), first_history(estimator.slot, estimator.history), np.zeros(1))
+
+
+@register_jitable
+def known_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
+    """Return the belief of [x; i] (240) that was predicted for this tick."""
+    n = N_XBAR + len(estimator.model.extra)
+    return memory.belief if n == N_XBAR else known_part(memory.belief, n)
+
+
+@register_jitable
+def force_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
+    """Return the force that is believed to act (3) [N], 0 where it is not estimated."""
+    force = np.zeros(3)
+    if estimator.knows_force:
+        force[:] = memory.belief[N_X : N_X + 3]
+    return force
+
+
+@register_jitable
+def fix_of_ranges(uwb: UwbConstants, message: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Return the fix of the ranges that landed, zeros if there is none, about a belief of [x; i] (240)."""
+    if message[ARRIVED] == 0.0:
+        return np.zeros(PAYLOAD)
+    return fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], uwb.three)
+
+
+@register_jitable
+def handed_of(
+    estimator: FilterConstants,
+    memory: Memory,
+    uwb: UwbConstants,
+    camera: CameraConstants | None,
+    ranges: np.ndarray,
+    imu: np.ndarray,
+    detections: np.ndarray,
+    known: np.ndarray,
+    k: int,
+    h: float,
+) -> np.ndarray:
+    """Return the handler's [y, delta, V2, stamps] of tick k.
+
+    Args:
+        estimator: handler and filter.
+        memory: what is kept.
+        uwb: ranging.
+        camera: the camera.
+        ranges: the uwb message.
+        imu: the imu's message.
+        detections: the detections message.
+        known: belief of [x; i] (240).
+        k: tick.
+        h: tick [s].
+    """
+    slot, n = estimator.slot, N_XBAR + len(estimator.model.extra)
+    about = belief_about(slot, memory.history, n, ranges, known, h)
+    by_ranges = fix_of_ranges(uwb, ranges, about)
+    about = belief_about(slot, memory.history, n, detections, known, h)
+    by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
+    memory.refused[0] = refused
+    return handed_over(estimator, by_ranges, imu, by_boxes, known, k, h)
+
+
+@register_jitable
+def take(
+    estimator: FilterConstants,
+    memory: Memory,
+    handed: np.ndarray,
+    ranges: np.ndarray,
+    imu: np.ndarray,
+    detections: np.ndarray,
+    k: int,
+    h: float,
+    u: np.ndarray,
+    hover: float,
+    r: np.ndarray,
+) -> None:
+    """Go on to the belief of the next tick; changes what is kept.
+
+    Args:
+        estimator: handler and filter.
+        memory: what is kept.
+        handed: of handed_of.
+        ranges: the uwb message.
+        imu: the imu's message.
+        detections: the detections message.
+        k: tick.
+        h: tick [s].
+        u: control of tick k (4).
+        hover: thrust about which the filter is linear [N].
+        r: reference of tick k (9).
+    """
+    less = u.copy()
+    less[0] -= hover
+    memory.belief[:] = belief_after(
+        estimator.slot, memory.history, memory.belief, estimator, handed, imu, k, h, less, r
+    )
 
 
 @register_jitable

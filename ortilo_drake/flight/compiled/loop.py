@@ -4,83 +4,108 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, fix_of_boxes
-from ortilo_drake.flight.compiled.constants import FlightConstants, ImuConstants, ServoConstants, UwbConstants
-from ortilo_drake.flight.compiled.estimate import belief_about, belief_after, first_history, handed_over
+from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link
+from ortilo_drake.flight.compiled.constants import (
+    FlightConstants,
+    ImuConstants,
+    ServoConstants,
+    UwbConstants,
+    VehicleConstants,
+)
+from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
 from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees, squared_distance_to
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, slow_at_start, with_errors
+from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
-from ortilo_drake.model.equations import step
-from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
-from ortilo_drake.onboard.estimator.belief import known_part
-from ortilo_drake.onboard.ranging.multilateration import fix_message
+from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.world.radio.link import NOT_SENT
-from ortilo_drake.world.sensors.imu import attitude_message, imu_message
+from ortilo_drake.world.sensors.imu import attitude_message
+from ortilo_drake.world.sensors.sensor_clock import state_before
 from ortilo_drake.world.sensors.uwb import uwb_message
-from ortilo_drake.world.vehicle.disturbance import disturbance_at
 
 
 @register_jitable
 def imu_of_tick(
     imu: ImuConstants,
-    mass: float,
-    x: np.ndarray,
-    u: np.ndarray,
-    d: np.ndarray,
+    errors: SlowConstants | None,
+    vehicle: VehicleConstants,
+    body: Body,
+    slow: np.ndarray,
+    samples: np.ndarray,
     k: int,
     h: float,
     seed: int,
     bad: bool,
     flying: np.ndarray,
 ) -> np.ndarray:
-    """Return the imu's message that lands at tick k, zeros if none does; arguments as imu_message."""
-    delay = delay_through(imu.link, k, x, bad, seed)
-    if delay == NOT_SENT:
+    """Return the imu's message that lands at tick k, zeros if none does.
+
+    Args:
+        imu: the imu.
+        errors: of its messages that last.
+        vehicle: the plant.
+        body: of the vehicle.
+        slow: slow part of the errors.
+        samples: taken inside the tick, where it is faster than the tick (n - 1, 11).
+        k: tick.
+        h: tick [s].
+        seed: of all noise.
+        bad: whether the link's chain is bad.
+        flying: what is in flight.
+    """
+    delay, n = delay_through(imu.link, k, body.x, bad, seed), imu.samples
+    if n > 1:
+        message = np.zeros(PAYLOAD + n * IMU_SIZE)
+        if delay != NOT_SENT:
+            message[0], message[1] = 1.0, k * h
+            message[PAYLOAD:-IMU_SIZE] = samples.ravel()
+            message[-IMU_SIZE:] = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h / n)
+    elif delay == NOT_SENT:
         message = np.zeros(IMU_SIZE)
+    elif imu.whole:
+        message = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h)
     else:
-        message = (
-            imu_message(x, u, d, mass, imu.bias, imu.sd, seed, imu.stream, k * h, h)
-            if imu.whole
-            else attitude_message(x, imu.bias, imu.sd, seed, imu.stream, k * h, h)
-        )
+        message = attitude_message(body.x, imu.bias, imu.sd, seed, imu.stream, k * h, h)
+        message = with_errors(message, errors, slow, False)
     deliver(message, delay, flying, k)
     return message
 
 
 @register_jitable
 def uwb_of_tick(
-    uwb: UwbConstants, x: np.ndarray, k: int, h: float, seed: int, bad: bool, flying: np.ndarray
+    uwb: UwbConstants,
+    errors: SlowConstants | None,
+    slow: np.ndarray,
+    x: np.ndarray,
+    k: int,
+    h: float,
+    seed: int,
+    bad: bool,
+    flying: np.ndarray,
 ) -> np.ndarray:
-    """Return the uwb message that lands at tick k, zeros if none does; arguments as uwb_message."""
+    """Return the uwb message that lands at tick k, zeros if none does; arguments as imu_of_tick's and uwb_message's."""
     delay = delay_through(uwb.link, k, x, bad, seed)
     if delay == NOT_SENT:
         message = np.zeros(PAYLOAD + 2 * uwb.anchors.shape[0])
     else:
-        message = uwb_message(x, uwb.anchors, uwb.bias, uwb.walls, uwb.settings, seed, uwb.stream, k * h, h)
+        seen = state_before(x, uwb.clock[0] + uwb.clock[1] * (k * h))
+        message = uwb_message(seen, uwb.anchors, uwb.bias, uwb.walls, uwb.settings, seed, uwb.stream, k * h, h)
+        message = with_errors(message, errors, slow, True)
     deliver(message, delay, flying, k)
     return message
 
 
 @register_jitable
 def control_of(
-    servo: ServoConstants, knows_force: bool, belief: np.ndarray, xhat: np.ndarray, x: np.ndarray, reference: np.ndarray
+    servo: ServoConstants, force: np.ndarray, xhat: np.ndarray, x: np.ndarray, reference: np.ndarray
 ) -> np.ndarray:
-    """Return u_k; the force that is believed to act is that of the belief of [x; e; i], 0 where there is none."""
-    xbar, force = xhat.copy(), np.zeros(3)
+    """Return u_k; force is what is believed to act (3), and x the true state, of which velocities may be lent."""
+    xbar = xhat.copy()
     if servo.lent:
         xbar[6:N_X] = x[6:N_X]
-    if knows_force:
-        force[:] = belief[N_X : N_X + 3]
     return servo_control(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
-
-
-@register_jitable
-def fix_of_ranges(uwb: UwbConstants, message: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """Return the fix of the ranges that landed, zeros if there is none, about a belief of [x; i] (240)."""
-    if message[ARRIVED] == 0.0:
-        return np.zeros(PAYLOAD)
-    return fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], uwb.three)
 
 
 @njit(cache=True, nogil=True)
@@ -91,7 +116,7 @@ def fly_one(
 
     Args:
         seeds: of all noise, at each tick (ticks + 1): one and the same for a flight of a seed, another from some tick
-            on for one that branches off it.
+            on for one that branches off it. What is drawn at the start is among the constants.
         flight: what decides it beside.
         trace: a row for each tick, see figures.py (ticks + 1, TRACE_SIZE).
         arrived: in how many ticks each sensor's value reached the filter (s).
@@ -99,30 +124,26 @@ def fly_one(
     """
     h, vehicle, imu, uwb, camera = flight.h, flight.vehicle, flight.imu, flight.uwb, flight.camera
     servo, estimator = flight.servo, flight.filter
-    slot, handled, n = estimator.slot, estimator.handled, N_XBAR + len(estimator.model.extra)
+    imu_errors, uwb_errors, force = flight.imu_errors, flight.uwb_errors, flight.force
+    handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
-    x, d, hover = np.zeros(N_X), np.zeros(6), np.zeros(N_U)
-    x[0:3], x[5] = flight.reference[0, 0:3], flight.yaw
-    hover[0] = vehicle.hover_thrust
-    u, belief, history = hover.copy(), estimator.belief_0.copy(), first_history(slot, estimator.history)
+    body, memory = body_at_start(vehicle, flight.x_0), first(estimator)
+    imu_slow, uwb_slow = slow_at_start(imu_errors), slow_at_start(uwb_errors)
+    samples = np.zeros((imu.samples - 1, IMU_SIZE))
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
-    imu_flying, camera_flying = empty_link(imu.link, IMU_SIZE), empty_camera_link(camera)
+    size = IMU_SIZE if imu.samples == 1 else PAYLOAD + imu.samples * IMU_SIZE
+    imu_flying, camera_flying = empty_link(imu.link, size), empty_camera_link(camera)
     uwb_bad = imu_bad = camera_bad = False
-    refused = 0.0
     last = flight.reference.shape[0] - 1
     arrived[:] = 0.0
     for k in range(last + 1):
-        seed, r = seeds[k], flight.reference[k]
-        known = belief if n == N_XBAR else known_part(belief, n)
-        felt = imu_of_tick(imu, vehicle.mass, x, u, d, k, h, seed, imu_bad, imu_flying)
-        ranges = uwb_of_tick(uwb, x, k, h, seed, uwb_bad, uwb_flying)
+        seed, r, x = seeds[k], flight.reference[k], body.x
+        known = known_of(estimator, memory)
+        felt = imu_of_tick(imu, imu_errors, vehicle, body, imu_slow, samples, k, h, seed, imu_bad, imu_flying)
+        ranges = uwb_of_tick(uwb, uwb_errors, uwb_slow, x, k, h, seed, uwb_bad, uwb_flying)
         detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying)
-        about = belief_about(slot, history, n, ranges, known, h)
-        by_ranges = fix_of_ranges(uwb, ranges, about)
-        about = belief_about(slot, history, n, detections, known, h)
-        by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], refused)
-        handed = handed_over(estimator, by_ranges, felt, by_boxes, known, k, h)
-        u = control_of(servo, estimator.knows_force, belief, known[:N_XBAR], x, r)
+        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h)
+        u = control_of(servo, force_of(estimator, memory), known[:N_XBAR], x, r)
         arrived += handed[p : p + s]
         trace[k, TRUE], trace[k, ESTIMATED] = x[:3], known[:3]
         trace[k, NEES] = position_nees(x, known, known[N_XBAR:])
@@ -136,11 +157,11 @@ def fly_one(
             return k, cause
         if k == last:
             break
-        belief = belief_after(slot, history, belief, estimator, handed, felt, k, h, u - hover, r)
-        d = disturbance_at(vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
-        x = step(x, u, d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h)
+        go_on(estimator, memory, handed, ranges, felt, detections, k, h, u, vehicle.hover_thrust, r)
         imu_bad, uwb_bad = chain_of_tick(imu.link, k, imu_bad, seed), chain_of_tick(uwb.link, k, uwb_bad, seed)
         camera_bad = camera_chain(camera, k, camera_bad, seed)
+        imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
+        fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed)
     return last, NOT_LOST
 
 

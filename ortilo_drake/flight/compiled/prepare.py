@@ -1,5 +1,7 @@
 """From a scenario to the constants of its compiled flight."""
 
+from typing import Any
+
 import numpy as np
 
 from ortilo_drake.diagrams.onboard import initial_estimate
@@ -11,27 +13,34 @@ from ortilo_drake.flight.compiled.constants import (
     ImuConstants,
     LinkConstants,
     ServoConstants,
+    TightConstants,
     UwbConstants,
     VehicleConstants,
 )
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import bounds_of
+from ortilo_drake.flight.simulator import steps_a_tick
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import FIX_SIZE, IMU_SIZE, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.signals import DETECTIONS_SIZE, FIX_SIZE, IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.vehicle import mixing_inverse, mixing_matrix
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.estimator.late_measurements import slot_of
 from ortilo_drake.onboard.estimator.measurement_handler import incoming_of
+from ortilo_drake.onboard.estimator.tight.model import aids_of, first_states, layout_of, motion_of
+from ortilo_drake.onboard.estimator.tight.model import initial_covariance as initial_covariance_of_tight
+from ortilo_drake.onboard.estimator.tight.watch import LAST
 from ortilo_drake.onboard.landmarks.box_fix import box_belief, prior_covariance
 from ortilo_drake.onboard.planner.planned import path_of, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario, Truth
+from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import as_known, flown
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import blackout_rows, steps_a_chain
@@ -46,33 +55,35 @@ def why_not(scenario: Scenario) -> str | None:
     """Return why a scenario cannot be flown compiled, naming the field, and None where it can."""
     own = [name for name in scenario.sensors if name not in COMPILED_SENSORS]
     settings = scenario.estimator
+    is_tight = isinstance(settings, TightFilter)
     if own:
         return f"sensors: {own[0]}: has no compiled form"
-    if scenario.faster_sensors:
-        return f"{scenario.faster_sensors[0]}.link.rate: is faster than the tick"
-    if not isinstance(settings, IntermittentFilter):
+    faster = [name for name in scenario.faster_sensors if not (is_tight and name == "imu")]
+    if faster:
+        return f"{faster[0]}.link.rate: is faster than the tick"
+    if not (is_tight or isinstance(settings, IntermittentFilter)):
         return f"estimator.kind: {settings.kind}: has no compiled form"
-    if settings.robust is not None:
+    if isinstance(settings, IntermittentFilter) and settings.robust is not None:
         return "estimator.robust: has no compiled form"
     if scenario.multilateration.exclude is not None:
         return "multilateration.exclude: has no compiled form"
     if scenario.is_rendered:
         return "camera.kind: rendered: has no compiled form"
-    if "camera" in scenario.sensors and scenario.landmark_fix.method not in METHODS:
+    if "camera" in scenario.sensors and not is_tight and scenario.landmark_fix.method not in METHODS:
         return f"landmark_fix.method: {scenario.landmark_fix.method}: has no compiled form"
     if not isinstance(scenario.servo, LqServo):
         return f"servo.kind: {scenario.servo.kind}: has no compiled form"
     if scenario.commands != Commands() or scenario.command_link != CommandLink():
         return "command_link, commands: late or lost commands have no compiled form"
-    if scenario.world.plant != "sampled":
-        return f"world.plant: {scenario.world.plant}: has no compiled form"
-    if scenario.truth != Truth() or scenario.faults:
-        return "truth, faults: a world that differs from what is believed has no compiled form"
+    if scenario.faults:
+        return "faults: have no compiled form"
     return None
 
 
 def constants_of(scenario: Scenario) -> FlightConstants:
     """Return what decides the compiled flights of a scenario that why_not has nothing against.
+
+    The world is as it is believed to be; truth.py has what each seed's differs by.
 
     Raises:
         InputError: if there is no path or no servo gain.
@@ -85,24 +96,21 @@ def constants_of(scenario: Scenario) -> FlightConstants:
     for k in range(ticks + 1):
         context.SetTime(k * h)
         reference[k] = planner.get_output_port().Eval(context)
-    disturbance = scenario.world.disturbance
+    r_0, x_0 = start_of(path), np.zeros(N_X)
+    x_0[0:3], x_0[5] = r_0, scenario.yaw
+    settings = scenario.estimator
     return FlightConstants(
         h,
         reference,
-        scenario.yaw,
-        VehicleConstants(
-            vehicle.mass,
-            np.array(vehicle.inertia),
-            KINEMATICS.index(scenario.world.kinematics),
-            vehicle.hover_thrust,
-            disturbance.force_sd,
-            disturbance.torque_sd,
-            stream_id("disturbance"),
-        ),
+        x_0,
+        _vehicle(scenario),
+        None,
         _imu(scenario),
+        None,
         _uwb(scenario, room),
+        None,
         _camera(scenario, room) if "camera" in scenario.sensors else None,
-        _filter(scenario, room, start_of(path)),
+        _tight(scenario, room, r_0) if isinstance(settings, TightFilter) else _filter(scenario, room, r_0),
         ServoConstants(
             servo_gain(vehicle, scenario.servo.weights, h),
             vehicle.mass,
@@ -111,6 +119,29 @@ def constants_of(scenario: Scenario) -> FlightConstants:
             scenario.lends_velocities,
         ),
         bounds_of(room, vehicle),
+    )
+
+
+def _vehicle(scenario: Scenario) -> VehicleConstants:
+    vehicle, world = scenario.vehicle, scenario.world
+    has_rotors = world.rotors.kind == "first_order"
+    sampled = world.plant == "sampled" and not scenario.faster_sensors
+    return VehicleConstants(
+        vehicle.mass,
+        np.array(vehicle.inertia),
+        KINEMATICS.index(world.kinematics),
+        vehicle.hover_thrust,
+        0.0 if sampled else scenario.h / steps_a_tick(scenario),
+        np.eye(N_U),
+        np.array(vehicle.hover_rotor_speeds, dtype=float) if has_rotors else np.zeros(0),
+        mixing_matrix(vehicle),
+        np.ascontiguousarray(mixing_inverse(vehicle)),
+        vehicle.rotor_max_speed,
+        np.array(vehicle.rotor_time_constant),
+        world.disturbance.force_sd,
+        world.disturbance.torque_sd,
+        stream_id("disturbance"),
+        np.zeros(0),
     )
 
 
@@ -129,8 +160,10 @@ def _link(scenario: Scenario, sensor: str, latency: int = 0) -> LinkConstants:
 def _imu(scenario: Scenario) -> ImuConstants:
     settings = scenario.imu
     sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-    whole = imu_variances(scenario) is not None
-    return ImuConstants(whole, np.zeros(9), sd, stream_id("imu"), _link(scenario, "imu"))
+    tight = isinstance(scenario.estimator, TightFilter)
+    whole = tight or imu_variances(scenario) is not None
+    samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
+    return ImuConstants(whole, samples, np.zeros(9), sd, stream_id("imu"), _link(scenario, "imu"))
 
 
 def _uwb(scenario: Scenario, room: Room) -> UwbConstants:
@@ -141,6 +174,7 @@ def _uwb(scenario: Scenario, room: Room) -> UwbConstants:
         walls_between(scenario.uwb, room),
         ranging_settings(scenario.uwb),
         stream_id("uwb"),
+        np.zeros(2),
         _link(scenario, "uwb"),
         room.anchor_positions,
         believed_noise(settings),
@@ -159,6 +193,8 @@ def _camera(scenario: Scenario, room: Room) -> CameraConstants:
         tables_of(settings, room, scenario.h),
         streams,
         false_stream,
+        np.zeros(3),
+        np.zeros(2),
         _link(scenario, "camera", settings.latency),
         box_belief(fix, as_known(scenario, room), scenario.image_width),
         METHODS.index(fix.method),
@@ -195,4 +231,31 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
         bool(extras),
         slot_of(augmented, len(P_0)) if settings.delay == "replay" else None,
         history_ticks(settings.horizon, h),
+    )
+
+
+def _tight(scenario: Scenario, room: Room, r_0: np.ndarray) -> TightConstants:
+    """Return the tight filter, as diagrams/tight_estimator.py has it."""
+    belief = scenario.belief
+    settings: Any = belief.estimator
+    sensors = tuple(name for name in belief.measurement.sensors if name in belief.sensors)
+    layout = layout_of(settings, room, sensors, belief.h)
+    motion, C_0 = motion_of(settings, layout, belief), initial_covariance_of_tight(settings, layout)
+    xbar_0 = initial_estimate(belief, r_0)
+    numbers = [belief.measurement.sensors.index(name) if name in sensors else -1 for name in ("uwb", "imu", "camera")]
+    payloads = {"uwb": 2 * len(room.anchors), "camera": DETECTIONS_SIZE - PAYLOAD}
+    watched = LAST + sum(size for name, size in payloads.items() if name in sensors)
+    x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
+    return TightConstants(
+        belief.measurement.layout,
+        (numbers[0], numbers[1], numbers[2]),
+        scenario.samples("imu") if "imu" in sensors else 1,
+        layout,
+        motion,
+        aids_of(settings, room, belief),
+        x,
+        np.ascontiguousarray(C_0),
+        kept,
+        ahead,
+        watched,
     )

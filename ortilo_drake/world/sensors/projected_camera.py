@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
@@ -159,6 +158,7 @@ def detections_message(
     return message
 
 
+@njit(cache=True)
 def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> np.ndarray:
     """Return the state (12) of a body whose camera, at the same p_BC, looks ahead as a turned one does on this body.
 
@@ -167,10 +167,14 @@ def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> n
         p_BC: where the camera is (3).
         rpy: roll, pitch and yaw by which it is turned from looking ahead about its own centre (3) [rad].
     """
-    R_WB = rotation_matrix(np.ascontiguousarray(x[3:6]))
-    R_WA = R_WB @ rotation_matrix(np.ascontiguousarray(rpy))
-    pose = [*(x[0:3] + (R_WB - R_WA) @ p_BC), *RollPitchYaw(RotationMatrix(R_WA)).vector()]
-    return np.concatenate((pose, x[6:12]))
+    R_WB = rotation_matrix(x[3:6])
+    R_WA = R_WB @ rotation_matrix(rpy)
+    ahead = x.copy()
+    ahead[0:3] += (R_WB - R_WA) @ p_BC
+    ahead[3] = np.arctan2(R_WA[2, 1], R_WA[2, 2])
+    ahead[4] = np.arctan2(-R_WA[2, 0], np.sqrt(R_WA[0, 0] ** 2 + R_WA[1, 0] ** 2))
+    ahead[5] = np.arctan2(R_WA[1, 0], R_WA[0, 0])
+    return ahead
 
 
 def tables_of(settings: CameraSettings, room: Room, h: float) -> Tables:

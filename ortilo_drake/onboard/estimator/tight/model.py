@@ -1,8 +1,13 @@
 """What the tight filter believes, from the scenario: which states there are, their noise, their first covariance."""
 
 import numpy as np
+from scipy.stats import chi2
 
 from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.estimator.tight.aids import Aids
+from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import (
     ACCEL,
     GROUPS,
@@ -11,10 +16,12 @@ from ortilo_drake.onboard.estimator.tight.layout import (
     THETA,
     Layout,
     P,
+    Q,
     V,
     make_layout,
+    nominal_size,
 )
-from ortilo_drake.onboard.estimator.tight.tick import Motion
+from ortilo_drake.onboard.estimator.tight.tick import FORCE, N_AHEAD, N_KEPT, THRUST, Motion
 from ortilo_drake.onboard.estimator.tight.watch import Watch
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import DATASHEETS
@@ -83,6 +90,30 @@ def watch_of(settings: Settings, h: float) -> Watch | None:
     return Watch(1.0 - np.exp(-h / watch.time), watch.leans, watch.sided, *opened)
 
 
+def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
+    """Return what the filter believes of the sensors beside the imu."""
+    ranges, pixels, fix = settings.ranges, settings.pixels, scenario.landmark_fix
+    known = room.model_copy(update={"landmark_outline": {}}) if fix.shapes == "boxes" else room
+    gates = (settings.gate, 1), (settings.gate, 2), (fix.gate, 2)
+    return Aids(
+        np.ascontiguousarray(room.anchor_positions, dtype=float),
+        np.array(ranges.lever),
+        np.array([ranges.noise.sd, 0.0] if ranges.noise.kind == "constant" else [0.0, ranges.noise.fraction]),
+        ranges.differences,
+        known.landmark_positions,
+        known.landmark_outlines,
+        room.landmark_labels,
+        room.camera.scaled_to(scenario.image_width).constants,
+        np.array([pixels.sd, pixels.growth, pixels.slow_share]),
+        fix.margin,
+        -np.inf if fix.inside is None else fix.inside,
+        settings.imu.angle_sd or 0.0,
+        np.array([float(chi2.ppf(*of)) for of in gates]),
+        settings.huber,
+        watch_of(settings, scenario.h),
+    )
+
+
 def _counts(layout: Layout) -> tuple[int, int]:
     """Return how many anchors and landmarks the layout is for, as far as it has states of them."""
     starts = [at for at in (*layout[: len(GROUPS)], layout.core) if at >= 0]
@@ -114,3 +145,27 @@ def initial_covariance(settings: Settings, layout: Layout) -> np.ndarray:
     pose = [P, P + 1, P + 2, THETA, THETA + 1, THETA + 2]
     from_ = np.concatenate((np.arange(layout.core), *([pose] * layout.clones))).astype(int)
     return np.diag(sd**2)[np.ix_(from_, from_)]
+
+
+def first_states(
+    layout: Layout, motion: Motion, C_0: np.ndarray, xbar_0: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the first nominal state, what is kept of imu and control, and the prediction for t_0.
+
+    Args:
+        layout: of the states.
+        motion: imu and vehicle.
+        C_0: first covariance (n, n).
+        xbar_0: first estimate of the paper's states, at rest in hover (15).
+    """
+    x, kept, ahead = np.zeros(nominal_size(layout)), np.zeros(N_KEPT), np.zeros(N_AHEAD)
+    x[P : P + 3], x[V : V + 3], x[Q : Q + 4] = xbar_0[0:3], xbar_0[6:9], quaternion_of(xbar_0[3:6])
+    for c in range(layout.clones):
+        at = layout.core + 1 + 7 * c
+        x[at : at + 3], x[at + 3 : at + 7] = x[P : P + 3], x[Q : Q + 4]
+    kept[FORCE + 2], kept[THRUST] = GRAVITY, motion.mass * GRAVITY
+    ahead[:N_X] = xbar_0[:N_X]
+    T = np.zeros((N_X, layout.n))
+    T[0:3, 0:3], T[3:6, 6:9], T[6:9, 3:6], T[9:12, 9:12] = (np.eye(3),) * 4
+    ahead[N_X:] = (T @ C_0 @ T.T).ravel()
+    return x, kept, ahead

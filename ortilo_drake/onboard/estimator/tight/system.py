@@ -14,22 +14,19 @@ from ortilo_drake.model.signals import (
     N_X,
     N_XBAR,
     PAYLOAD,
-    STAMP,
     samples_in,
     size_of_samples,
     uwb_size,
 )
 from ortilo_drake.onboard.estimator.tight.aids import Aids
-from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles, take_fix
-from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
-from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout, P, Q, V, nominal_size
-from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
-from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
-from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, RATES, THRUST, Motion, go_on, keep_pose, one_ahead
-from ortilo_drake.onboard.estimator.tight.watch import LAST, says_again, watch_angles, watch_ranges
-from ortilo_drake.onboard.landmarks.landmark_association import associate
+from ortilo_drake.onboard.estimator.tight.attitude_rows import take_fix
+from ortilo_drake.onboard.estimator.tight.layout import Layout
+from ortilo_drake.onboard.estimator.tight.model import first_states
+from ortilo_drake.onboard.estimator.tight.sense import PRESENT, clone_of, take_messages
+from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, RATES, Motion, keep_pose, one_ahead
+from ortilo_drake.onboard.estimator.tight.watch import LAST
 
-N_AHEAD = N_X + N_X * N_X
+_NOTHING = np.zeros(PAYLOAD)  # the message of a sensor that does not fly
 
 
 class TightFilter(LeafSystem):
@@ -94,25 +91,13 @@ class TightFilter(LeafSystem):
             for name in sensors
         }
         self._control = self.DeclareVectorInputPort("control", N_U)
-        x, kept = np.zeros(nominal_size(layout)), np.zeros(N_KEPT)
-        x[P : P + 3], x[V : V + 3], x[Q : Q + 4] = xbar_0[0:3], xbar_0[6:9], quaternion_of(xbar_0[3:6])
-        for c in range(layout.clones):
-            at = layout.core + 1 + 7 * c
-            x[at : at + 3], x[at + 3 : at + 7] = x[P : P + 3], x[Q : Q + 4]
-        kept[5], kept[THRUST] = 9.81, motion.mass * 9.81
-        ahead = np.zeros(N_AHEAD)
-        ahead[:N_X] = xbar_0[:N_X]
-        T = np.zeros((N_X, layout.n))
-        T[0:3, 0:3], T[3:6, 6:9], T[6:9, 3:6], T[9:12, 9:12] = (np.eye(3),) * 4
-        ahead[N_X:] = (T @ C_0 @ T.T).ravel()
+        x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
         self._nominal = self.DeclareDiscreteState(x)
         self._covariance = self.DeclareDiscreteState(C_0.ravel())
         self._kept = self.DeclareDiscreteState(kept)
         self._ahead = self.DeclareDiscreteState(ahead)
-        watched = [name for name in ("uwb", "camera") if name in sensors]
-        ends = np.cumsum([LAST, *(sizes[name] - PAYLOAD for name in watched)])
-        self._last = {name: slice(ends[i], ends[i + 1]) for i, name in enumerate(watched)}
-        self._watched = self.DeclareDiscreteState(int(ends[-1]))
+        payloads = sum(sizes[name] - PAYLOAD for name in ("uwb", "camera") if name in sensors)
+        self._watched = self.DeclareDiscreteState(LAST + payloads)
         self._groups = self._nominal, self._covariance, self._kept, self._ahead, self._watched
         self.DeclarePeriodicDiscreteUpdateEvent(motion.h, 0.0, self._update)
         own = {self.discrete_state_ticket(self._ahead)}
@@ -160,7 +145,7 @@ class TightFilter(LeafSystem):
         for name, port in self._ports.items():
             block, rows = self._measurement.block_of(name), self._measurement.rows_of(name)
             m = rows.stop - rows.start
-            if name == "imu" and self._aids.angle_sd is not None:
+            if name == "imu" and self._aids.angle_sd > 0.0:
                 V2[block] = (self._aids.angle_sd**2 * np.eye(m)).ravel()
             elif name in self._rows:
                 V2[block] = port.Eval(context)[PAYLOAD + m :]
@@ -171,70 +156,25 @@ class TightFilter(LeafSystem):
         x = context.get_discrete_state(self._nominal).CopyToVector()
         C = context.get_discrete_state(self._covariance).CopyToVector().reshape(layout.n, layout.n)
         kept = context.get_discrete_state(self._kept).CopyToVector()
-        watched, watch = context.get_discrete_state(self._watched).CopyToVector(), aids.watch
+        watched = context.get_discrete_state(self._watched).CopyToVector()
         messages = {name: port.Eval(context) for name, port in self._ports.items()}
         samples = np.zeros((1, IMU_SIZE))
         if "imu" in messages:
             imu = messages["imu"]
             samples = samples_in(imu, self._samples) if self._samples > 1 else imu[np.newaxis]
-            samples = np.ascontiguousarray(samples)
-        residual, normalized = np.empty(3), np.zeros(3)
-        count = go_on(x, C, kept, samples, now, motion, residual)
-        single = aids.gates[0]
-        if count and aids.angle_sd is not None:
-            variance = aids.angle_sd**2 / count
-            take_angles(x, C, layout, residual, variance, single, aids.huber, normalized)
-            if watch is not None:
-                watch_angles(C, watched, normalized, watch)
-        for name, message in messages.items():
-            clone = self._clone_of(message, now)
-            if name == "imu" or clone is None:
+        uwb, detections = messages.get("uwb", _NOTHING), messages.get("camera", _NOTHING)
+        take_messages(x, C, kept, watched, np.ascontiguousarray(samples), uwb, detections, now, layout, motion, aids)
+        for name, C_own in self._rows.items():
+            message = messages[name]
+            if clone_of(message, now, motion.h, layout.clones) != PRESENT:
                 continue
-            if watch is not None and name in self._last and says_again(message, watched[self._last[name]]):
-                continue
-            if name == "uwb":
-                noise = aids.range_noise, single, aids.huber, clone, aids.differences
-                used, refused, _, longer = take_ranges(x, C, layout, message, aids.anchors, aids.lever, *noise)
-                if watch is not None:
-                    watch_ranges(C, watched, layout, used, refused, longer, watch)
-            elif name == "camera":
-                self._take_boxes(x, C, message, kept[RATES : RATES + 3], clone)
-            elif clone < 0:
-                m = len(self._rows[name])
-                value, V = message[PAYLOAD : PAYLOAD + m], message[PAYLOAD + m :].reshape(m, m)
-                rates = kept[RATES : RATES + 3]
-                take_fix(x, C, layout, value.copy(), V.copy(), self._rows[name], rates, single, aids.huber)
+            m = len(C_own)
+            value, V = message[PAYLOAD : PAYLOAD + m], message[PAYLOAD + m :].reshape(m, m)
+            rates = kept[RATES : RATES + 3]
+            take_fix(x, C, layout, value.copy(), V.copy(), C_own, rates, float(aids.gates[0]), aids.huber)
         ahead = np.empty(N_AHEAD)
         one_ahead(x, C, kept, self._control.Eval(context), motion, ahead)
         keep_pose(x, C, layout)
         groups = (x, C.ravel(), kept, ahead, watched)
         for group, value in zip(self._groups, groups, strict=True):
             values.set_value(group, value)
-
-    def _clone_of(self, message: np.ndarray, now: float) -> int | None:
-        """Return the clone of a message's stamp, -1 for the present, None if it did not arrive or is too old."""
-        if message[ARRIVED] == 0.0 or not np.isfinite(message).all():
-            return None
-        late = round((now - message[STAMP]) / self._motion.h)
-        return late - 1 if 0 <= late <= self._layout.clones else None
-
-    def _take_boxes(self, x: np.ndarray, C: np.ndarray, message: np.ndarray, w: np.ndarray, clone: int) -> None:
-        aids, settings, layout = self._aids, self._aids.association, self._layout
-        xhat, P_pose = pose_belief(x, C, layout, clone)
-        landmarks = aids.room.landmark_positions, aids.room.landmark_outlines
-        chosen, centers = associate(
-            message,
-            xhat,
-            P_pose,
-            *landmarks,
-            aids.room.landmark_labels,
-            aids.camera,
-            float(aids.pixel_noise[0]),
-            aids.gates[2],
-            float(aids.pixel_noise[1]),
-            settings.margin,
-            -np.inf if settings.inside is None else settings.inside,
-        )
-        rates = w - x[ADDITIVE : ADDITIVE + 3]
-        noise = aids.camera, aids.pixel_noise, rates, aids.gates[1], aids.huber, clone
-        take_boxes(x, C, layout, chosen, centers, *landmarks, *noise)

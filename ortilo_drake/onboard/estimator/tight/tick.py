@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL, THETA, Layout, P, Q, V
@@ -14,6 +15,7 @@ from ortilo_drake.onboard.estimator.tight.silence import N_QUIET, end_silence, i
 # What is kept of the imu and the control, beside state and covariance; QUIET is for silence.py.
 RATES, FORCE, TIME, THRUST, TORQUE, QUIET = 0, 3, 6, 7, 8, 11
 N_KEPT = QUIET + N_QUIET
+N_AHEAD = N_X + N_X * N_X  # the prediction for the next tick, estimate and covariance
 
 
 class Motion(NamedTuple):

@@ -1,0 +1,53 @@
+"""Errors that last, in a compiled flight: see world/slow_error.py and world/sensors/message_error.py."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.world.sensors.message_error import message_with_error
+from ortilo_drake.world.slow_error import slow_noise_after
+
+
+class SlowConstants(NamedTuple):
+    """Errors of n numbers.
+
+    Attributes:
+        bias: constant (n).
+        start: x_0 of the slow part (n).
+        a: its decay over a tick (n).
+        q: standard deviation of what is new of it in a tick (n).
+        stream: number of its noise.
+        factor: of the whole (n).
+    """
+
+    bias: np.ndarray
+    start: np.ndarray
+    a: np.ndarray
+    q: np.ndarray
+    stream: np.uint64
+    factor: np.ndarray
+
+
+@register_jitable
+def slow_at_start(errors: SlowConstants | None) -> np.ndarray:
+    """Return x_0; nothing where there are no errors."""
+    if errors is None:
+        return np.zeros(0)
+    return errors.start.copy()
+
+
+@register_jitable
+def slow_after(x: np.ndarray, errors: SlowConstants | None, k: int, h: float, seed: int) -> np.ndarray:
+    """Return x_{k+1} from x_k."""
+    if errors is None:
+        return x
+    return slow_noise_after(x, errors.a, errors.q, seed, errors.stream, k * h, h)
+
+
+@register_jitable
+def with_errors(message: np.ndarray, errors: SlowConstants | None, x: np.ndarray, flagged: bool) -> np.ndarray:
+    """Return a message with what lasts of its errors."""
+    if errors is None:
+        return message
+    return message_with_error(message, errors.factor, errors.bias + x, flagged)

@@ -1,0 +1,126 @@
+"""The tight filter in a compiled flight."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.flight.compiled.constants import CameraConstants, TightConstants, UwbConstants
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.onboard.estimator.tight.sense import take_messages
+from ortilo_drake.onboard.estimator.tight.tick import keep_pose, one_ahead
+
+
+class TightMemory(NamedTuple):
+    """What the estimator keeps from tick to tick, changed in place; see onboard/estimator/tight/system.py.
+
+    Attributes:
+        x: nominal state.
+        C: covariance (n, n).
+        kept: of imu and control.
+        ahead: the prediction for this tick (156).
+        watched: what the watch keeps.
+        i: integral of the position error (3).
+    """
+
+    x: np.ndarray
+    C: np.ndarray
+    kept: np.ndarray
+    ahead: np.ndarray
+    watched: np.ndarray
+    i: np.ndarray
+
+
+@register_jitable
+def first_tight_memory(estimator: TightConstants) -> TightMemory:
+    """Return what is kept at first."""
+    return TightMemory(
+        estimator.x_0.copy(),
+        estimator.C_0.copy(),
+        estimator.kept_0.copy(),
+        estimator.ahead_0.copy(),
+        np.zeros(estimator.watched),
+        np.zeros(3),
+    )
+
+
+@register_jitable
+def tight_known_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
+    """Return the belief of [x; i] (240) that was predicted for this tick; i is known."""
+    known = np.zeros(N_XBAR + N_XBAR * N_XBAR)
+    known[:N_X], known[N_X:N_XBAR] = memory.ahead[:N_X], memory.i
+    for row in range(N_X):
+        at = N_XBAR * (row + 1)
+        known[at : at + N_X] = memory.ahead[N_X * (row + 1) : N_X * (row + 2)]
+    return known
+
+
+@register_jitable
+def tight_force_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
+    """Return zeros: the force is not estimated."""
+    return np.zeros(3)
+
+
+@register_jitable
+def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
+    """Return the samples in the imu's message (n, 11), n of them where it is faster than the tick."""
+    if n == 1:
+        return imu.reshape((1, IMU_SIZE))
+    return imu[PAYLOAD:].reshape((n, IMU_SIZE))
+
+
+@register_jitable
+def tight_handed_of(
+    estimator: TightConstants,
+    memory: TightMemory,
+    uwb: UwbConstants,
+    camera: CameraConstants | None,
+    ranges: np.ndarray,
+    imu: np.ndarray,
+    detections: np.ndarray,
+    known: np.ndarray,
+    k: int,
+    h: float,
+) -> np.ndarray:
+    """Return [y, delta, V2] of tick k: what arrived, y NaN of ranges and boxes. Arguments as handed_of's."""
+    first, block = estimator.handled.first, estimator.handled.block
+    p, s, q = first[-1], first.size - 1, block[-1]
+    handed = np.zeros(p + s + q)
+    for j, message in ((estimator.numbers[0], ranges), (estimator.numbers[2], detections)):
+        if j >= 0 and message[ARRIVED] != 0.0:
+            handed[first[j] : first[j + 1]] = np.nan
+            handed[p + j] = 1.0
+    j = estimator.numbers[1]
+    if j >= 0:
+        newest = samples_of(imu, estimator.samples)[-1]
+        if imu[ARRIVED] != 0.0:
+            handed[first[j] : first[j + 1]] = newest[PAYLOAD : PAYLOAD + 3]
+            handed[p + j] = 1.0
+        m = first[j + 1] - first[j]
+        for i in range(m):
+            handed[p + s + block[j] + i * (m + 1)] = estimator.aids.angle_sd**2
+    return handed
+
+
+@register_jitable
+def tight_take(
+    estimator: TightConstants,
+    memory: TightMemory,
+    handed: np.ndarray,
+    ranges: np.ndarray,
+    imu: np.ndarray,
+    detections: np.ndarray,
+    k: int,
+    h: float,
+    u: np.ndarray,
+    hover: float,
+    r: np.ndarray,
+) -> None:
+    """Go on to the belief of the next tick; arguments as take's."""
+    layout, motion = estimator.layout, estimator.motion
+    memory.i[:] += r[:3] - memory.ahead[:3]
+    samples = samples_of(imu, estimator.samples)
+    x, C, kept = memory.x, memory.C, memory.kept
+    take_messages(x, C, kept, memory.watched, samples, ranges, detections, k * h, layout, motion, estimator.aids)
+    one_ahead(x, C, kept, u, motion, memory.ahead)
+    keep_pose(x, C, layout)

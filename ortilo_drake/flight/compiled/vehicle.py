@@ -1,0 +1,161 @@
+"""The vehicle in a compiled flight: what its body feels of a control, and what becomes of it in a tick.
+
+A continuous plant goes by the steps that Drake's simulator is told to take (flight/simulator.py), a sampled one by its
+own step. A drawn truth changes what the rotors make of a command (world/vehicle/wrench_error.py) and adds a force that
+lasts.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.flight.compiled.constants import ImuConstants, VehicleConstants
+from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after
+from ortilo_drake.model.equations import derivative, step
+from ortilo_drake.model.signals import N_U
+from ortilo_drake.world.sensors.imu import imu_message
+from ortilo_drake.world.sensors.message_error import message_with_error
+from ortilo_drake.world.vehicle.disturbance import disturbance_at
+from ortilo_drake.world.vehicle.rotors import commanded_speeds, rotor_acceleration, times, wrench_of
+
+_NO_TIME = 1e-9  # what is left of an interval by rounding, over a step [1]
+
+
+class Body(NamedTuple):
+    """The vehicle's state, changed in place.
+
+    Attributes:
+        x: state (12).
+        speeds: of the rotors [rad/s] (n); none where they are ideal.
+        held: control that is held over the tick, as it leaves the hold (4).
+        d: disturbance that is held (6).
+        lasting: slow part of the lasting force, x_k of world/slow_error.py (6 or 0).
+    """
+
+    x: np.ndarray
+    speeds: np.ndarray
+    held: np.ndarray
+    d: np.ndarray
+    lasting: np.ndarray
+
+
+@register_jitable
+def body_at_start(vehicle: VehicleConstants, x_0: np.ndarray) -> Body:
+    """Return the vehicle hovering at x_0 (12)."""
+    held = np.zeros(N_U)
+    held[0] = vehicle.hover_thrust
+    return Body(x_0.copy(), vehicle.hover_speeds.copy(), held, np.zeros(6), vehicle.lasting_0.copy())
+
+
+@register_jitable
+def control_felt(vehicle: VehicleConstants, speeds: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Return u as it acts on the body (4): what is held, or what the rotors make at these speeds."""
+    if speeds.size == 0:
+        return held
+    return times(vehicle.wrench, wrench_of(speeds, vehicle.mixing))
+
+
+@register_jitable
+def _rates(
+    vehicle: VehicleConstants, x: np.ndarray, speeds: np.ndarray, commanded: np.ndarray, body: Body
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time derivatives of x and of the rotors' speeds."""
+    u = control_felt(vehicle, speeds, body.held)
+    x_dot = derivative(x, u, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics)
+    if speeds.size == 0:
+        return x_dot, speeds
+    return x_dot, rotor_acceleration(speeds, commanded, vehicle.time_constant)
+
+
+@register_jitable
+def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, interval: float) -> None:
+    """Go on by an interval [s], in third-order Runge-Kutta steps as Drake's RungeKutta3Integrator takes them."""
+    x, speeds, left = body.x, body.speeds, interval
+    while left > _NO_TIME * vehicle.longest_step:
+        dt = min(vehicle.longest_step, left)
+        a, p = _rates(vehicle, x, speeds, commanded, body)
+        b, q = _rates(vehicle, x + dt / 2.0 * a, speeds + dt / 2.0 * p, commanded, body)
+        c, r = _rates(vehicle, x - dt * a + 2.0 * dt * b, speeds - dt * p + 2.0 * dt * q, commanded, body)
+        x[:] = x + dt / 6.0 * a + 4.0 * dt / 6.0 * b + dt / 6.0 * c
+        if speeds.size > 0:
+            speeds[:] = speeds + dt / 6.0 * p + 4.0 * dt / 6.0 * q + dt / 6.0 * r
+        left -= dt
+
+
+@register_jitable
+def disturbance_of_tick(
+    vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants | None, k: int, h: float, seed: int
+) -> np.ndarray:
+    """Return d_k (6): white, with the force that lasts."""
+    d = disturbance_at(vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
+    if force is not None:
+        d = d + (force.bias + lasting)
+    return d
+
+
+@register_jitable
+def sample_of_imu(
+    imu: ImuConstants,
+    errors: SlowConstants | None,
+    body: Body,
+    slow: np.ndarray,
+    vehicle: VehicleConstants,
+    seed: int,
+    time: float,
+    h: float,
+) -> np.ndarray:
+    """Return the imu's whole message of an instant, with what lasts of its errors; h is its own period [s]."""
+    u = control_felt(vehicle, body.speeds, body.held)
+    message = imu_message(body.x, u, body.d, vehicle.mass, imu.bias, imu.sd, seed, imu.stream, time, h)
+    if errors is not None:
+        message = message_with_error(message, errors.factor, errors.bias + slow, False)
+    return message
+
+
+@register_jitable
+def fly_tick(
+    vehicle: VehicleConstants,
+    force: SlowConstants | None,
+    imu: ImuConstants,
+    errors: SlowConstants | None,
+    body: Body,
+    slow: np.ndarray,
+    samples: np.ndarray,
+    u: np.ndarray,
+    k: int,
+    h: float,
+    seed: int,
+) -> None:
+    """Go on from tick k to the next under u; changes body, and samples if the imu is faster than the tick.
+
+    Args:
+        vehicle: the plant.
+        force: that lasts.
+        imu: the imu.
+        errors: of it that last.
+        body: of the vehicle.
+        slow: slow part of the imu's errors over the tick, already that of tick k + 1.
+        samples: of the imu inside the tick, oldest first (n - 1, 11).
+        u: control (4).
+        k: tick.
+        h: tick [s].
+        seed: of all noise.
+    """
+    body.d[:] = disturbance_of_tick(vehicle, body.lasting, force, k, h, seed)
+    body.lasting[:] = slow_after(body.lasting, force, k, h, seed)
+    if vehicle.hover_speeds.size > 0:
+        body.held[:] = u
+        commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed)
+    else:
+        body.held[:] = times(vehicle.wrench, u)
+        commanded = u
+    if vehicle.longest_step == 0.0:
+        body.x[:] = step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h)
+        return
+    n = samples.shape[0] + 1
+    for i in range(1, n + 1):
+        integrate(vehicle, body, commanded, h / n)
+        if i < n:
+            time = h * (i / n) + k * h
+            samples[i - 1] = sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n)

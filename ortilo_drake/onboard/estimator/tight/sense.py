@@ -1,0 +1,131 @@
+"""What the tight filter makes of the messages of a tick: imu, ranges, boxes, each at its stamp."""
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ortilo_drake.model.signals import ARRIVED, STAMP
+from ortilo_drake.onboard.estimator.tight.aids import Aids
+from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout
+from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
+from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
+from ortilo_drake.onboard.estimator.tight.tick import RATES, Motion, go_on
+from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch, says_again, watch_angles, watch_ranges
+from ortilo_drake.onboard.landmarks.landmark_association import associate
+
+PRESENT, NOT_TAKEN = -1, -2  # in place of a clone's number
+
+
+@njit(cache=True)
+def clone_of(message: np.ndarray, now: float, h: float, clones: int) -> int:
+    """Return the clone of a message's stamp, PRESENT for t_k, NOT_TAKEN if it did not arrive or is too old.
+
+    Args:
+        message: a message, see model/signals.py.
+        now: t_k [s].
+        h: tick [s].
+        clones: how many there are.
+    """
+    if message[ARRIVED] == 0.0 or not np.isfinite(message).all():
+        return NOT_TAKEN
+    late = round((now - message[STAMP]) / h)
+    return late - 1 if 0 <= late <= clones else NOT_TAKEN
+
+
+@register_jitable
+def _is_news(message: np.ndarray, last: np.ndarray, watch: Watch | None) -> bool:
+    return watch is None or not says_again(message, last)
+
+
+@register_jitable
+def _angles_watched(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, watch: Watch | None) -> None:
+    if watch is not None:
+        watch_angles(C, watched, normalized, watch)
+
+
+@register_jitable
+def _ranges_watched(
+    C: np.ndarray, watched: np.ndarray, layout: Layout, used: int, refused: int, longer: int, watch: Watch | None
+) -> None:
+    if watch is not None:
+        watch_ranges(C, watched, layout, used, refused, longer, watch)
+
+
+@njit(cache=True)
+def take_messages(
+    x: np.ndarray,
+    C: np.ndarray,
+    kept: np.ndarray,
+    watched: np.ndarray,
+    samples: np.ndarray,
+    uwb: np.ndarray,
+    detections: np.ndarray,
+    now: float,
+    layout: Layout,
+    motion: Motion,
+    aids: Aids,
+) -> None:
+    """Go through the imu's samples to t_k and take the ranges and the boxes that arrived.
+
+    Args:
+        x: nominal state; changed.
+        C: covariance; changed.
+        kept: of imu and control, see tick.py; changed.
+        watched: what the watch keeps, see watch.py: its means, then the last payloads of uwb and detections; changed.
+        samples: of the imu (m, 11), see go_on.
+        uwb: the uwb message; [0, 0] of one that does not fly.
+        detections: the detections message, likewise.
+        now: t_k [s].
+        layout: of the states.
+        motion: imu and vehicle.
+        aids: the other sensors.
+    """
+    residual, normalized = np.empty(3), np.zeros(3)
+    count = go_on(x, C, kept, samples, now, motion, residual)
+    if count > 0 and aids.angle_sd > 0.0:
+        variance = aids.angle_sd**2 / count
+        take_angles(x, C, layout, residual, variance, aids.gates[0], aids.huber, normalized)
+        _angles_watched(C, watched, normalized, aids.watch)
+    boxes_at = LAST + uwb.size - 2
+    clone = clone_of(uwb, now, motion.h, layout.clones)
+    if clone != NOT_TAKEN and _is_news(uwb, watched[LAST:boxes_at], aids.watch):
+        noise, gate = aids.range_noise, aids.gates[0]
+        used, refused, _, longer = take_ranges(
+            x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone, aids.differences
+        )
+        _ranges_watched(C, watched, layout, used, refused, longer, aids.watch)
+    clone = clone_of(detections, now, motion.h, layout.clones)
+    if clone != NOT_TAKEN and _is_news(detections, watched[boxes_at:], aids.watch):
+        xhat, P_pose = pose_belief(x, C, layout, clone)
+        chosen, centers = associate(
+            detections,
+            xhat,
+            P_pose,
+            aids.positions,
+            aids.outlines,
+            aids.labels,
+            aids.camera,
+            aids.pixel_noise[0],
+            aids.gates[2],
+            aids.pixel_noise[1],
+            aids.margin,
+            aids.inside,
+        )
+        rates = kept[RATES : RATES + 3] - x[ADDITIVE : ADDITIVE + 3]
+        noise, gate = aids.pixel_noise, aids.gates[1]
+        take_boxes(
+            x,
+            C,
+            layout,
+            chosen,
+            centers,
+            aids.positions,
+            aids.outlines,
+            aids.camera,
+            noise,
+            rates,
+            gate,
+            aids.huber,
+            clone,
+        )
