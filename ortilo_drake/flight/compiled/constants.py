@@ -57,7 +57,6 @@ class VehicleConstants(NamedTuple):
         force_sd: of the disturbance force per axis [N].
         torque_sd: of its torque per axis [N m].
         stream: number of the disturbance's noise.
-        lasting_0: slow part of the lasting force at the start (6); nothing where there is none.
     """
 
     mass: float
@@ -74,7 +73,6 @@ class VehicleConstants(NamedTuple):
     force_sd: float
     torque_sd: float
     stream: np.uint64
-    lasting_0: np.ndarray
 
 
 class ImuConstants(NamedTuple):
@@ -252,11 +250,11 @@ class FlightConstants(NamedTuple):
         reference: r, r_dot, r_ddot at every tick (ticks + 1, 9).
         x_0: true state at the start (12).
         vehicle: the plant.
-        force: that lasts; None where there is none.
+        force: that lasts.
         imu: the imu.
-        imu_errors: of its messages that last; None where there are none.
+        imu_errors: of its messages that last.
         uwb: ranging.
-        uwb_errors: of its messages that last; None where there are none.
+        uwb_errors: of its messages that last.
         camera: the camera and its fix; None where there is none.
         filter: the estimator.
         servo: the servo.
@@ -267,11 +265,11 @@ class FlightConstants(NamedTuple):
     reference: np.ndarray
     x_0: np.ndarray
     vehicle: VehicleConstants
-    force: SlowConstants | None
+    force: SlowConstants
     imu: ImuConstants
-    imu_errors: SlowConstants | None
+    imu_errors: SlowConstants
     uwb: UwbConstants
-    uwb_errors: SlowConstants | None
+    uwb_errors: SlowConstants
     camera: CameraConstants | None
     filter: FilterConstants | TightConstants
     servo: ServoConstants

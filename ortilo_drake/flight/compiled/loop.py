@@ -15,7 +15,7 @@ from ortilo_drake.flight.compiled.constants import (
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
 from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees, squared_distance_to
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
-from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, slow_at_start, with_errors
+from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
@@ -29,7 +29,7 @@ from ortilo_drake.world.sensors.uwb import uwb_message
 @register_jitable
 def imu_of_tick(
     imu: ImuConstants,
-    errors: SlowConstants | None,
+    errors: SlowConstants,
     vehicle: VehicleConstants,
     body: Body,
     slow: np.ndarray,
@@ -76,7 +76,7 @@ def imu_of_tick(
 @register_jitable
 def uwb_of_tick(
     uwb: UwbConstants,
-    errors: SlowConstants | None,
+    errors: SlowConstants,
     slow: np.ndarray,
     x: np.ndarray,
     k: int,
@@ -127,8 +127,8 @@ def fly_one(
     imu_errors, uwb_errors, force = flight.imu_errors, flight.uwb_errors, flight.force
     handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
-    body, memory = body_at_start(vehicle, flight.x_0), first(estimator)
-    imu_slow, uwb_slow = slow_at_start(imu_errors), slow_at_start(uwb_errors)
+    body, memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
+    imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
     samples = np.zeros((imu.samples - 1, IMU_SIZE))
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
     size = IMU_SIZE if imu.samples == 1 else PAYLOAD + imu.samples * IMU_SIZE

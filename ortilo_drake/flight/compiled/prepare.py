@@ -17,6 +17,7 @@ from ortilo_drake.flight.compiled.constants import (
     UwbConstants,
     VehicleConstants,
 )
+from ortilo_drake.flight.compiled.slow import NO_ERRORS
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import bounds_of
 from ortilo_drake.flight.simulator import steps_a_tick
@@ -104,11 +105,11 @@ def constants_of(scenario: Scenario) -> FlightConstants:
         reference,
         x_0,
         _vehicle(scenario),
-        None,
+        NO_ERRORS,
         _imu(scenario),
-        None,
+        NO_ERRORS,
         _uwb(scenario, room),
-        None,
+        NO_ERRORS,
         _camera(scenario, room) if "camera" in scenario.sensors else None,
         _tight(scenario, room, r_0) if isinstance(settings, TightFilter) else _filter(scenario, room, r_0),
         ServoConstants(
@@ -141,7 +142,6 @@ def _vehicle(scenario: Scenario) -> VehicleConstants:
         world.disturbance.force_sd,
         world.disturbance.torque_sd,
         stream_id("disturbance"),
-        np.zeros(0),
     )
 
 

@@ -10,7 +10,7 @@ from ortilo_drake.world.slow_error import slow_noise_after
 
 
 class SlowConstants(NamedTuple):
-    """Errors of n numbers.
+    """Errors of n numbers, 0 of them where there are none.
 
     Attributes:
         bias: constant (n).
@@ -29,25 +29,21 @@ class SlowConstants(NamedTuple):
     factor: np.ndarray
 
 
-@register_jitable
-def slow_at_start(errors: SlowConstants | None) -> np.ndarray:
-    """Return x_0; nothing where there are no errors."""
-    if errors is None:
-        return np.zeros(0)
-    return errors.start.copy()
+_NOTHING = np.zeros(0)
+NO_ERRORS = SlowConstants(_NOTHING, _NOTHING, _NOTHING, _NOTHING, np.uint64(0), _NOTHING)
 
 
 @register_jitable
-def slow_after(x: np.ndarray, errors: SlowConstants | None, k: int, h: float, seed: int) -> np.ndarray:
+def slow_after(x: np.ndarray, errors: SlowConstants, k: int, h: float, seed: int) -> np.ndarray:
     """Return x_{k+1} from x_k."""
-    if errors is None:
+    if errors.a.size == 0:
         return x
     return slow_noise_after(x, errors.a, errors.q, seed, errors.stream, k * h, h)
 
 
 @register_jitable
-def with_errors(message: np.ndarray, errors: SlowConstants | None, x: np.ndarray, flagged: bool) -> np.ndarray:
+def with_errors(message: np.ndarray, errors: SlowConstants, x: np.ndarray, flagged: bool) -> np.ndarray:
     """Return a message with what lasts of its errors."""
-    if errors is None:
+    if errors.a.size == 0:
         return message
     return message_with_error(message, errors.factor, errors.bias + x, flagged)

@@ -6,7 +6,7 @@ The counterpart of world/truth.py, which sets the same numbers in a Context.
 import numpy as np
 
 from ortilo_drake.flight.compiled.constants import FlightConstants
-from ortilo_drake.flight.compiled.slow import SlowConstants
+from ortilo_drake.flight.compiled.slow import NO_ERRORS, SlowConstants
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.scenario import Scenario, Truth
@@ -31,12 +31,12 @@ def slow_errors(noise: SlowNoise, bias: np.ndarray, factor: np.ndarray, name: st
     return SlowConstants(bias, noise.start * first, noise.a, noise.q, stream, factor)
 
 
-def of_sensor(scenario: Scenario, room: Room, sensor: str, drawn: Drawn, seed: int) -> SlowConstants | None:
-    """Return the errors of a sensor's messages that last, None where it has none."""
+def of_sensor(scenario: Scenario, room: Room, sensor: str, drawn: Drawn, seed: int) -> SlowConstants:
+    """Return the errors of a sensor's messages that last."""
     payload = payloads_of(scenario, room).get(sensor)
     errors = None if payload is None else errors_of(scenario.truth, sensor, payload, scenario.h)
     if errors is None:
-        return None
+        return NO_ERRORS
     n = len(errors.noise.a)
     return slow_errors(
         errors.noise, bias_of(drawn, sensor, n), factor_of(drawn, sensor, n), f"{sensor}_slow_error", seed
@@ -67,12 +67,11 @@ def constants_of_seed(believed: FlightConstants, scenario: Scenario, room: Room,
         inertia=np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in scenario.vehicle.inertia]),
         wrench=wrench,
     )
-    force = None
+    force = NO_ERRORS
     if truth.force != ForceTruth():
         noise = gauss_markov(np.array([*[truth.force.gust_sd] * 3, 0.0, 0.0, 0.0]), truth.force.gust_time, scenario.h)
         bias = np.concatenate((drawn["force.mean"], np.zeros(3)))
         force = slow_errors(noise, bias, np.ones(6), "lasting_force", seed)
-        vehicle = vehicle._replace(lasting_0=force.start)
     imu_bias = np.array([*drawn["imu.level"], drawn["imu.yaw"], *drawn["imu.rates"], *drawn["imu.specific_force"]])
     camera = believed.camera
     if camera is not None:

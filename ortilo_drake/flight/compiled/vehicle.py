@@ -11,15 +11,14 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import ImuConstants, VehicleConstants
-from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after
+from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, with_errors
 from ortilo_drake.model.equations import derivative, step
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.world.sensors.imu import imu_message
-from ortilo_drake.world.sensors.message_error import message_with_error
 from ortilo_drake.world.vehicle.disturbance import disturbance_at
 from ortilo_drake.world.vehicle.rotors import commanded_speeds, rotor_acceleration, times, wrench_of
 
-_NO_TIME = 1e-9  # what is left of an interval by rounding, over a step [1]
+_STRETCH = 1.01  # by which Drake lengthens a step that would end just before an event [1]
 
 
 class Body(NamedTuple):
@@ -41,11 +40,11 @@ class Body(NamedTuple):
 
 
 @register_jitable
-def body_at_start(vehicle: VehicleConstants, x_0: np.ndarray) -> Body:
+def body_at_start(vehicle: VehicleConstants, force: SlowConstants, x_0: np.ndarray) -> Body:
     """Return the vehicle hovering at x_0 (12)."""
     held = np.zeros(N_U)
     held[0] = vehicle.hover_thrust
-    return Body(x_0.copy(), vehicle.hover_speeds.copy(), held, np.zeros(6), vehicle.lasting_0.copy())
+    return Body(x_0.copy(), vehicle.hover_speeds.copy(), held, np.zeros(6), force.start.copy())
 
 
 @register_jitable
@@ -69,35 +68,35 @@ def _rates(
 
 
 @register_jitable
-def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, interval: float) -> None:
-    """Go on by an interval [s], in third-order Runge-Kutta steps as Drake's RungeKutta3Integrator takes them."""
-    x, speeds, left = body.x, body.speeds, interval
-    while left > _NO_TIME * vehicle.longest_step:
-        dt = min(vehicle.longest_step, left)
+def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, start: float, end: float) -> None:
+    """Go on from one time to another [s], by the steps and the arithmetic of Drake's RungeKutta3Integrator."""
+    x, speeds, t = body.x, body.speeds, start
+    while t < end:
+        target = t + vehicle.longest_step if t + _STRETCH * vehicle.longest_step < end else end
+        dt = target - t
         a, p = _rates(vehicle, x, speeds, commanded, body)
         b, q = _rates(vehicle, x + dt / 2.0 * a, speeds + dt / 2.0 * p, commanded, body)
-        c, r = _rates(vehicle, x - dt * a + 2.0 * dt * b, speeds - dt * p + 2.0 * dt * q, commanded, body)
-        x[:] = x + dt / 6.0 * a + 4.0 * dt / 6.0 * b + dt / 6.0 * c
+        x_b, speeds_b = x + (2.0 * dt * b - dt * a), speeds + (2.0 * dt * q - dt * p)
+        c, r = _rates(vehicle, x_b, speeds_b, commanded, body)
+        x[:] = x + (dt / 6.0 * a + 4.0 * (dt / 6.0) * b + dt / 6.0 * c)
         if speeds.size > 0:
-            speeds[:] = speeds + dt / 6.0 * p + 4.0 * dt / 6.0 * q + dt / 6.0 * r
-        left -= dt
+            speeds[:] = speeds + (dt / 6.0 * p + 4.0 * (dt / 6.0) * q + dt / 6.0 * r)
+        t = target
 
 
 @register_jitable
 def disturbance_of_tick(
-    vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants | None, k: int, h: float, seed: int
+    vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants, k: int, h: float, seed: int
 ) -> np.ndarray:
     """Return d_k (6): white, with the force that lasts."""
     d = disturbance_at(vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
-    if force is not None:
-        d = d + (force.bias + lasting)
-    return d
+    return d if force.a.size == 0 else d + (force.bias + lasting)
 
 
 @register_jitable
 def sample_of_imu(
     imu: ImuConstants,
-    errors: SlowConstants | None,
+    errors: SlowConstants,
     body: Body,
     slow: np.ndarray,
     vehicle: VehicleConstants,
@@ -108,17 +107,15 @@ def sample_of_imu(
     """Return the imu's whole message of an instant, with what lasts of its errors; h is its own period [s]."""
     u = control_felt(vehicle, body.speeds, body.held)
     message = imu_message(body.x, u, body.d, vehicle.mass, imu.bias, imu.sd, seed, imu.stream, time, h)
-    if errors is not None:
-        message = message_with_error(message, errors.factor, errors.bias + slow, False)
-    return message
+    return with_errors(message, errors, slow, False)
 
 
 @register_jitable
 def fly_tick(
     vehicle: VehicleConstants,
-    force: SlowConstants | None,
+    force: SlowConstants,
     imu: ImuConstants,
-    errors: SlowConstants | None,
+    errors: SlowConstants,
     body: Body,
     slow: np.ndarray,
     samples: np.ndarray,
@@ -153,9 +150,10 @@ def fly_tick(
     if vehicle.longest_step == 0.0:
         body.x[:] = step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h)
         return
-    n = samples.shape[0] + 1
-    for i in range(1, n + 1):
-        integrate(vehicle, body, commanded, h / n)
-        if i < n:
-            time = h * (i / n) + k * h
-            samples[i - 1] = sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n)
+    n, start = samples.shape[0] + 1, k * h
+    for i in range(1, n):
+        time = h * (i / n) + k * h
+        integrate(vehicle, body, commanded, start, time)
+        samples[i - 1] = sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n)
+        start = time
+    integrate(vehicle, body, commanded, start, (k + 1) * h)

@@ -4,11 +4,15 @@ import sys
 from typing import Any
 
 import numpy as np
+from numba import njit
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.signals import N_U
+from ortilo_drake.world.vehicle.rotors import times
+
+product = njit(cache=True)(times)
 
 
 def wrench_matrix(thrust_factor: float, center_of_gravity: np.ndarray) -> np.ndarray:
@@ -46,6 +50,7 @@ def WrenchError_(T: type) -> type:
         def _construct(self, converter: Any = None) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("wrench_error")
+            self._times = product if T is float else times
             self._T = self.DeclareNumericParameter(BasicVector_[T](np.eye(N_U).ravel()))
             self._commanded = self.DeclareVectorInputPort("commanded", N_U)
             needs = {self._commanded.ticket(), self.all_parameters_ticket()}
@@ -60,6 +65,6 @@ def WrenchError_(T: type) -> type:
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
             matrix = context.get_numeric_parameter(self._T).CopyToVector().reshape(N_U, N_U)
-            output.set_value(matrix @ self._commanded.Eval(context))
+            output.set_value(self._times(matrix, self._commanded.Eval(context)))
 
     return Impl
