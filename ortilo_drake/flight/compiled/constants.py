@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.flight.compiled.robust import RobustConstants
 from ortilo_drake.flight.compiled.slow import SlowConstants
 from ortilo_drake.flight.lost import Bounds
 from ortilo_drake.model.measurement import Layout
@@ -15,6 +16,7 @@ from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.layout import Layout as TightLayout
 from ortilo_drake.onboard.estimator.tight.tick import Motion
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
+from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
 from ortilo_drake.world.sensors.camera_tables import Tables
 from ortilo_drake.world.sensors.landmark_view import Surroundings
 
@@ -177,6 +179,8 @@ class FilterConstants(NamedTuple):
         knows_force: whether the servo is told the force.
         slot: where everything is in a row of the history; None where late measurements are not put into it.
         history: how many ticks are kept in it.
+        consistency: what ranges must fulfil to make a fix; None where they need not.
+        robust: what refuses and weighs values; None where nothing does.
     """
 
     incoming: Incoming
@@ -192,6 +196,8 @@ class FilterConstants(NamedTuple):
     knows_force: bool
     slot: Slot | None
     history: int
+    consistency: Consistency | None
+    robust: RobustConstants | None
 
 
 class TightConstants(NamedTuple):

@@ -7,13 +7,15 @@ from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.boxes import fix_of_boxes
 from ortilo_drake.flight.compiled.constants import CameraConstants, FilterConstants, UwbConstants
+from ortilo_drake.flight.compiled.robust import RobustMemory, first_robust_memory, heard, open_beliefs, used_of
 from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, past_belief, replay_step
 from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
-from ortilo_drake.onboard.ranging.multilateration import fix_message
+from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
+from ortilo_drake.onboard.ranging.multilateration import fix_message, tested_fix_message
 
 
 class Memory(NamedTuple):
@@ -23,17 +25,22 @@ class Memory(NamedTuple):
         belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
         history: of the last ticks.
         refused: images that were refused in a row (1).
+        clock: what is known of the clock of the ranges, see onboard/ranging/fault_exclusion.py (3).
+        robust: what refuses and weighs values keeps.
     """
 
     belief: np.ndarray
     history: np.ndarray
     refused: np.ndarray
+    clock: np.ndarray
+    robust: RobustMemory
 
 
 @register_jitable
 def first_memory(estimator: FilterConstants) -> Memory:
     """Return what is kept at first."""
-    return Memory(estimator.belief_0.copy(), first_history(estimator.slot, estimator.history), np.zeros(1))
+    history, robust = first_history(estimator.slot, estimator.history), first_robust_memory(estimator.robust)
+    return Memory(estimator.belief_0.copy(), history, np.zeros(1), np.zeros(3), robust)
 
 
 @register_jitable
@@ -53,11 +60,21 @@ def force_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
 
 
 @register_jitable
-def fix_of_ranges(uwb: UwbConstants, message: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """Return the fix of the ranges that landed, zeros if there is none, about a belief of [x; i] (240)."""
+def fix_of_ranges(
+    uwb: UwbConstants, consistency: Consistency | None, clock: np.ndarray, message: np.ndarray, about: np.ndarray
+) -> np.ndarray:
+    """Return the fix of the ranges that landed, zeros if there is none, about a belief of [x; i] (240).
+
+    What is known of their clock is changed.
+    """
     if message[ARRIVED] == 0.0:
         return np.zeros(PAYLOAD)
-    return fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], uwb.three)
+    if consistency is None:
+        return fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], uwb.three)
+    fix, after = tested_fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], clock, consistency)
+    if consistency.clock:
+        clock[:] = after
+    return fix
 
 
 @register_jitable
@@ -87,13 +104,16 @@ def handed_of(
         k: tick.
         h: tick [s].
     """
-    slot, n = estimator.slot, N_XBAR + len(estimator.model.extra)
+    slot, n, robust, own = estimator.slot, N_XBAR + len(estimator.model.extra), estimator.robust, memory.robust
+    ranges, detections = heard(robust, ranges, own.uwb), heard(robust, detections, own.camera)
     about = belief_about(slot, memory.history, n, ranges, known, h)
-    by_ranges = fix_of_ranges(uwb, ranges, about)
+    by_ranges = fix_of_ranges(uwb, estimator.consistency, memory.clock, ranges, about)
     about = belief_about(slot, memory.history, n, detections, known, h)
     by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
     memory.refused[0] = refused
-    return handed_over(estimator, by_ranges, imu, by_boxes, known, k, h)
+    handed = handed_over(estimator, by_ranges, heard(robust, imu, own.imu), by_boxes, known, k, h)
+    layout, history = estimator.handled, memory.history
+    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, k, h)
 
 
 @register_jitable
@@ -127,6 +147,7 @@ def take(
     """
     less = u.copy()
     less[0] -= hover
+    open_beliefs(estimator.robust, memory.robust, estimator.slot, memory.history, memory.belief)
     memory.belief[:] = belief_after(
         estimator.slot, memory.history, memory.belief, estimator, handed, imu, k, h, less, r
     )

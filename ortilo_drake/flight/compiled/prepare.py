@@ -17,30 +17,36 @@ from ortilo_drake.flight.compiled.constants import (
     UwbConstants,
     VehicleConstants,
 )
+from ortilo_drake.flight.compiled.robust import RobustConstants
 from ortilo_drake.flight.compiled.slow import NO_ERRORS
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import bounds_of
 from ortilo_drake.flight.simulator import steps_a_tick
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.equations import KINEMATICS
+from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, FIX_SIZE, IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.model.vehicle import mixing_inverse, mixing_matrix
-from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.estimator.late_measurements import slot_of
 from ortilo_drake.onboard.estimator.measurement_handler import incoming_of
+from ortilo_drake.onboard.estimator.robust.system import opening_variances
+from ortilo_drake.onboard.estimator.robust.weights import first_state, weighing_of
 from ortilo_drake.onboard.estimator.tight.model import aids_of, first_states, layout_of, motion_of
 from ortilo_drake.onboard.estimator.tight.model import initial_covariance as initial_covariance_of_tight
 from ortilo_drake.onboard.estimator.tight.watch import LAST
 from ortilo_drake.onboard.landmarks.box_fix import box_belief, prior_covariance
 from ortilo_drake.onboard.planner.planned import path_of, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
+from ortilo_drake.onboard.ranging.fault_exclusion import consistency_of
 from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
+from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import as_known, flown
 from ortilo_drake.world.noise import stream_id
@@ -64,10 +70,6 @@ def why_not(scenario: Scenario) -> str | None:
         return f"{faster[0]}.link.rate: is faster than the tick"
     if not (is_tight or isinstance(settings, IntermittentFilter)):
         return f"estimator.kind: {settings.kind}: has no compiled form"
-    if isinstance(settings, IntermittentFilter) and settings.robust is not None:
-        return "estimator.robust: has no compiled form"
-    if scenario.multilateration.exclude is not None:
-        return "multilateration.exclude: has no compiled form"
     if scenario.is_rendered:
         return "camera.kind: rendered: has no compiled form"
     if "camera" in scenario.sensors and not is_tight and scenario.landmark_fix.method not in METHODS:
@@ -216,6 +218,7 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
     V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
     incoming = incoming_of(measurement, sizes, V, dict(settings.gates))
     starts = dict(zip(measurement.sensors, incoming.start.tolist(), strict=True))
+    exclude = scenario.multilateration.exclude
     variances, augmented = imu_variances(scenario), augmented_rows(measurement.rows, extras)
     return FilterConstants(
         incoming,
@@ -231,6 +234,26 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
         bool(extras),
         slot_of(augmented, len(P_0)) if settings.delay == "replay" else None,
         history_ticks(settings.horizon, h),
+        None if exclude is None else consistency_of(exclude, len(room.anchors)),
+        _robust(settings.robust, augmented, names_of(extras), len(measurement.sensors), room),
+    )
+
+
+def _robust(
+    settings: Robust | None, seen: Measurement, extra: tuple[str, ...], sensors: int, room: Room
+) -> RobustConstants | None:
+    if settings is None:
+        return None
+    late = [seen.sensors.index(name) for name in ("uwb", "camera")]
+    state, last_seen, _ = first_state(sensors)
+    return RobustConstants(
+        weighing_of(settings, seen, sensors),
+        opening_variances(settings.opening, extra),
+        np.inf if settings.stuck is None else float(settings.stuck),
+        (late[0], late[1]),
+        state,
+        last_seen,
+        (2 * len(room.anchors), IMU_SIZE - PAYLOAD, DETECTIONS_SIZE - PAYLOAD),
     )
 
 
