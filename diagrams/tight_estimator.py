@@ -34,7 +34,12 @@ def make_tight(scenario: Belief, xbar_0: np.ndarray) -> Diagram:
     own: list[Sensor] = [flown(name, scenario) for name in sensors if name not in SENSORS]
     builder = DiagramBuilder()
     rows = {sensor.name: scenario.measurement.C_of(sensor.name) for sensor in own}
-    arguments = layout, motion_of(settings, layout, scenario), initial_covariance(settings, layout), aids_of(settings, room, scenario)
+    arguments = (
+        layout,
+        motion_of(settings, layout, scenario),
+        initial_covariance(settings, layout),
+        aids_of(settings, room, scenario),
+    )
     tight = builder.AddSystem(
         TightFilter(*arguments, sensors, scenario.measurement, scenario.samples("imu"), rows, xbar_0)
     )

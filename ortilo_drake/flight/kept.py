@@ -36,6 +36,7 @@ def fly_kept(
     out: Path,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
+    at_once: int = AT_ONCE,
 ) -> list[list[T]]:
     """Fly scenarios, each once for each of its seeds, and return what is kept of each in the order of the seeds.
 
@@ -49,6 +50,7 @@ def fly_kept(
         out: folder for what is kept.
         workers: worker processes; 1 flies in this process.
         progress: called with the number of flights that came in.
+        at_once: flights in one job of a worker.
 
     Raises:
         InputError: if a flight cannot be flown or what is kept cannot be written.
@@ -62,7 +64,7 @@ def fly_kept(
         if progress and len(missing) < len(seeds):
             progress(len(seeds) - len(missing))
         text = scenario.model_dump_json()
-        jobs += [(text, missing[k : k + AT_ONCE], file.name) for k in range(0, len(missing), AT_ONCE)]
+        jobs += [(text, missing[k : k + at_once], file.name) for k in range(0, len(missing), at_once)]
         files += [file] * (len(jobs) - len(files))
 
     def take(number: int, flown: list[Any]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -137,6 +138,13 @@ class Engine:
         for sensor in self._flying:
             columns += [arrived[:, self._sensors.index(sensor)], last // self._scenario.every(sensor) + 1]
         return columns
+
+
+@lru_cache(maxsize=1)
+def engine_of(scenario_json: str) -> Engine | None:
+    """Return the engine of a scenario, None where Drake flies it; the last one is kept."""
+    scenario = Scenario.model_validate_json(scenario_json)
+    return None if why_not(scenario) else Engine(scenario)
 
 
 def _copied(constants: Any) -> Any:

@@ -1,13 +1,10 @@
 """The figures of a point's flights: by the compiled engine where it can, by Drake where it cannot."""
 
-from functools import lru_cache
-
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.compiled.engine import engine_of
 from ortilo_drake.flight.compiled.figures import ESTIMATED, FIGURES, NEES, TRACE_SIZE, TRUE, figures_of
-from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.ensemble import simulator_of
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST
@@ -21,16 +18,9 @@ def columns_of(scenario: Scenario) -> tuple[str, ...]:
     return (*FIGURES, *(f"{what}_{sensor}" for sensor in flying for what in ("arrived", "due")))
 
 
-@lru_cache(maxsize=1)
-def _engine_of(scenario_json: str) -> Engine | None:
-    """Return the engine of a scenario, None where Drake flies it; the last one is kept."""
-    scenario = Scenario.model_validate_json(scenario_json)
-    return None if why_not(scenario) else Engine(scenario)
-
-
 def fly_figures(scenario_json: str, seeds: range, folder: str) -> np.ndarray:
     """Fly seeds and return the figures of each (n, columns). Runs in a worker: the arguments are plain data."""
-    engine = _engine_of(scenario_json)
+    engine = engine_of(scenario_json)
     if engine is not None:
         return engine.figures(seeds)
     simulator = simulator_of(scenario_json, folder)

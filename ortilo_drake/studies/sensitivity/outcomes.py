@@ -1,6 +1,7 @@
 """Flights of which only losses and the filter's errors are kept: a study flies hundreds, and a flight takes megabytes.
 
-A flight's whole summary, with its Cramer-Rao floor, takes 50 times as long, a fifth of a quick flight.
+A flight's whole summary, with its Cramer-Rao floor, takes 50 times as long, a fifth of a quick flight. The compiled
+engine flies what it can (flight/compiled), Drake the rest.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -10,10 +11,16 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from ortilo_drake.flight.compiled.engine import Engine, engine_of
+from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.ensemble import simulator_of
-from ortilo_drake.flight.kept import fly_kept
+from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.kept import AT_ONCE, fly_kept
+from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.metrics import estimation_mse, loss_of, position_nees
 from ortilo_drake.scenario import Scenario
+
+COMPILED_AT_ONCE = 16  # flights in one job of a worker
 
 
 @dataclass(frozen=True)
@@ -42,8 +49,18 @@ def outcome(flight: xr.Dataset) -> Outcome:
     return Outcome(int(flight.attrs["seed"]), loss_of(flight) is not None, estimation_mse(flight), nees)
 
 
+def compiled_outcome(engine: Engine, seed: int) -> Outcome:
+    """Return what is kept of a flight of the engine; of one that diverged, the errors may not be finite."""
+    found = dict(zip(engine.columns, engine.figures([seed])[0].tolist(), strict=True))
+    mse = {axis: found[f"mse_{axis}"] for axis in AXES}
+    return Outcome(seed, found["cause"] != NOT_LOST, mse, found["nees"])
+
+
 def fly_outcomes_of(scenario_json: str, seeds: list[int], folder: str) -> list[Outcome]:
     """Fly some seeds and return their outcomes. Runs in a worker: the arguments are plain data."""
+    engine = engine_of(scenario_json)
+    if engine is not None:
+        return [compiled_outcome(engine, seed) for seed in seeds]
     simulator = simulator_of(scenario_json, folder)
     return [outcome(simulator.fly(seed)) for seed in seeds]
 
@@ -55,4 +72,5 @@ def fly_outcomes(
     progress: Callable[[int], None] | None = None,
 ) -> list[list[Outcome]]:
     """Fly scenarios and return their outcomes; arguments and errors as fly_kept's."""
-    return fly_kept(Outcome, fly_outcomes_of, wanted, out, workers, progress)
+    compiled = all(why_not(scenario) is None for scenario, _ in wanted)
+    return fly_kept(Outcome, fly_outcomes_of, wanted, out, workers, progress, COMPILED_AT_ONCE if compiled else AT_ONCE)
