@@ -69,7 +69,7 @@ TRUTH = (
     "truth.imu={level_sd: 0.005, yaw_walk: 0.001, rates_factor: 1.01, specific_force_walk: 0.01}",
     "truth.survey={anchors_sd: 0.03, landmarks_sd: 0.02}",
     "truth.camera={position_sd: 0.01, angles_sd: 0.004, focal_factor: 1.003}",
-    "truth.clock={offset: 0.004, offset_sd: 0.002, drift: 1e-5}",
+    "truth.clock={offset: 0.004, offset_sd: 0.002, drift: 1.0e-5}",
     "truth.start={position: [0.2, -0.1, 0.0], yaw: 0.05}",
 )
 WORLDS = (

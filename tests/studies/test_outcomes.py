@@ -7,7 +7,7 @@ import pytest
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
-from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 from ortilo_drake.studies.sensitivity.outcomes import fly_outcomes, outcome
 
 HOVER = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
@@ -19,6 +19,15 @@ def test_an_outcome_is_part_of_the_summary() -> None:
     flight = fly(CALM)
     found, whole = outcome(flight), summary(flight)
     assert (found.seed, found.lost, found.mse, found.nees) == (whole.seed, False, whole.mse, whole.nees)
+
+
+@pytest.mark.parametrize("scenario", [CALM, HEAVY], ids=["calm", "heavy"])
+def test_the_engines_outcomes_are_drakes(scenario: Scenario, tmp_path: Path) -> None:
+    ((found,),) = fly_outcomes([(scenario, [2])], tmp_path)
+    expected = outcome(fly(with_seed(scenario, 2)))
+    assert (found.seed, found.lost) == (expected.seed, expected.lost)
+    assert found.mse == pytest.approx(expected.mse, rel=1e-9)
+    assert found.nees == pytest.approx(expected.nees, rel=1e-9)
 
 
 def test_a_flight_that_diverged_is_lost_and_its_errors_end_before() -> None:
