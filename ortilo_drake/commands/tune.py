@@ -1,14 +1,16 @@
 """The command `ortilo tune`: W and V from recorded flights."""
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, quiet_drake
+from ortilo_drake.commands.options import JsonOption, WorkersOption, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
 from ortilo_drake.model.as_data import as_data
+from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
 
 if TYPE_CHECKING:
@@ -94,8 +96,48 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     say_written(out_file, json_file)
 
 
+def _tune_by_flights(
+    files: list[Path], kept: Path, workers: int | None, out_file: Path | None, json_file: Path | None
+) -> None:
+    if len(files) != 1:
+        raise InputError(f"--fly: {len(files)} files: must be one, a SEARCH.yaml")
+    from ortilo_drake.studies.tuning.search_file import load_search
+
+    search = load_search(files[0])
+    check_installed("cma", "search")
+    check_writable(out_file, json_file, kept / "search")
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.studies.tuning.search import search_by_flights
+    from ortilo_drake.studies.tuning.search_report import found_text, search_lines
+
+    quiet_drake()
+    say_if_compiling()
+    with progress_bar() as progress:
+        task = progress.add_task("searching", total=search.evaluations)
+
+        def say(flown: int, least: float) -> None:
+            progress.update(task, completed=flown, description=f"searching, {1000.0 * least:.1f} mm")
+
+        found = search_by_flights(search, str(files[0]), kept, workers or os.cpu_count() or 1, say)
+    if out_file is not None:
+        # A file that is named lies where the search lies, or elsewhere: the result must find it from where it is.
+        base = os.path.realpath(search.scenario) if search.scenario.endswith((".yaml", ".yml")) else search.scenario
+        write_text(out_file, found_text(found, base))
+    write_json(json_file, found)
+    out.print(f"[bold]{search.scenario}[/bold], searched by flights", soft_wrap=True)
+    for key, value in found.best.settings.items():
+        numbers = value if isinstance(value, list) else [value]
+        out.print(f"  {key:32} {', '.join(f'{number:.4g}' for number in numbers)}", markup=False, soft_wrap=True)
+    for line in search_lines(found):
+        out.print(f"  {line}", markup=False, soft_wrap=True)
+    say_written(out_file, json_file)
+
+
 def tune(
-    flights: Annotated[list[Path], typer.Argument(help="Flights (netCDF) of one scenario, or folders of them.")],
+    flights: Annotated[
+        list[Path],
+        typer.Argument(help="Flights (netCDF) of one scenario, or folders of them; with --fly a SEARCH.yaml."),
+    ],
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
     json_file: JsonOption = None,
     figure: Annotated[Path | None, typer.Option(help="Draw numbers, NEES and NIS before and after.")] = None,
@@ -104,14 +146,24 @@ def tune(
         Path | None, typer.Option("--map", help="FLIGHTS are folders of others' recordings, read by this MAP.yaml.")
     ] = None,
     by: Annotated[FitBy, typer.Option(help="With --map: what the noise is to make likely.")] = FitBy.innovations,
+    fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
+    kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
+    workers: WorkersOption = None,
 ) -> None:
     """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
 
     The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is
-    fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`.
+    fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`. With --fly, CMA-ES
+    searches any settings (servo weights, gates, noise) for the least distance from the path in flights, and what it
+    finds is judged on flights with other seeds.
     """
     if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out_file}: must end in .yaml")
+    if fly:
+        if figure is not None or check or map_file is not None:
+            raise InputError("--figure, --check, --map: are not for --fly")
+        _tune_by_flights(flights, kept, workers, out_file, json_file)
+        return
     if map_file is not None:
         if figure is not None or check:
             raise InputError("--figure, --check: are for flights of ours; with --map see `ortilo replay`")

@@ -72,14 +72,23 @@ TRUTH = (
     "truth.clock={offset: 0.004, offset_sd: 0.002, drift: 1.0e-5}",
     "truth.start={position: [0.2, -0.1, 0.0], yaw: 0.05}",
 )
+ROTORS = ("world.plant=continuous", "world.rotors={kind: first_order}")
 WORLDS = (
     ("imu_uwb", ("world.plant=continuous", "control_rate=50")),
     ("imu_uwb", (*TRUTH, "uwb.link.random_delay=2")),
-    ("imu_uwb_yolo", (*TRUTH, "world.rotors={kind: first_order}", "world.plant=continuous")),
+    ("imu_uwb_yolo", (*TRUTH, *ROTORS)),
     ("robust_imu_uwb", (*TRUTH, BURSTS, "estimator.robust={weight: {kind: student_t}, stuck: null}")),
     ("robust_imu_uwb_yolo", ("uwb.link.random_delay=3", "camera.link.delay=2", "estimator.delay=replay")),
     ("tight_imu_uwb_yolo", ("uwb.link.delay=2", "camera.link.random_delay=3", "imu.link.loss=0.2", *TRUTH)),
-    ("tight_imu_uwb", ("imu.link.rate=90", "estimator.ranges.differences=true", "world.rotors={kind: first_order}")),
+    (
+        "tight_imu_uwb",
+        (
+            "imu.link.rate=90",
+            "estimator.ranges.differences=true",
+            "world.plant=continuous",
+            "world.rotors={kind: first_order}",
+        ),
+    ),
 )
 
 

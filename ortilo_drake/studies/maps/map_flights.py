@@ -128,6 +128,22 @@ def fly_map(
     return Map(sweep, rows, next((why for s in scenarios if (why := why_not(s))), None))
 
 
+def figures_of_points(scenarios: list[Scenario], out: Path, seed: int, flights: int, workers: int) -> list[np.ndarray]:
+    """Fly scenarios on the same seeds and return each one's figures (n, columns); what is kept is not flown again.
+
+    Args:
+        scenarios: to be flown.
+        out: folder of what is kept.
+        seed: the first.
+        flights: of each.
+        workers: worker processes; 1 flies in this one.
+    """
+    folders, chunks = [flight_folder(out, scenario) for scenario in scenarios], chunks_of(seed, flights)
+    pairs = list(zip(scenarios, folders, strict=True))
+    _fly([(*pair, chunk) for pair in pairs for chunk in chunks], workers, lambda flown: None)
+    return [np.concatenate([_kept(*pair, chunk) for chunk in chunks]) for pair in pairs]
+
+
 def _fly(wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress: Callable[[int], None]) -> None:
     """Fly the chunks that are missing, and keep them."""
     missing = []

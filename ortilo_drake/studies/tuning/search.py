@@ -1,0 +1,179 @@
+"""Settings found by flying: CMA-ES over the mean distance from the path, judged on flights that it never saw.
+
+The cost of a flight is the root mean square of its true distance from the planned path [m], and LOST where it was
+lost. A candidate's is the mean over its flights; all candidates fly the same seeds, so that they are compared under
+the same noise (common random numbers). CMA-ES (N. Hansen, "The CMA evolution strategy: a tutorial", 2016) is pycma's;
+it searches the unit cube that the ranges span. What it found was chosen among many on these seeds and flatters itself
+there: start and result are therefore compared on other seeds, flight by flight.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cma
+import numpy as np
+from scipy import stats
+
+from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.flight.lost import NOT_LOST
+from ortilo_drake.flight.processes.workers import kept_workers
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.studies.maps.map_flights import figures_of_points, interval
+from ortilo_drake.studies.maps.point_flights import columns_of
+from ortilo_drake.studies.tuning.search_file import Search, base_of, scenario_with, setting_in, settings_at
+
+LOST: Final = 10.0  # cost of a lost flight [m]: no flight that is not lost is so far from its path on average
+FIRST_STEP: Final = 0.25  # of CMA-ES, over a range [1]
+LEVEL: Final = 0.95
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Settings that were flown.
+
+    Attributes:
+        settings: what was changed; nothing of the start.
+        cost: mean over its flights [m].
+        lost: how many of them were lost.
+    """
+
+    settings: dict[str, Any]
+    cost: float
+    lost: int
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Start and result on seeds of their own.
+
+    Attributes:
+        flights: of each.
+        start: mean cost of the start [m].
+        found: mean cost of the result [m].
+        difference: mean of the result's less the start's, flight by flight [m].
+        low: lower end of its 95 % interval, by the bootstrap [m].
+        high: its upper end [m].
+        start_lost: flights of the start that were lost, with Wilson's 95 % interval of their share.
+        found_lost: likewise of the result.
+    """
+
+    flights: int
+    start: float
+    found: float
+    difference: float
+    low: float
+    high: float
+    start_lost: tuple[int, float, float]
+    found_lost: tuple[int, float, float]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Attributes:
+        search: what was asked for.
+        start: the scenario as it is.
+        best: the candidate of least cost.
+        history: all candidates, in their order.
+        judged: start and best, compared.
+        by_drake: why Drake flew and not the engine; None where the engine did.
+    """
+
+    search: Search
+    start: Candidate
+    best: Candidate
+    history: list[Candidate]
+    judged: Judged
+    by_drake: str | None
+
+
+def costs_of(figures: np.ndarray, columns: Sequence[str]) -> np.ndarray:
+    """Return the cost of each flight [m] from its figures (n, columns)."""
+    rms = np.sqrt(figures[:, columns.index("path_distance_mse")])
+    return np.where(figures[:, columns.index("cause")] == NOT_LOST, np.minimum(rms, LOST), LOST)
+
+
+def judge(start: np.ndarray, found: np.ndarray) -> Judged:
+    """Return the comparison of the costs of the same seeds' flights (n) by two settings."""
+    difference = found - start
+    low, high = float(difference[0]), float(difference[0])
+    if np.ptp(difference) > 0.0:
+        drawn = stats.bootstrap((difference,), np.mean, confidence_level=LEVEL, method="percentile", rng=0)
+        low, high = map(float, drawn.confidence_interval)
+    counts = [int(np.sum(costs >= LOST)) for costs in (start, found)]
+    lost = [(count, *interval(count, len(start))) for count in counts]
+    return Judged(len(start), float(start.mean()), float(found.mean()), float(difference.mean()), low, high, *lost)
+
+
+def search_by_flights(
+    search: Search, source: str, out: Path, workers: int, say: Callable[[int, float], None] = lambda flown, least: None
+) -> Found:
+    """Search settings by flying them.
+
+    Figures of all flights are kept and not flown again: a search that was stopped goes on where it was, and finds the
+    same on any number of workers.
+
+    Args:
+        search: what to search.
+        source: what to call it in an error.
+        out: folder of the figures.
+        workers: worker processes; 1 flies in this one.
+        say: called with the number of candidates flown and the least cost [m] after each generation.
+
+    Raises:
+        InputError: if a setting cannot be what its range says, or a flight cannot be flown or kept.
+    """
+    axes, own = list(search.axes.values()), base_of(search)
+
+    def values_of(place: np.ndarray) -> tuple[float, ...]:
+        return tuple(axis.at(np.array([share]))[0] for axis, share in zip(axes, place, strict=True))
+
+    def fly(scenarios: list[Scenario], first: int, flights: int) -> list[np.ndarray]:
+        figures = figures_of_points(scenarios, out, first, flights, workers)
+        return [costs_of(f, columns_of(s)) for f, s in zip(figures, scenarios, strict=True)]
+
+    def weigh(places: list[np.ndarray]) -> list[Candidate]:
+        values = [values_of(place) for place in places]
+        flown = fly([scenario_with(search, v, source) for v in values], search.seed, search.flights)
+        return [_candidate(settings_at(search, v, source), c) for v, c in zip(values, flown, strict=True)]
+
+    for corner in (np.zeros(len(axes)), np.ones(len(axes))):  # refused before anything flies
+        scenario_with(search, values_of(corner), source)
+    options = {"bounds": [0.0, 1.0], "seed": search.seed + 1, "verbose": -9}
+    strategy = cma.CMAEvolutionStrategy(place_of(search), FIRST_STEP, options)
+    history: list[Candidate] = []
+    with kept_workers():
+        start = _candidate({}, fly([own], search.seed, search.flights)[0])
+        while len(history) < search.evaluations and not strategy.stop():
+            asked = strategy.ask()
+            flown = weigh(asked)
+            strategy.tell(asked, [one.cost for one in flown])
+            history += flown
+            say(len(history), min(one.cost for one in history))
+        best = min(history, key=lambda one: one.cost)
+        result = load_scenario(search.scenario, (*search.settings.items(), *best.settings.items()))
+        judged = judge(*fly([own, result], search.seed + search.flights, search.judge))
+    return Found(search, start, best, history, judged, why_not(own))
+
+
+def _candidate(settings: dict[str, Any], costs: np.ndarray) -> Candidate:
+    return Candidate(settings, float(costs.mean()), int(np.sum(costs >= LOST)))
+
+
+def place_of(search: Search) -> np.ndarray:
+    """Return where in the unit cube the scenario itself lies (d), at the nearest place of a range that leaves it out.
+
+    A setting that is several numbers lies at the factor 1; one that the scenario has not, in the middle.
+    """
+    data, shares = base_of(search).model_dump(mode="json"), []
+    for key, axis in search.axes.items():
+        now = setting_in(data, key)
+        value = 1.0 if isinstance(now, list) else now
+        low, high = axis.start, axis.stop
+        if value is not None and axis.scale == "log":
+            value, low, high = np.log([max(value, low), low, high])
+        shares.append(0.5 if value is None else float(np.clip((value - low) / (high - low), 0.0, 1.0)))
+    return np.array(shares)
