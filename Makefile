@@ -81,6 +81,7 @@ bench: setup
 	@$(BIN)/python benchmarks/bench_camera.py
 	@$(BIN)/python benchmarks/bench_wire.py
 	@$(BIN)/python benchmarks/bench_ensemble.py
+	@$(BIN)/python benchmarks/bench_cost.py
 
 sameness: setup
 	@$(ONE_THREAD) $(BIN)/python scripts/sameness.py $(SAMENESS_ARGS)
