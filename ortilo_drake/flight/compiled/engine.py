@@ -105,18 +105,20 @@ class Engine:
         """How many ticks a flight that is not lost has, the first and the last among them."""
         return self._ticks + 1
 
-    def distances(self, seeds: np.ndarray) -> np.ndarray:
-        """Fly, and return how far from its reference each flight is at each tick [m], infinity from a loss on.
+    def distances(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Fly, and return how far each flight is from its reference, and its estimate from it, at each tick [m].
+
+        Infinity from a loss on.
 
         Args:
             seeds: of all noise, of each flight at each tick (n, ticks); what differs in a flight's world is drawn by
                 its first.
         """
-        found, trace = np.empty(seeds.shape), np.zeros((self.ticks, TRACE_SIZE))
+        found, errors, trace = np.empty(seeds.shape), np.empty(seeds.shape), np.zeros((self.ticks, TRACE_SIZE))
         for same in self._alike(slice(0, len(seeds)), len(seeds)):
             world = self._of_seed(self._constants, int(seeds[same][0, 0]))
-            distances_of(seeds[same].astype(np.int64), world, trace, found[same])
-        return found
+            distances_of(seeds[same].astype(np.int64), world, trace, found[same], errors[same])
+        return found, errors
 
     def _of_seed(self, constants: FlightConstants, seed: int) -> FlightConstants:
         """Return the constants of one seed's flight: what differs in its world is drawn."""

@@ -187,18 +187,23 @@ def fly_some(
 
 
 @njit(cache=True, nogil=True)
-def distances_of(seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, distances: np.ndarray) -> None:
-    """Fly and write how far from its reference r each flight is at each tick [m], infinity from a loss on.
+def distances_of(
+    seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, distances: np.ndarray, errors: np.ndarray
+) -> None:
+    """Fly and write how far each flight is from its reference r, and its estimate from it, infinity from a loss on.
 
     Args:
         seeds: of all noise, of each flight at each tick (n, ticks + 1).
         flight: what decides them beside.
         trace: of one flight, overwritten (ticks + 1, TRACE_SIZE).
-        distances: to be written (n, ticks + 1).
+        distances: |p - r| [m], to be written (n, ticks + 1).
+        errors: |p_hat - p| [m], to be written (n, ticks + 1).
     """
     no_log, arrived = np.zeros((0, 0)), np.zeros(flight.filter.handled.first.size - 1)
     for i in range(seeds.shape[0]):
         last, cause = fly_one(seeds[i], flight, trace, arrived, no_log)
         for k in range(last + 1):
             distances[i, k] = np.sqrt(squared_distance_to(flight.reference, k, trace[k, TRUE]))
-        distances[i, last + 1 if cause == NOT_LOST else last :] = np.inf
+            errors[i, k] = np.sqrt(np.sum((trace[k, ESTIMATED] - trace[k, TRUE]) ** 2))
+        end = last + 1 if cause == NOT_LOST else last
+        distances[i, end:], errors[i, end:] = np.inf, np.inf

@@ -75,14 +75,32 @@ def _engine_of(scenario_json: str) -> Engine:
 
 def split_flights(scenario_json: str, corridor: float | None, paths: int, seed: int) -> Split:
     """Return one estimate. Runs in a worker: the arguments are plain data."""
-    engine = _engine_of(scenario_json)
-    return split(engine.distances, engine.ticks, np.inf if corridor is None else corridor, paths, seed)
+    engine, goal = _engine_of(scenario_json), np.inf if corridor is None else corridor
+    return split(lambda seeds: danger(*engine.distances(seeds), goal), engine.ticks, goal, paths, seed)
+
+
+def danger(distances: np.ndarray, errors: np.ndarray, goal: float) -> np.ndarray:
+    """Return how near each tick is to the event: at least the goal where it happens, and nowhere else.
+
+    The servo holds the estimate at the reference, so an error of the estimate is where the vehicle is led to before it
+    is there: the larger of distance and error counts, drawn together below the goal where it does not happen yet.
+
+    Args:
+        distances: from the reference [m].
+        errors: of the estimate [m].
+        goal: distance that is the event [m]; infinity for a loss, where distances are infinite.
+    """
+    larger = np.maximum(distances, errors)
+    if goal == np.inf:
+        return np.where(np.isfinite(distances), np.minimum(larger, np.finfo(float).max), np.inf)
+    below = np.minimum(goal * (1.0 - goal / (goal + larger)), np.nextafter(goal, 0.0))
+    return np.where(distances >= goal, distances, below)
 
 
 def count_flights(scenario_json: str, corridor: float | None, seeds: range) -> int:
     """Return in how many flights it happens. Runs in a worker: the arguments are plain data."""
     engine = _engine_of(scenario_json)
-    distances = engine.distances(np.repeat(np.array(seeds)[:, np.newaxis], engine.ticks, axis=1))
+    distances, _ = engine.distances(np.repeat(np.array(seeds)[:, np.newaxis], engine.ticks, axis=1))
     return int(np.sum(distances.max(axis=1) >= (np.inf if corridor is None else corridor)))
 
 

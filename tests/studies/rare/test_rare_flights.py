@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
-from ortilo_drake.studies.rare.rare_flights import Rare, rare_flights
+from ortilo_drake.studies.rare.rare_flights import Rare, danger, rare_flights
 from ortilo_drake.studies.rare.rare_report import rare_text
 from ortilo_drake.studies.rare.splitting import Split
 
@@ -21,7 +23,7 @@ SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
 
 def test_distances_are_those_of_drakes_flight() -> None:
     engine, flight = Engine(SCENARIO), fly(with_seed(SCENARIO, 5))
-    found = engine.distances(np.full((1, engine.ticks), 5))[0]
+    found = engine.distances(np.full((1, engine.ticks), 5))[0][0]
     away = flight["truth"].values[:, :3] - flight["reference"].values[:, :3]
     np.testing.assert_allclose(found[: len(away)], np.linalg.norm(away, axis=1), atol=1e-9)
 
@@ -30,9 +32,23 @@ def test_a_branch_is_the_same_flight_until_it_leaves_and_another_after() -> None
     engine = Engine(SCENARIO)
     seeds = np.full((2, engine.ticks), 5)
     seeds[1, 100:] = 6
-    one, other = engine.distances(seeds)
+    (one, other), _ = engine.distances(seeds)
     assert np.array_equal(one[:101], other[:101])  # what stands at a tick is of the noise before it
     assert not np.any(one[101:] == other[101:])
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.0, 1e3), st.floats(0.0, 1e3)), min_size=2, max_size=20),
+    st.one_of(st.floats(0.01, 100.0), st.just(np.inf)),
+)
+def test_danger_reaches_the_goal_where_it_happens_alone(pairs: list[tuple[float, float]], goal: float) -> None:
+    distances, errors = np.array(pairs).T
+    distances[0] = errors[0] = np.inf  # lost
+    found = danger(distances, errors, goal)
+    assert np.array_equal(found >= goal, distances >= goal)
+    larger, below = np.maximum(distances, errors), distances < goal
+    order = np.argsort(larger[below], kind="stable")
+    assert np.all(np.diff(found[below][order]) >= 0.0)
 
 
 def test_splitting_agrees_with_counting_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
