@@ -32,6 +32,9 @@ SCENARIOS = {
     "imu_uwb": ("imu_uwb", ()),
     "nominal_imu_uwb_yolo": ("nominal_imu_uwb_yolo", ()),
     "imu_uwb_yolo": ("imu_uwb_yolo", ()),
+    "robust_imu_uwb": ("robust_imu_uwb", ()),
+    "tight_imu_uwb": ("tight_imu_uwb", ()),
+    "realistic": ("realistic", ()),
 }
 FIRST_FLIGHT = """
 import sys, time

@@ -5,6 +5,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import CameraConstants
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.flight.compiled.slow import seen_by
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import boxes_to_solve, fix_of, refused_after
@@ -12,7 +13,6 @@ from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import known_attitude, known_tilt, pose
 from ortilo_drake.world.radio.link import NOT_SENT
 from ortilo_drake.world.sensors.projected_camera import body_that_looks_ahead, detections_message
-from ortilo_drake.world.sensors.sensor_clock import state_before
 
 METHODS = ("known_attitude", "known_tilt", "pose", "cosine_law")  # by their numbers; pnp is OpenCV's
 
@@ -54,7 +54,7 @@ def detections_of_tick(
     else:
         room, streams, false_stream = camera.room, camera.streams, camera.false_stream
         looks = camera.labels, camera.camera, camera.tables
-        seen = state_before(x, camera.clock[0] + camera.clock[1] * (k * h))
+        seen = seen_by(camera.clock, x, k * h)
         if np.any(camera.turned):
             seen = body_that_looks_ahead(seen, camera.camera.p_BC, camera.turned)
         message = detections_message(seen, room, *looks, seed, streams, false_stream, k * h, h)

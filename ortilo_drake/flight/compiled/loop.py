@@ -15,14 +15,13 @@ from ortilo_drake.flight.compiled.constants import (
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
 from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees, squared_distance_to
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
-from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, with_errors
+from ortilo_drake.flight.compiled.slow import SlowConstants, seen_by, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.world.radio.link import NOT_SENT
 from ortilo_drake.world.sensors.imu import attitude_message
-from ortilo_drake.world.sensors.sensor_clock import state_before
 from ortilo_drake.world.sensors.uwb import uwb_message
 
 
@@ -90,8 +89,9 @@ def uwb_of_tick(
     if delay == NOT_SENT:
         message = np.zeros(PAYLOAD + 2 * uwb.anchors.shape[0])
     else:
-        seen = state_before(x, uwb.clock[0] + uwb.clock[1] * (k * h))
-        message = uwb_message(seen, uwb.anchors, uwb.bias, uwb.walls, uwb.settings, seed, uwb.stream, k * h, h)
+        message = uwb_message(
+            seen_by(uwb.clock, x, k * h), uwb.anchors, uwb.bias, uwb.walls, uwb.settings, seed, uwb.stream, k * h, h
+        )
         message = with_errors(message, errors, slow, True)
     deliver(message, delay, flying, k)
     return message

@@ -6,6 +6,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.world.sensors.message_error import message_with_error
+from ortilo_drake.world.sensors.sensor_clock import state_before
 from ortilo_drake.world.slow_error import slow_noise_after
 
 
@@ -47,3 +48,11 @@ def with_errors(message: np.ndarray, errors: SlowConstants, x: np.ndarray, flagg
     if errors.a.size == 0:
         return message
     return message_with_error(message, errors.factor, errors.bias + x, flagged)
+
+
+@register_jitable
+def seen_by(clock: np.ndarray, x: np.ndarray, time: float) -> np.ndarray:
+    """Return the state (12) as a sensor sees it whose clock has that offset [s] and drift [1]."""
+    if clock[0] == 0.0 and clock[1] == 0.0:
+        return x
+    return state_before(x, clock[0] + clock[1] * time)

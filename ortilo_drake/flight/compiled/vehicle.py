@@ -48,6 +48,16 @@ def body_at_start(vehicle: VehicleConstants, force: SlowConstants, x_0: np.ndarr
 
 
 @register_jitable
+def product_into(out: np.ndarray, M: np.ndarray, v: np.ndarray) -> None:
+    """Write M v to out, each row summed from the left as rotors.times has it, without an array of its own."""
+    for i in range(out.size):
+        total = M[i, 0] * v[0]
+        for j in range(1, v.size):
+            total += M[i, j] * v[j]
+        out[i] = total
+
+
+@register_jitable
 def control_felt(vehicle: VehicleConstants, speeds: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Return u as it acts on the body (4): what is held, or what the rotors make at these speeds."""
     if speeds.size == 0:
@@ -145,7 +155,7 @@ def fly_tick(
         body.held[:] = u
         commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed)
     else:
-        body.held[:] = times(vehicle.wrench, u)
+        product_into(body.held, vehicle.wrench, u)
         commanded = u
     if vehicle.longest_step == 0.0:
         body.x[:] = step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h)
