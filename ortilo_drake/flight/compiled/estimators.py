@@ -25,7 +25,7 @@ def _by_estimator(name: str, paper: Callable[..., Any], of_tight: Callable[..., 
     def choose(*types: Any) -> Callable[..., Any]:
         return of_tight if types[0].instance_class is TightConstants else paper
 
-    overload(chosen, strict=False)(choose)
+    overload(chosen, strict=False, inline="always")(choose)
     return chosen
 
 
