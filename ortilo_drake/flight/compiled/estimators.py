@@ -1,10 +1,12 @@
 """Which estimator a compiled flight flies: numba takes the functions by the type of its constants.
 
-first(constants)                     what it keeps, arrays that are changed in place
-known(constants, memory)             belief of [x; i] (240) that was predicted for this tick
-force(constants, memory)             force that is believed to act (3) [N]
-handed(constants, memory, ...)       [y, delta, V2] of this tick, see estimate.handed_of
-go_on(constants, memory, ...)        to the next tick, see estimate.take
+    first(constants)                     what it keeps, arrays that are changed in place
+    known_of(constants, memory)          belief of [x; i] (240) that was predicted for this tick
+    force_of(constants, memory)          force that is believed to act (3) [N]
+    handed_of(constants, memory, ...)    [y, delta, V2] of this tick, see estimate.handed_of
+    go_on(constants, memory, ...)        to the next tick, see estimate.take
+
+Constants are those of constants.py, memory a tuple of arrays that are changed in place.
 """
 
 from collections.abc import Callable
