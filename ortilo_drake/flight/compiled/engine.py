@@ -9,16 +9,17 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.compiled.constants import FlightConstants
-from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE
-from ortilo_drake.flight.compiled.loop import distances_of, fly_one, fly_some
+from ortilo_drake.flight.compiled.figures import ESTIMATED, FIGURES, TRACE_SIZE, TRUE, figures_of
+from ortilo_drake.flight.compiled.loop import fly_one
 from ortilo_drake.flight.compiled.prepare import constants_of, why_not
 from ortilo_drake.flight.compiled.truth import constants_of_seed
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario, Truth, with_seed
+from ortilo_drake.scenario import Scenario, with_seed
 
 AT_ONCE = 16  # flights that a thread takes at a time
+NO_LOG = np.zeros((0, 0))
 
 
 class Engine:
@@ -84,13 +85,16 @@ class Engine:
 
         def work() -> None:
             own = _copied(self._constants)  # threads that share arrays wait for each other's reference counts
-            trace = np.zeros((self._ticks + 1, TRACE_SIZE))
+            trace, reference = np.zeros((self.ticks, TRACE_SIZE)), own.reference
             for start in starts:
-                part = slice(start, start + AT_ONCE)
-                for same in self._alike(part, all_seeds.size):
-                    world = self._of_seed(own, int(all_seeds[same][0]))
-                    fly_some(all_seeds[same], world, trace, found[same], arrived[same])
-                progress(len(all_seeds[part]))
+                part = range(start, min(start + AT_ONCE, all_seeds.size))
+                for i in part:
+                    seeds_of_ticks = np.full(self.ticks, all_seeds[i])
+                    world = self._of_seed(own, int(all_seeds[i]))
+                    last, cause = fly_one(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
+                    found[i, 0], found[i, 1] = last, cause
+                    figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
+                progress(len(part))
 
         if threads == 1:
             work()
@@ -114,21 +118,20 @@ class Engine:
             seeds: of all noise, of each flight at each tick (n, ticks); what differs in a flight's world is drawn by
                 its first.
         """
-        found, errors, trace = np.empty(seeds.shape), np.empty(seeds.shape), np.zeros((self.ticks, TRACE_SIZE))
-        for same in self._alike(slice(0, len(seeds)), len(seeds)):
-            world = self._of_seed(self._constants, int(seeds[same][0, 0]))
-            distances_of(seeds[same].astype(np.int64), world, trace, found[same], errors[same])
+        found, errors = np.full(seeds.shape, np.inf), np.full(seeds.shape, np.inf)
+        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
+        for i, of_ticks in enumerate(seeds.astype(np.int64)):
+            world = self._of_seed(self._constants, int(of_ticks[0]))
+            last, cause = fly_one(of_ticks, world, trace, arrived, NO_LOG)
+            flown = slice(0, last + 1 if cause == NOT_LOST else last)
+            true, reference = trace[flown, TRUE], self._constants.reference[flown, :3]
+            found[i, flown] = np.sqrt(np.sum((true - reference) ** 2, axis=1))
+            errors[i, flown] = np.sqrt(np.sum((trace[flown, ESTIMATED] - true) ** 2, axis=1))
         return found, errors
 
     def _of_seed(self, constants: FlightConstants, seed: int) -> FlightConstants:
         """Return the constants of one seed's flight: what differs in its world is drawn."""
         return constants_of_seed(constants, self._scenario, self._room, seed)
-
-    def _alike(self, part: slice, flights: int) -> list[slice]:
-        """Return a part of so many flights in pieces, each of one world: the whole where nothing is drawn."""
-        if self._scenario.truth == Truth():
-            return [part]
-        return [slice(i, i + 1) for i in range(part.start, min(part.stop, flights))]
 
     def simulated_time(self, figures: np.ndarray) -> float:
         """Return how long flights of these figures lasted together [s]."""

@@ -13,7 +13,7 @@ from ortilo_drake.flight.compiled.constants import (
     VehicleConstants,
 )
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
-from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, figures_of, position_nees, squared_distance_to
+from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, position_nees
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
 from ortilo_drake.flight.compiled.slow import SlowConstants, seen_by, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
@@ -163,47 +163,3 @@ def fly_one(
         imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
         fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed)
     return last, NOT_LOST
-
-
-@njit(cache=True, nogil=True)
-def fly_some(
-    seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, figures: np.ndarray, arrived: np.ndarray
-) -> None:
-    """Fly seeds one after the other; write the figures of each, see figures.py, and its arrivals.
-
-    Args:
-        seeds: of all noise, one for each flight (n).
-        flight: what decides them beside.
-        trace: of one flight, overwritten (ticks + 1, TRACE_SIZE).
-        figures: to be written (n, FIGURES).
-        arrived: to be written (n, s).
-    """
-    no_log, of_ticks = np.zeros((0, 0)), np.empty(trace.shape[0], np.int64)
-    for i in range(seeds.size):
-        of_ticks[:] = seeds[i]
-        last, cause = fly_one(of_ticks, flight, trace, arrived[i], no_log)
-        figures[i, 0], figures[i, 1] = last, cause
-        figures_of(trace[: last + 1], flight.reference[: last + 1, :3], figures[i])
-
-
-@njit(cache=True, nogil=True)
-def distances_of(
-    seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, distances: np.ndarray, errors: np.ndarray
-) -> None:
-    """Fly and write how far each flight is from its reference r, and its estimate from it, infinity from a loss on.
-
-    Args:
-        seeds: of all noise, of each flight at each tick (n, ticks + 1).
-        flight: what decides them beside.
-        trace: of one flight, overwritten (ticks + 1, TRACE_SIZE).
-        distances: |p - r| [m], to be written (n, ticks + 1).
-        errors: |p_hat - p| [m], to be written (n, ticks + 1).
-    """
-    no_log, arrived = np.zeros((0, 0)), np.zeros(flight.filter.handled.first.size - 1)
-    for i in range(seeds.shape[0]):
-        last, cause = fly_one(seeds[i], flight, trace, arrived, no_log)
-        for k in range(last + 1):
-            distances[i, k] = np.sqrt(squared_distance_to(flight.reference, k, trace[k, TRUE]))
-            errors[i, k] = np.sqrt(np.sum((trace[k, ESTIMATED] - trace[k, TRUE]) ** 2))
-        end = last + 1 if cause == NOT_LOST else last
-        distances[i, end:], errors[i, end:] = np.inf, np.inf
