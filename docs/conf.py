@@ -38,7 +38,7 @@ nb_merge_streams = True
 
 # --- docstrings ------------------------------------------------------------------------------------------------
 autosummary_generate = True
-autodoc_mock_imports = ["gtsam", "rerun"]  # extras that are large; the site is built without them
+autodoc_mock_imports = ["cma", "gtsam", "rerun"]  # extras that the site is built without
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 napoleon_use_ivar = True
