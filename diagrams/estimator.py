@@ -7,7 +7,7 @@ from pydrake.systems.primitives import Demultiplexer
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import IMU_SIZE, N_XBAR
+from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
 from ortilo_drake.onboard.commands.command_log import log_ticks, timeline_size
 from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
@@ -204,7 +204,7 @@ class IntermittentEstimator(Diagram):
                 reader = mean.get_input_port()
             builder.ConnectInput("imu", reader)
         if extras:
-            parts = builder.AddNamedSystem("extra", Demultiplexer([3, 2 * len(model.extra) - 3]))
+            parts = builder.AddNamedSystem("extra", Demultiplexer([3, 2 * (len(model.Phi) - N_X) - 3]))
             builder.Connect(kalman.GetOutputPort("extra"), parts.get_input_port())
             builder.ExportOutput(parts.get_output_port(0), "force")
             builder.ExportOutput(kalman.GetOutputPort("extra"), "extra")

@@ -22,8 +22,9 @@ def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
             for c in range(n):
                 Y[i, c] -= s * Y[j, c]
         S[i, i] = np.sqrt(S[i, i])
+        root = 1.0 / S[i, i]
         for c in range(n):
-            Y[i, c] /= S[i, i]
+            Y[i, c] *= root
 
 
 @register_jitable

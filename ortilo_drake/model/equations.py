@@ -13,9 +13,10 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.triples import Triple
 from ortilo_drake.model.vehicle import GRAVITY
 
-Triple = tuple[float, float, float]  # of any scalar; an array would cost more than the arithmetic
+Six = tuple[float, float, float, float, float, float]
 
 
 @register_jitable
@@ -77,8 +78,8 @@ def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: n
 
 
 @register_jitable
-def small_angle_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Return x_dot of the paper's nonlinear equations, which take the Euler rates for the body rates.
+def small_angle_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
+    """Return v_dot and rpy_ddot of the paper's nonlinear equations, which take the Euler rates for the body rates.
 
     Args:
         x: state (12).
@@ -87,9 +88,7 @@ def small_angle_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: floa
         mass: m [kg].
         inertia: I_x, I_y, I_z [kg m^2].
     """
-    a = translational_acceleration(x, u, d, mass)
-    alpha = angular_acceleration(x[9:12], u, d, inertia)
-    return np.array([x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], alpha[0], alpha[1], alpha[2]])
+    return translational_acceleration(x, u, d, mass) + angular_acceleration(x[9:12], u, d, inertia)
 
 
 @register_jitable
@@ -124,11 +123,11 @@ def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
-def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Return x_dot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
+def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
+    """Return v_dot and rpy_ddot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
 
     w = E(rpy) rpy_dot, so rpy_ddot = E^-1 (w_dot - E_dot rpy_dot), with w_dot from Euler's equations.
-    Arguments as in small_angle_dynamics.
+    Arguments as in small_angle_accelerations.
     """
     phi_dot, theta_dot, psi_dot = x[9], x[10], x[11]
     s_phi, c_phi = np.sin(x[3]), np.cos(x[3])
@@ -143,28 +142,41 @@ def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float
     psi_ddot = (s_phi * b_y + c_phi * b_z) / c_theta
     theta_ddot = c_phi * b_y - s_phi * b_z
     phi_ddot = b_x + s_theta * psi_ddot
-    return np.array([x[6], x[7], x[8], phi_dot, theta_dot, psi_dot, a[0], a[1], a[2], phi_ddot, theta_ddot, psi_ddot])
+    return (*a, phi_ddot, theta_ddot, psi_ddot)
 
 
 @register_jitable
-def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Return x_dot of the paper's equations linearised at hover. Arguments as in small_angle_dynamics."""
-    return np.array(
-        [
-            x[6],
-            x[7],
-            x[8],
-            x[9],
-            x[10],
-            x[11],
-            GRAVITY * x[4] + d[0] / mass,
-            -GRAVITY * x[3] + d[1] / mass,
-            u[0] / mass - GRAVITY + d[2] / mass,
-            (u[1] + d[3]) / inertia[0],
-            (u[2] + d[4]) / inertia[1],
-            (u[3] + d[5]) / inertia[2],
-        ]
+def linear_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
+    """Return v_dot and rpy_ddot of the paper's equations linearised at hover; see small_angle_accelerations."""
+    return (
+        GRAVITY * x[4] + d[0] / mass,
+        -GRAVITY * x[3] + d[1] / mass,
+        u[0] / mass - GRAVITY + d[2] / mass,
+        (u[1] + d[3]) / inertia[0],
+        (u[2] + d[4]) / inertia[1],
+        (u[3] + d[5]) / inertia[2],
     )
+
+
+@register_jitable
+def rates_of(x: np.ndarray, a: Six) -> np.ndarray:
+    """Return x_dot (12) of a state and its accelerations."""
+    return np.array([x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], a[3], a[4], a[5]])
+
+
+def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
+    """Return x_dot (12) by linear_accelerations."""
+    return rates_of(x, linear_accelerations(x, u, d, mass, inertia))
+
+
+def small_angle_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
+    """Return x_dot (12) by small_angle_accelerations."""
+    return rates_of(x, small_angle_accelerations(x, u, d, mass, inertia))
+
+
+def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
+    """Return x_dot (12) by rigid_body_accelerations."""
+    return rates_of(x, rigid_body_accelerations(x, u, d, mass, inertia))
 
 
 KINEMATICS = ("linear", "small_angle", "rigid_body")
@@ -178,15 +190,44 @@ DYNAMICS = {
 
 
 @register_jitable
+def accelerations(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int
+) -> Six:
+    """Return v_dot and rpy_ddot of the dynamics with that index in KINEMATICS."""
+    if kinematics == 0:
+        return linear_accelerations(x, u, d, mass, inertia)
+    if kinematics == 1:
+        return small_angle_accelerations(x, u, d, mass, inertia)
+    return rigid_body_accelerations(x, u, d, mass, inertia)
+
+
+@register_jitable
 def derivative(
     x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int
 ) -> np.ndarray:
-    """Return x_dot of the dynamics with that index in KINEMATICS."""
-    if kinematics == 0:
-        return linear_dynamics(x, u, d, mass, inertia)
-    if kinematics == 1:
-        return small_angle_dynamics(x, u, d, mass, inertia)
-    return rigid_body_dynamics(x, u, d, mass, inertia)
+    """Return x_dot (12) of the dynamics with that index in KINEMATICS."""
+    return rates_of(x, accelerations(x, u, d, mass, inertia, kinematics))
+
+
+@register_jitable
+def moved(x: np.ndarray, t: float, at: np.ndarray, a: Six) -> np.ndarray:
+    """Return x + t x_dot (12), x_dot of the state `at` and of accelerations a."""
+    return np.array(
+        [
+            x[0] + t * at[6],
+            x[1] + t * at[7],
+            x[2] + t * at[8],
+            x[3] + t * at[9],
+            x[4] + t * at[10],
+            x[5] + t * at[11],
+            x[6] + t * a[0],
+            x[7] + t * a[1],
+            x[8] + t * a[2],
+            x[9] + t * a[3],
+            x[10] + t * a[4],
+            x[11] + t * a[5],
+        ]
+    )
 
 
 @njit(cache=True)
@@ -204,8 +245,19 @@ def step(
         kinematics: index in KINEMATICS.
         h: step [s].
     """
-    k_1 = derivative(x, u, d, mass, inertia, kinematics)
-    k_2 = derivative(x + h / 2.0 * k_1, u, d, mass, inertia, kinematics)
-    k_3 = derivative(x + h / 2.0 * k_2, u, d, mass, inertia, kinematics)
-    k_4 = derivative(x + h * k_3, u, d, mass, inertia, kinematics)
-    return x + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+    a_1 = accelerations(x, u, d, mass, inertia, kinematics)
+    x_2 = moved(x, h / 2.0, x, a_1)
+    a_2 = accelerations(x_2, u, d, mass, inertia, kinematics)
+    x_3 = moved(x, h / 2.0, x_2, a_2)
+    a_3 = accelerations(x_3, u, d, mass, inertia, kinematics)
+    x_4 = moved(x, h, x_3, a_3)
+    a_4 = accelerations(x_4, u, d, mass, inertia, kinematics)
+    a = (
+        a_1[0] + 2.0 * a_2[0] + 2.0 * a_3[0] + a_4[0],
+        a_1[1] + 2.0 * a_2[1] + 2.0 * a_3[1] + a_4[1],
+        a_1[2] + 2.0 * a_2[2] + 2.0 * a_3[2] + a_4[2],
+        a_1[3] + 2.0 * a_2[3] + 2.0 * a_3[3] + a_4[3],
+        a_1[4] + 2.0 * a_2[4] + 2.0 * a_3[4] + a_4[4],
+        a_1[5] + 2.0 * a_2[5] + 2.0 * a_3[5] + a_4[5],
+    )
+    return moved(x, h / 6.0, x + 2.0 * x_2 + 2.0 * x_3 + x_4, a)

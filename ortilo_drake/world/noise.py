@@ -14,6 +14,8 @@ from numba.extending import register_jitable
 
 _M0, _M1 = uint64(0xD2E7470EE14C6C93), uint64(0xCA5A826395121157)
 _W0, _W1 = uint64(0x9E3779B97F4A7C15), uint64(0xBB67AE8584CAA73B)
+Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+
 _LOW, _32, _11 = uint64(0xFFFFFFFF), uint64(32), uint64(11)
 
 
@@ -31,9 +33,9 @@ def _multiply(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     return a_hi * b_hi + (middle >> _32) + (carry >> _32), a * b
 
 
-@njit(cache=True)
-def philox_words(key0: int, key1: np.uint64, counter0: int, counter1: int, out: np.ndarray) -> None:
-    """Write the block of four words for a key and a counter (counter0, counter1, 0, 0) to out (uint64)."""
+@register_jitable
+def philox_words(key0: int, key1: np.uint64, counter0: int, counter1: int) -> Words:
+    """Return the block of four words for a key and a counter (counter0, counter1, 0, 0)."""
     c0, c1, c2, c3 = uint64(counter0), uint64(counter1), uint64(0), uint64(0)
     k0, k1 = uint64(key0), uint64(key1)
     for _ in range(10):
@@ -42,30 +44,45 @@ def philox_words(key0: int, key1: np.uint64, counter0: int, counter1: int, out: 
         c0, c1, c2, c3 = high1 ^ c1 ^ k0, low1, high0 ^ c3 ^ k1, low0
         k0 += _W0
         k1 += _W1
-    out[0], out[1], out[2], out[3] = c0, c1, c2, c3
+    return c0, c1, c2, c3
+
+
+@register_jitable
+def _uniform(word: np.uint64) -> float:
+    """Return a number uniform on [0, 1) of a word."""
+    return (word >> _11) * 2.0**-53
+
+
+@register_jitable
+def _normal_pair(word0: np.uint64, word1: np.uint64) -> tuple[float, float]:
+    """Return two standard normal numbers of two words (Box-Muller)."""
+    radius = np.sqrt(-2.0 * np.log(1.0 - _uniform(word0)))  # 1 - u is never 0
+    angle = 2.0 * np.pi * _uniform(word1)
+    return radius * np.cos(angle), radius * np.sin(angle)
 
 
 @njit(cache=True)
 def uniforms(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     """Return n numbers uniform on [0, 1) that belong to this seed, stream and tick."""
-    words = np.empty(4, dtype=np.uint64)
     values = np.empty(n)
-    for i in range(n):
-        if i % 4 == 0:
-            philox_words(seed, stream, i // 4, tick, words)
-        values[i] = (words[i % 4] >> _11) * 2.0**-53
+    for at in range(0, n, 4):
+        words = philox_words(seed, stream, at // 4, tick)
+        for i in range(min(n - at, 4)):
+            values[at + i] = _uniform(words[i])
     return values
 
 
 @njit(cache=True)
 def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
-    """Return n standard normal numbers that belong to this seed, stream and tick (Box-Muller)."""
-    u = uniforms(seed, stream, tick, n + n % 2)
+    """Return n standard normal numbers that belong to this seed, stream and tick."""
     values = np.empty(n)
-    for i in range(0, n, 2):
-        radius = np.sqrt(-2.0 * np.log(1.0 - u[i]))  # 1 - u is never 0
-        angle = 2.0 * np.pi * u[i + 1]
-        values[i] = radius * np.cos(angle)
-        if i + 1 < n:
-            values[i + 1] = radius * np.sin(angle)
+    for at in range(0, n, 4):
+        word0, word1, word2, word3 = philox_words(seed, stream, at // 4, tick)
+        values[at], second = _normal_pair(word0, word1)
+        if at + 1 < n:
+            values[at + 1] = second
+        if at + 2 < n:
+            values[at + 2], fourth = _normal_pair(word2, word3)
+            if at + 3 < n:
+                values[at + 3] = fourth
     return values

@@ -12,6 +12,7 @@ from scipy.linalg import block_diag, solve_discrete_are
 from ortilo_drake.model.equations import rotation, translational_acceleration
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.measurement import PAPER, Measurement
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, gauss_markov
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
@@ -112,7 +113,7 @@ def test_without_a_force_the_model_is_the_papers() -> None:
     its, extras, model, measurement = made("none")
     paper = filter_model(its, M100, its.integrator, H)
     assert extras == ()
-    assert model.extra == ()
+    assert len(model.Phi) == N_X
     assert measurement.outputs == Measurement(PAPER).outputs
     for mine, papers in zip(model, paper, strict=True):
         np.testing.assert_array_equal(mine, papers)
@@ -129,7 +130,7 @@ def test_the_force_is_observable_with_fixes_and_not_without(
     _, _, model, measurement = made(force)
     seen = [j for s in (*sensors, *measurement.sensors[3:]) for j in range(*measurement.rows_of(s).indices(99))]
     # In units of ticks, the force as what it accelerates in one: Drake judges the rank by the entries' size.
-    scale = np.concatenate([tick_scaling(H), np.full(len(model.extra), 1.0 / H**2)])
+    scale = np.concatenate([tick_scaling(H), np.full(len(model.Phi) - N_X, 1.0 / H**2)])
     Phi, C = rescale(model.Phi, measurement.layout.C[seen], scale)
     n, m = len(Phi), len(C)
     system = LinearSystem(Phi, np.zeros((n, 1)), C, np.zeros((m, 1)), H)
@@ -157,7 +158,7 @@ def test_with_all_sensors_the_covariance_settles_at_the_solution_of_the_dare(for
     np.testing.assert_allclose(P[:N, :N] / np.outer(sd, sd), expected / np.outer(sd, sd), rtol=0.0, atol=1e-7)
     # Drake's regulator is dual to the predictor; its check wants W definite.
     W = model.W + 1e-12 * np.eye(N)
-    K = filter_gain(P, delta, blocks(V), model.Phi, model.integrator, layout, model.extra)[:N]
+    K = filter_gain(P, delta, blocks(V), model.Phi, model.integrator, layout)[:N]
     dual, _ = DiscreteTimeLinearQuadraticRegulator(model.Phi.T, layout.C.T, W, V)
     np.testing.assert_allclose(K, dual.T, rtol=0.0, atol=1e-4 * np.max(np.abs(K)))
 
@@ -189,7 +190,7 @@ def offset(force: str, integrator: str, integral: bool, told: bool = True) -> np
     if not integral:
         L[:, 12:] = 0.0
     V, delta = blocks(all_V(measurement)), np.ones(len(measurement.sensors))
-    paper = FilterModel(model.Phi, model.Gamma, model.W, model.integrator, model.extra, 0.0 * model.Gamma_a)
+    paper = FilterModel(model.Phi, model.Gamma, model.W, model.integrator, 0.0 * model.Gamma_a)
     belief = np.concatenate([np.zeros(N + 3), initial_covariance(its, extras).ravel()])
     x, f = np.zeros(12), np.zeros(3)
     for _ in range(6000):
@@ -204,7 +205,7 @@ def offset(force: str, integrator: str, integral: bool, told: bool = True) -> np
     # z = [x; e_hat; i]: u = -L [xhat; i] - F dhat, and z' = A z + B d; at rest z = (I - A)^-1 B d
     P = belief[N + 3 :].reshape(N + 3, N + 3)
     if force != "measured":
-        K = filter_gain(P, delta, V, model.Phi, model.integrator, layout, model.extra)[:N]
+        K = filter_gain(P, delta, V, model.Phi, model.integrator, layout)[:N]
         F = np.zeros((4, N))
         F[:, :12] = L[:, :12]
         if extras and told:  # the servo's tilt and lift against d: theta = -d_x / (m g), phi = d_y / (m g), f_T = -d_z
@@ -308,7 +309,7 @@ def test_a_dense_twin_over_thousands_of_random_steps(steps: int, integrator: str
         if k % 50 == 0:
             assert np.array_equal(mine, mine.T)
             assert np.linalg.eigvalsh(mine)[0] > -1e-15 * np.max(mine), k
-            gain = filter_gain(mine, delta, V2[k % 7], model.Phi, model.integrator, layout, model.extra)
+            gain = filter_gain(mine, delta, V2[k % 7], model.Phi, model.integrator, layout)
             E = np.zeros((3, p))
             if integrator != "estimate" and (delta[0] or delta[1]):
                 E[:, :3] = np.eye(3) * delta[0]

@@ -39,7 +39,7 @@ def solve_boxes(
     return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def detections_of_tick(
     camera: CameraConstants | None, x: np.ndarray, k: int, h: float, seed: int, bad: bool, flying: np.ndarray
 ) -> np.ndarray:
@@ -101,7 +101,7 @@ def empty_camera_link(camera: CameraConstants | None) -> np.ndarray:
     return empty_link(camera.link, DETECTIONS_SIZE)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def camera_chain(camera: CameraConstants | None, k: int, bad: bool, seed: int) -> bool:
     """Return whether the chain of the camera's link is bad at tick k + 1."""
     if camera is None:

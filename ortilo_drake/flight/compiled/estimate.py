@@ -8,9 +8,10 @@ from numba.extending import register_jitable
 from ortilo_drake.flight.compiled.boxes import fix_of_boxes
 from ortilo_drake.flight.compiled.constants import CameraConstants, FilterConstants, UwbConstants
 from ortilo_drake.flight.compiled.robust import RobustMemory, first_robust_memory, heard, open_beliefs, used_of
-from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.signals import ARRIVED, N_I, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.belief import known_part
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.filter_loops import step_in_place
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, past_belief, replay_step
 from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
@@ -23,6 +24,7 @@ class Memory(NamedTuple):
 
     Attributes:
         belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
+        messages: of a tick, and fixes, as FilterConstants.incoming has them.
         history: of the last ticks.
         refused: images that were refused in a row (1).
         clock: what is known of the clock of the ranges, see onboard/ranging/fault_exclusion.py (3).
@@ -30,6 +32,7 @@ class Memory(NamedTuple):
     """
 
     belief: np.ndarray
+    messages: np.ndarray
     history: np.ndarray
     refused: np.ndarray
     clock: np.ndarray
@@ -40,22 +43,22 @@ class Memory(NamedTuple):
 def first_memory(estimator: FilterConstants) -> Memory:
     """Return what is kept at first."""
     history, robust = first_history(estimator.slot, estimator.history), first_robust_memory(estimator.robust)
-    return Memory(estimator.belief_0.copy(), history, np.zeros(1), np.zeros(3), robust)
+    return Memory(estimator.belief_0.copy(), np.zeros(estimator.size), history, np.zeros(1), np.zeros(3), robust)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def known_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
     """Return the belief of [x; i] (240) that was predicted for this tick."""
-    n = N_XBAR + len(estimator.model.extra)
+    n = N_I + estimator.model.Phi.shape[0]
     return memory.belief if n == N_XBAR else known_part(memory.belief, n)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def force_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
     """Return the force that is believed to act (3) [N], 0 where it is not estimated."""
     force = np.zeros(3)
     if estimator.knows_force:
-        force[:] = memory.belief[N_X : N_X + 3]
+        put(memory.belief[N_X : N_X + 3], force)
     return force
 
 
@@ -73,11 +76,11 @@ def fix_of_ranges(
         return fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], uwb.three)
     fix, after = tested_fix_message(message, uwb.surveyed, uwb.noise, about[:N_XBAR], clock, consistency)
     if consistency.clock:
-        clock[:] = after
+        put(after, clock)
     return fix
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def handed_of(
     estimator: FilterConstants,
     memory: Memory,
@@ -104,19 +107,27 @@ def handed_of(
         k: tick.
         h: tick [s].
     """
-    slot, n, robust, own = estimator.slot, N_XBAR + len(estimator.model.extra), estimator.robust, memory.robust
+    slot, n, robust, own = estimator.slot, N_I + estimator.model.Phi.shape[0], estimator.robust, memory.robust
     ranges, detections = heard(robust, ranges, own.uwb), heard(robust, detections, own.camera)
     about = belief_about(slot, memory.history, n, ranges, known, h)
-    by_ranges = fix_of_ranges(uwb, estimator.consistency, memory.clock, ranges, about)
-    about = belief_about(slot, memory.history, n, detections, known, h)
-    by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
-    memory.refused[0] = refused
-    handed = handed_over(estimator, by_ranges, heard(robust, imu, own.imu), by_boxes, known, k, h)
+    messages = memory.messages
+    fill(messages, 0.0)
+    if ranges[ARRIVED] != 0.0:
+        place(fix_of_ranges(uwb, estimator.consistency, memory.clock, ranges, about), estimator.first[0], messages)
+    place(heard(robust, imu, own.imu), estimator.first[1], messages)
+    if detections[ARRIVED] != 0.0:
+        about = belief_about(slot, memory.history, n, detections, known, h)
+        by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
+        memory.refused[0] = refused
+        place(by_boxes, estimator.first[2], messages)
+    judged = k if estimator.drops else NEVER
+    xhat, P = known[:N_XBAR], known[N_XBAR:]
+    handed = stack_measurements(messages, xhat, P, judged, h, estimator.incoming, estimator.handled)
     layout, history = estimator.handled, memory.history
     return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, k, h)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def take(
     estimator: FilterConstants,
     memory: Memory,
@@ -148,9 +159,7 @@ def take(
     less = u.copy()
     less[0] -= hover
     open_beliefs(estimator.robust, memory.robust, estimator.slot, memory.history, memory.belief)
-    memory.belief[:] = belief_after(
-        estimator.slot, memory.history, memory.belief, estimator, handed, imu, k, h, less, r
-    )
+    go_on_with(estimator.slot, memory.history, memory.belief, estimator, handed, imu, k, h, less, r)
 
 
 @register_jitable
@@ -161,7 +170,7 @@ def first_history(slot: Slot | None, ticks: int) -> np.ndarray:
     return empty_history(ticks, slot)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def belief_about(
     slot: Slot | None, history: np.ndarray, n: int, message: np.ndarray, known: np.ndarray, h: float
 ) -> np.ndarray:
@@ -171,38 +180,15 @@ def belief_about(
     return past_belief(history, slot, n, message, known, h)
 
 
-@register_jitable
-def handed_over(
-    estimator: FilterConstants,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    boxes: np.ndarray,
-    known: np.ndarray,
-    k: int,
-    h: float,
-) -> np.ndarray:
-    """Return the handler's [y, delta, V2, stamps] of tick k.
-
-    Args:
-        estimator: handler and filter.
-        ranges: fix of ranges.
-        imu: the imu's message.
-        boxes: fix of boxes.
-        known: belief of [x; i] (240).
-        k: tick.
-        h: tick [s].
-    """
-    messages = np.zeros(estimator.size)
-    for j, message in enumerate((ranges, imu, boxes)):
-        if message[ARRIVED] != 0.0:
-            messages[estimator.first[j] : estimator.first[j] + message.size] = message
-    judged = k if estimator.drops else NEVER
-    xhat, P = known[:N_XBAR], known[N_XBAR:]
-    return stack_measurements(messages, xhat, P, judged, h, estimator.incoming, estimator.handled)
+@register_jitable(forceinline=True)
+def place(message: np.ndarray, at: int, messages: np.ndarray) -> None:
+    """Put a message or fix that arrived into the vector of all, where it begins at `at`."""
+    if message[ARRIVED] != 0.0:
+        put(message, messages, at)
 
 
-@register_jitable
-def belief_after(
+@register_jitable(forceinline=True)
+def go_on_with(
     slot: Slot | None,
     history: np.ndarray,
     belief: np.ndarray,
@@ -213,8 +199,8 @@ def belief_after(
     h: float,
     u: np.ndarray,
     r: np.ndarray,
-) -> np.ndarray:
-    """Return the belief after tick k; changes the history.
+) -> None:
+    """Change the belief to that after tick k, and the history.
 
     Args:
         slot: of the estimator.
@@ -233,7 +219,10 @@ def belief_after(
     j, variances = estimator.imu_number, estimator.imu_variances
     y, delta, V2 = with_imu_rows(handed[:p], handed[p : p + s], handed[p + s : p + s + q], imu, j, variances)
     if slot is None:
-        return filter_step(belief, y, delta, V2, u, r, estimator.model, estimator.layout)
+        step_in_place(belief, y, delta, V2, u, r, estimator.model, estimator.layout)
+        return
     stamps = np.empty(delta.size)
-    stamps[:s], stamps[s:] = handed[p + s + q :], handed[p + s + q + j]
-    return replay_step(history, slot, belief, k, y, delta, V2, stamps, h, u, r, estimator.model, estimator.layout)
+    fill(stamps, handed[p + s + q + j])
+    put(handed[p + s + q :], stamps)
+    after = replay_step(history, slot, belief, k, y, delta, V2, stamps, h, u, r, estimator.model, estimator.layout)
+    put(after, belief)

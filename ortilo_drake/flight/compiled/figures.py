@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.placing import fill
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product
 
@@ -25,11 +26,10 @@ FIGURES = (
 )
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
     """Return e^T P_pp^-1 e of the position; NaN where P_pp (of P row by row, 225) is not positive definite."""
-    e = xhat[:3] - x[:3]
-    n = N_XBAR
+    e, n = (xhat[0] - x[0], xhat[1] - x[1], xhat[2] - x[2]), N_XBAR
     definite, C = inverse((P[0], P[1], P[2], P[n + 1], P[n + 2], P[2 * n + 2]))
     if not definite:
         return np.nan
@@ -94,10 +94,15 @@ def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
             m += 1
     if m < 2:
         return np.nan
-    total = 0.0
-    planned = np.interp(trace[:, 0], x[:m], y[:m])
+    total, i = 0.0, 0  # the piece of the path, found from that of the tick before
     for k in range(n):
-        total += (trace[k, 1] - planned[k]) ** 2
+        p = trace[k, 0]
+        while i < m - 2 and x[i + 1] <= p:
+            i += 1
+        while i > 0 and x[i] > p:
+            i -= 1
+        share = min(max((p - x[i]) / (x[i + 1] - x[i]), 0.0), 1.0)
+        total += (trace[k, 1] - (y[i] + share * (y[i + 1] - y[i]))) ** 2
     return total / n
 
 
@@ -111,13 +116,13 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
         out: one for each of FIGURES.
     """
     n = 0
-    while n < trace.shape[0] and np.all(np.isfinite(trace[n, :6])):
+    while n < trace.shape[0] and np.isfinite(np.sum(trace[n, :6])):
         n += 1
-    out[2:] = np.nan
+    fill(out[2:], np.nan)
     if n == 0:
         return
     trace, path = trace[:n], path[:n]
-    out[2:5], out[6:] = 0.0, 0.0
+    fill(out[2:], 0.0)
     longest = 1e-12
     for k in range(1, n):
         longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))

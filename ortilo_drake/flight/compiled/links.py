@@ -4,6 +4,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import LinkConstants
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import STAMP
 from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_tick, landing_row, put_in_flight
 
@@ -16,7 +17,7 @@ def empty_link(link: LinkConstants, size: int) -> np.ndarray:
     return flying
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def delay_through(link: LinkConstants, k: int, x: np.ndarray, bad: bool, seed: int) -> int:
     """Return the delay of the message of tick k [ticks], NOT_SENT where none is sent."""
     if link.every == 0:
@@ -24,27 +25,29 @@ def delay_through(link: LinkConstants, k: int, x: np.ndarray, bad: bool, seed: i
     return delay_of_tick(k, link.every, x, bad, link.loss, link.blackouts, link.delays, seed, link.stream)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def deliver(message: np.ndarray, delay: int, flying: np.ndarray, k: int) -> None:
     """Overwrite the message of tick k by the one that lands in it, zeros if none does; put it in flight if it is late.
 
     Args:
-        message: of this tick, read where it is sent (n).
+        message: of this tick, zeros where none is sent (n).
         delay: of delay_through.
         flying: what is in flight.
         k: tick.
     """
+    if flying.shape[0] == 0:  # of a link that is never late
+        return
     landed = landing_row(flying, k, message[STAMP] if delay == 0 else -np.inf)
     late = flying[landed, 1:].copy() if landed != NOT_SENT else message
     if delay > 0:
         put_in_flight(flying, k + delay, message)
     if landed != NOT_SENT:
-        message[:] = late
+        put(late, message)
     elif delay != 0:
-        message[:] = 0.0
+        fill(message, 0.0)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def chain_of_tick(link: LinkConstants, k: int, bad: bool, seed: int) -> bool:
     """Return whether the link's chain is bad at tick k + 1, from what it is at tick k."""
     return chain_after(k, bad, link.loss, seed, link.stream) if link.has_chain else False

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.flight.compiled.borrowed import borrowed, kept
 from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link
 from ortilo_drake.flight.compiled.constants import (
     FlightConstants,
@@ -13,11 +14,12 @@ from ortilo_drake.flight.compiled.constants import (
     VehicleConstants,
 )
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
-from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, position_nees
+from ortilo_drake.flight.compiled.figures import NEES, position_nees
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
 from ortilo_drake.flight.compiled.slow import SlowConstants, seen_by, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.world.radio.link import NOT_SENT
@@ -25,7 +27,7 @@ from ortilo_drake.world.sensors.imu import attitude_message
 from ortilo_drake.world.sensors.uwb import uwb_message
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def imu_of_tick(
     imu: ImuConstants,
     errors: SlowConstants,
@@ -59,8 +61,10 @@ def imu_of_tick(
         message = np.zeros(PAYLOAD + n * IMU_SIZE)
         if delay != NOT_SENT:
             message[0], message[1] = 1.0, k * h
-            message[PAYLOAD:-IMU_SIZE] = samples.ravel()
-            message[-IMU_SIZE:] = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h / n)
+            for i in range(n - 1):
+                put(samples[i], message, PAYLOAD + i * IMU_SIZE)
+            newest = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h / n)
+            put(newest, message, message.size - IMU_SIZE)
     elif delay == NOT_SENT:
         message = np.zeros(IMU_SIZE)
     elif imu.whole:
@@ -72,7 +76,7 @@ def imu_of_tick(
     return message
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def uwb_of_tick(
     uwb: UwbConstants,
     errors: SlowConstants,
@@ -97,13 +101,14 @@ def uwb_of_tick(
     return message
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def control_of(
     servo: ServoConstants, force: np.ndarray, xhat: np.ndarray, x: np.ndarray, reference: np.ndarray
 ) -> np.ndarray:
     """Return u_k; force is what is believed to act (3), and x the true state, of which velocities may be lent."""
-    xbar = xhat.copy()
+    xbar = xhat
     if servo.lent:
+        xbar = xhat.copy()
         xbar[6:N_X] = x[6:N_X]
     return servo_control(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
 
@@ -122,12 +127,14 @@ def fly_one(
         arrived: in how many ticks each sensor's value reached the filter (s).
         log: a row for each tick, see Measurement.logged_sizes (ticks + 1, w); (0, w) for none.
     """
+    flight, trace, arrived, log = borrowed(flight), borrowed(trace), borrowed(arrived), borrowed(log)
     h, vehicle, imu, uwb, camera = flight.h, flight.vehicle, flight.imu, flight.uwb, flight.camera
     servo, estimator = flight.servo, flight.filter
     imu_errors, uwb_errors, force = flight.imu_errors, flight.uwb_errors, flight.force
     handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
-    body, memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
+    own_body, own_memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
+    body, memory = borrowed(own_body), borrowed(own_memory)
     imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
     samples = np.zeros((imu.samples - 1, IMU_SIZE))
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
@@ -135,7 +142,7 @@ def fly_one(
     imu_flying, camera_flying = empty_link(imu.link, size), empty_camera_link(camera)
     uwb_bad = imu_bad = camera_bad = False
     last = flight.reference.shape[0] - 1
-    arrived[:] = 0.0
+    fill(arrived, 0.0)
     for k in range(last + 1):
         seed, r, x = seeds[k], flight.reference[k], body.x
         known = known_of(estimator, memory)
@@ -144,16 +151,22 @@ def fly_one(
         detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying)
         handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h)
         u = control_of(servo, force_of(estimator, memory), known[:N_XBAR], x, r)
-        arrived += handed[p : p + s]
-        trace[k, TRUE], trace[k, ESTIMATED] = x[:3], known[:3]
+        for j in range(s):
+            arrived[j] += handed[p + j]
+        for i in range(3):
+            trace[k, i], trace[k, 3 + i] = x[i], known[i]
         trace[k, NEES] = position_nees(x, known, known[N_XBAR:])
         if log.shape[0] > 0:
-            row = log[k]
-            row[:N_X], row[N_X : N_X + N_U] = x, u
             at = N_X + N_U + p + s + q
-            row[N_X + N_U : at], row[at : at + known.size], row[at + known.size :] = handed[: p + s + q], known, r
+            put(x, log[k])
+            put(u, log[k], N_X)
+            put(handed[: p + s + q], log[k], N_X + N_U)
+            put(known, log[k], at)
+            put(r, log[k], at + known.size)
         cause = cause_of_loss(x, flight.bounds)
         if cause != NOT_LOST:
+            kept(own_body)
+            kept(own_memory)
             return k, cause
         if k == last:
             break
@@ -162,4 +175,6 @@ def fly_one(
         camera_bad = camera_chain(camera, k, camera_bad, seed)
         imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
         fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed)
+    kept(own_body)
+    kept(own_memory)
     return last, NOT_LOST

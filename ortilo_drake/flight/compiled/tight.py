@@ -6,6 +6,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import CameraConstants, TightConstants, UwbConstants
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.tight.sense import take_messages
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose, one_ahead
@@ -44,18 +45,18 @@ def first_tight_memory(estimator: TightConstants) -> TightMemory:
     )
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def tight_known_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
     """Return the belief of [x; i] (240) that was predicted for this tick; i is known."""
     known = np.zeros(N_XBAR + N_XBAR * N_XBAR)
-    known[:N_X], known[N_X:N_XBAR] = memory.ahead[:N_X], memory.i
+    put(memory.ahead[:N_X], known)
+    put(memory.i, known, N_X)
     for row in range(N_X):
-        at = N_XBAR * (row + 1)
-        known[at : at + N_X] = memory.ahead[N_X * (row + 1) : N_X * (row + 2)]
+        put(memory.ahead[N_X * (row + 1) : N_X * (row + 2)], known, N_XBAR * (row + 1))
     return known
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def tight_force_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
     """Return zeros: the force is not estimated."""
     return np.zeros(3)
@@ -69,7 +70,7 @@ def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
     return imu[PAYLOAD:].reshape((n, IMU_SIZE))
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def tight_handed_of(
     estimator: TightConstants,
     memory: TightMemory,
@@ -102,7 +103,7 @@ def tight_handed_of(
     return handed
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def tight_take(
     estimator: TightConstants,
     memory: TightMemory,
@@ -118,7 +119,8 @@ def tight_take(
 ) -> None:
     """Go on to the belief of the next tick; arguments as take's."""
     layout, motion = estimator.layout, estimator.motion
-    memory.i[:] += r[:3] - memory.ahead[:3]
+    for i in range(3):
+        memory.i[i] += r[i] - memory.ahead[i]
     samples = samples_of(imu, estimator.samples)
     x, C, kept = memory.x, memory.C, memory.kept
     take_messages(x, C, kept, memory.watched, samples, ranges, detections, k * h, layout, motion, estimator.aids)

@@ -13,6 +13,7 @@ from numba.extending import register_jitable
 from ortilo_drake.flight.compiled.constants import ImuConstants, VehicleConstants
 from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, with_errors
 from ortilo_drake.model.equations import derivative, step
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.world.sensors.imu import imu_message
 from ortilo_drake.world.vehicle.disturbance import disturbance_at
@@ -88,13 +89,14 @@ def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, star
         b, q = _rates(vehicle, x + dt / 2.0 * a, speeds + dt / 2.0 * p, commanded, body)
         x_b, speeds_b = x + (2.0 * dt * b - dt * a), speeds + (2.0 * dt * q - dt * p)
         c, r = _rates(vehicle, x_b, speeds_b, commanded, body)
-        x[:] = x + (dt / 6.0 * a + 4.0 * (dt / 6.0) * b + dt / 6.0 * c)
-        if speeds.size > 0:
-            speeds[:] = speeds + (dt / 6.0 * p + 4.0 * (dt / 6.0) * q + dt / 6.0 * r)
+        for i in range(x.size):
+            x[i] += dt / 6.0 * a[i] + 4.0 * (dt / 6.0) * b[i] + dt / 6.0 * c[i]
+        for i in range(speeds.size):
+            speeds[i] += dt / 6.0 * p[i] + 4.0 * (dt / 6.0) * q[i] + dt / 6.0 * r[i]
         t = target
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def disturbance_of_tick(
     vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants, k: int, h: float, seed: int
 ) -> np.ndarray:
@@ -120,7 +122,7 @@ def sample_of_imu(
     return with_errors(message, errors, slow, False)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def fly_tick(
     vehicle: VehicleConstants,
     force: SlowConstants,
@@ -149,21 +151,21 @@ def fly_tick(
         h: tick [s].
         seed: of all noise.
     """
-    body.d[:] = disturbance_of_tick(vehicle, body.lasting, force, k, h, seed)
-    body.lasting[:] = slow_after(body.lasting, force, k, h, seed)
+    put(disturbance_of_tick(vehicle, body.lasting, force, k, h, seed), body.d)
+    put(slow_after(body.lasting, force, k, h, seed), body.lasting)
     if vehicle.hover_speeds.size > 0:
-        body.held[:] = u
+        put(u, body.held)
         commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed)
     else:
         product_into(body.held, vehicle.wrench, u)
         commanded = u
     if vehicle.longest_step == 0.0:
-        body.x[:] = step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h)
+        put(step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
         return
     n, start = samples.shape[0] + 1, k * h
     for i in range(1, n):
         time = h * (i / n) + k * h
         integrate(vehicle, body, commanded, start, time)
-        samples[i - 1] = sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n)
+        put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n), samples[i - 1])
         start = time
     integrate(vehicle, body, commanded, start, (k + 1) * h)

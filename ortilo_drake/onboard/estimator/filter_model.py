@@ -7,6 +7,7 @@ from ortilo_drake.model.signals import N_I, N_U, N_X
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.extra_states import Extra, names_of
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
+from ortilo_drake.onboard.estimator.structure import structure_of
 from ortilo_drake.scenario import DiagonalW, DisturbanceW
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
@@ -35,7 +36,8 @@ def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ())
 def filter_model(settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float) -> FilterModel:
     """Return what the paper's filter believes of the vehicle; integrator is 'literal', 'hold' or 'estimate'."""
     Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
-    return FilterModel(Phi, Gamma, process_noise(settings, vehicle, h), INTEGRATORS[integrator])
+    W = process_noise(settings, vehicle, h)
+    return FilterModel(Phi, Gamma, W, INTEGRATORS[integrator], structure=structure_of(Phi))
 
 
 def augmented_model(
@@ -65,4 +67,4 @@ def augmented_model(
     W[:N_X, :N_X] = model.W
     Gamma_a = np.zeros((N, N_I))
     Gamma_a[:N_X] = vehicle.mass * Gamma_d[:, :3]
-    return FilterModel(Phi, Gamma, W, model.integrator, tuple(range(N_X, N)), Gamma_a, vehicle.mass)
+    return FilterModel(Phi, Gamma, W, model.integrator, Gamma_a, vehicle.mass, structure_of(Phi))

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import euler_rates
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Belief
@@ -52,20 +53,25 @@ def with_imu_rows(
         V2: covariances, each row by row (q).
         imu: the imu message.
         j: number of the imu among the sensors.
-        variance: of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2] if it is taken (3 or 6).
+        variance: of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2] if it is taken (3 or 6); empty for none.
     """
     p, s, q, m = y.size, delta.size, V2.size, variance.size // 3
+    if m == 0:
+        return y, delta, V2
     y_all, delta_all = np.zeros(p + 3 * m, y.dtype), np.zeros(s + m, y.dtype)
     V2_all = np.zeros(q + 9 * m, y.dtype)
-    y_all[:p], delta_all[:s], V2_all[:q] = y, delta, V2
+    put(y, y_all)
+    put(delta, delta_all)
+    put(V2, V2_all)
     if delta[j] != 0.0:
         psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
         y_all[p] = np.cos(psi) * f[0] - np.sin(psi) * f[1]
         y_all[p + 1] = np.sin(psi) * f[0] + np.cos(psi) * f[1]
         y_all[p + 2] = f[2] - GRAVITY
         if m > 1:
-            y_all[p + 3 :] = euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6])
-        delta_all[s:] = 1.0
+            put(euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6]), y_all, p + 3)
+        for i in range(m):
+            delta_all[s + i] = 1.0
     for i in range(3 * m):
         V2_all[q + 9 * (i // 3) + 4 * (i % 3)] = variance[i]
     return y_all, delta_all, V2_all

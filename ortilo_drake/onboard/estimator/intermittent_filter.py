@@ -32,8 +32,10 @@ from numba.extending import register_jitable
 from ortilo_drake.model.equations import thrust_direction
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.scalars import solve
-from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.signals import N_I, N_X
+from ortilo_drake.model.triples import Triple
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.estimator.structure import Structure
 
 # What the last three states integrate. 'literal' (the paper) and 'hold' take the measured position and belong to
 # the filter's model: i_{k+1} = i_k + r_k - E_k y_k, which 'hold' leaves out where E_k = 0. 'estimate' (the authors'
@@ -42,34 +44,31 @@ INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL, INTEGRATOR_HOLD = 0, 1, 2
 INTEGRATORS = {"estimate": INTEGRATOR_ESTIMATE, "literal": INTEGRATOR_LITERAL, "hold": INTEGRATOR_HOLD}
 
 
-Numbers = tuple[int, ...]  # of states
-
-
 class FilterModel(NamedTuple):
-    """What the filter believes of the vehicle.
+    """What the filter believes of the vehicle; of N = 12 states x, or of more, [x; e].
 
     Attributes:
         Phi: discrete dynamics of x (N, N).
         Gamma: discrete control input (N, 4).
         W: process noise covariance (N, N).
         integrator: INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL or INTEGRATOR_HOLD.
-        extra: numbers of the states e in xbar, between x and i. Their count is part of the type, so that compiled loops
-            know their length, which halves their time.
-        Gamma_a: how an acceleration enters (N, 3); (N, 0) where lift does not tilt, as in the paper's hover model.
+        Gamma_a: how an acceleration enters (N, 3); read where there are states e: in the paper's hover model lift does
+            not tilt.
         mass: m [kg]; read where lift tilts.
+        structure: where Phi is not 0; None has every step look for it.
     """
 
     Phi: np.ndarray
     Gamma: np.ndarray
     W: np.ndarray
     integrator: int
-    extra: Numbers = ()
     Gamma_a: np.ndarray = np.zeros((N_X, 3))
     mass: float = 1.0
+    structure: Structure | None = None
 
 
 @register_jitable
-def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float) -> np.ndarray:
+def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float) -> Triple:
     """Return what the hover model leaves out of the lift's acceleration in W (3).
 
     The lift is l = (f_T + d_z) / m, d_z the vertical part of the disturbance force, in which a wrong mass or thrust
@@ -82,7 +81,7 @@ def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float) -> np.ndarray:
     """
     lift = GRAVITY + (u[0] + xbar[N_X + 2]) / mass
     z_B = thrust_direction(xbar[3], xbar[4], xbar[5])
-    return np.array([lift * z_B[0] - GRAVITY * xbar[4], lift * z_B[1] + GRAVITY * xbar[3], lift * (z_B[2] - 1.0)])
+    return lift * z_B[0] - GRAVITY * xbar[4], lift * z_B[1] + GRAVITY * xbar[3], lift * (z_B[2] - 1.0)
 
 
 @register_jitable
@@ -136,8 +135,9 @@ def intermittent_step(
         model: what the filter believes of the vehicle.
         layout: of the measurement.
     """
-    Phi, Gamma, W, integrator, extra, Gamma_a, mass = model
-    N, n = N_X + len(extra), N_XBAR + len(extra)
+    Phi, Gamma, W, integrator, Gamma_a, mass, _ = model
+    N = Phi.shape[0]
+    n = N + N_I
     arrived = arrived_rows(delta, layout.first)
     chosen = integrated_sensor(delta, layout.is_position, integrator)
     m = arrived.size
@@ -172,8 +172,8 @@ def intermittent_step(
         Ibar_r[N:] = r[:3]
 
     Gammabar_a = np.zeros(n, xhat.dtype)
-    if len(extra) > 0:
-        Gammabar_a[:N] = Gamma_a @ tilted_lift(xhat, u, mass)
+    if N > N_X:
+        Gammabar_a[:N] = Gamma_a @ np.array(tilted_lift(xhat, u, mass))
 
     K = np.ascontiguousarray(solve(H @ P @ H.T + V2, (Phibar @ P @ H.T + Ebar_V12).T).T)
     P_next = Phibar @ P @ Phibar.T + Ebar_V1_EbarT - K @ (H @ P @ Phibar.T + Ebar_V12.T)
@@ -192,11 +192,10 @@ def filter_gain(
     Phi: np.ndarray,
     integrator: int,
     layout: Layout,
-    extra: Numbers = (),
 ) -> np.ndarray:
     """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in intermittent_step."""
-    N, n = N_X + len(extra), N_XBAR + len(extra)
-    model = FilterModel(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, extra, np.zeros((N, 3)))
-    x, y, u, r = np.zeros(n), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)
+    N = len(Phi)
+    model = FilterModel(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, np.zeros((N, 3)))
+    x, y, u, r = np.zeros(N + N_I), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)
     gain: np.ndarray = intermittent_step.py_func(x, P, y, delta, V2, u, r, model, layout)[2]
     return gain

@@ -41,6 +41,11 @@ def differentiable_step(
     return np.concatenate((x, P.ravel()))
 
 
+def plain(numbers: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return a named tuple, and those in it, as plain tuples, see filter_loops.py."""
+    return tuple(plain(part) if isinstance(part, tuple) else part for part in numbers)
+
+
 class Predictor:
     """Ports, belief and measurement of a LeafSystem of any scalar type that is a Kalman filter."""
 
@@ -59,7 +64,7 @@ class Predictor:
         """Declare ports and states; arguments as KalmanFilter_'s, T the scalar type."""
         self.set_name("kalman_filter")
         self._n, self._imu_variances = len(P_0), imu_variances
-        self._model, self._layout, self._h = tuple(model), tuple(measurement.layout), h  # plain, see filter_loops.py
+        self._model, self._layout, self._h = plain(model), plain(measurement.layout), h
         functions = known_part, extra_part, with_imu_rows
         self._known_part, self._extra_part, self._with_imu_rows = (f if T is float else f.py_func for f in functions)
         self._hover = np.array([hover_thrust, 0.0, 0.0, 0.0])

@@ -18,8 +18,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.gate import squared_gate
@@ -48,7 +50,7 @@ class Incoming(NamedTuple):
 def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray) -> float:
     """Return the squared Mahalanobis distance e^T (C P_xx C^T + V)^-1 e of a value from its prediction.
 
-    It is infinite where the prediction is no longer finite.
+    It is infinite where the prediction is no longer finite or S is not positive definite.
 
     Args:
         e: value less prediction (m).
@@ -67,9 +69,11 @@ def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray)
                         if C[j, n] != 0.0:
                             total += C[i, k] * P[15 * k + n] * C[j, n]
             S[i, j] = total + V[i, j]
-    if not (np.all(np.isfinite(S)) and np.all(np.isfinite(e))):  # solve would raise
-        return np.inf
-    return float(e @ np.linalg.solve(S, e))
+    root, squared = e.copy().reshape((m, 1)), 0.0
+    forward_in_place(S, root, m)
+    for i in range(m):
+        squared += root[i, 0] ** 2
+    return squared if np.isfinite(squared) else np.inf
 
 
 @njit(cache=True)
@@ -95,7 +99,7 @@ def stack_measurements(
     s, p, q = start.size, first[-1], block[-1]
     out = np.zeros(p + s + q + s, messages.dtype)
     delta, stamps = out[p : p + s], out[p + s + q :]
-    out[p + s : p + s + q] = V2
+    put(V2, out, p + s)
     for j in range(s):
         if start[j] < 0:
             continue
@@ -105,7 +109,7 @@ def stack_measurements(
         m = first[j + 1] - first[j]
         V = out[p + s + block[j] : p + s + block[j + 1]]
         if with_message[j]:
-            V[:] = message[2 + m : 2 + m + m * m]
+            put(message[2 + m : 2 + m + m * m], V)
         stamps[j] = message[1]
         if not np.isinf(gates[j]):
             e = values_of(message[2 : 2 + m]).copy()
@@ -117,7 +121,7 @@ def stack_measurements(
                 continue
         if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > MAX_AGE:
             continue
-        out[first[j] : first[j + 1]] = message[2 : 2 + m]
+        put(message[2 : 2 + m], out, first[j])
         delta[j] = 1.0
     return out
 

@@ -16,6 +16,7 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
 from ortilo_drake.onboard.ranging.clock_offset import differentiable_offset_fix
@@ -33,9 +34,9 @@ def message_of(found: bool, stamp: float, p: np.ndarray, C: np.ndarray) -> np.nd
     if found:
         message[0] = 1.0
         message[1] = stamp
-        message[2:5] = p
+        put(p, message, 2)
         for i in range(3):
-            message[5 + 3 * i : 8 + 3 * i] = C[i]
+            put(C[i], message, 5 + 3 * i)
     return message
 
 

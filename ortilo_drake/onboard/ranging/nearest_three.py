@@ -6,10 +6,24 @@ all three lies in the plane of their anchors, and across that plane J says nothi
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
+from ortilo_drake.model.triples import cross, dot, minus, plus, times, triple
 from ortilo_drake.onboard.ranging.range_equations import fix_with_covariance
 
 COLLINEAR = 1e-3  # sine of the angle between two anchors seen from a third, below which they are on one line
+
+
+@register_jitable
+def next_nearest(ranges: np.ndarray, there: np.ndarray, used: np.ndarray) -> int:
+    """Return the anchor of the smallest range that is there and not used yet, -1 for none; it is used then."""
+    best = -1
+    for i in range(ranges.size):
+        if there[i] != 0.0 and used[i] == 0.0 and (best < 0 or ranges[i] < ranges[best]):
+            best = i
+    if best >= 0:
+        used[best] = 1.0
+    return best
 
 
 @njit(cache=True)
@@ -32,37 +46,31 @@ def nearest_three(
     Returns:
         Whether there is a fix; p_WB (3); its covariance C [m^2] (3, 3).
     """
-    used = np.zeros(len(ranges))
-    nearest = np.empty(3, dtype=np.int64)
-    for j in range(3):
-        best = -1
-        for i in range(len(ranges)):
-            if there[i] != 0.0 and used[i] == 0.0 and (best < 0 or ranges[i] < ranges[best]):
-                best = i
-        if best < 0:
-            return False, p_last, np.zeros((3, 3))
-        used[best] = 1.0
-        nearest[j] = best
-    r_1, r_2, r_3 = ranges[nearest[0]], ranges[nearest[1]], ranges[nearest[2]]
-    a_1 = anchors[nearest[0]]
-    to_2, to_3 = anchors[nearest[1]] - a_1, anchors[nearest[2]] - a_1
-    b = np.sqrt(np.sum(to_2**2))
+    used, no_fix = np.zeros(len(ranges)), (False, p_last, np.zeros((3, 3)))
+    first = next_nearest(ranges, there, used)
+    second = next_nearest(ranges, there, used)
+    third = next_nearest(ranges, there, used)
+    if third < 0:
+        return no_fix
+    r_1, r_2, r_3 = ranges[first], ranges[second], ranges[third]
+    a_1 = triple(anchors[first])
+    to_2, to_3 = minus(triple(anchors[second]), a_1), minus(triple(anchors[third]), a_1)
+    b = np.sqrt(dot(to_2, to_2))
     if not b > 0.0:
-        return False, p_last, np.zeros((3, 3))
-    e_x = to_2 / b
-    c = np.sum(e_x * to_3)
-    e_y = to_3 - c * e_x
-    e = np.sqrt(np.sum(e_y**2))
-    if not e > COLLINEAR * np.sqrt(np.sum(to_3**2)):
-        return False, p_last, np.zeros((3, 3))
-    e_y = e_y / e
+        return no_fix
+    e_x = times(1.0 / b, to_2)
+    c = dot(e_x, to_3)
+    e_y = minus(to_3, times(c, e_x))
+    e = np.sqrt(dot(e_y, e_y))
+    if not e > COLLINEAR * np.sqrt(dot(to_3, to_3)):
+        return no_fix
+    e_y = times(1.0 / e, e_y)
     x = (r_1**2 - r_2**2 + b**2) / (2.0 * b)
     y = (r_1**2 - r_3**2 + c**2 + e**2 - 2.0 * c * x) / (2.0 * e)
     z_squared = r_1**2 - x**2 - y**2
     if not z_squared > 0.0:
-        return False, p_last, np.zeros((3, 3))
-    foot = a_1 + x * e_x + y * e_y
-    up = np.cross(e_x, e_y)
-    z = np.sqrt(z_squared)
-    p = foot + z * up if np.sum((p_last - foot) * up) >= 0.0 else foot - z * up
-    return fix_with_covariance(p, ranges, used, anchors, noise)
+        return no_fix
+    foot = plus(a_1, plus(times(x, e_x), times(y, e_y)))
+    up, z = cross(e_x, e_y), np.sqrt(z_squared)
+    side = z if dot(minus(triple(p_last), foot), up) >= 0.0 else -z
+    return fix_with_covariance(np.array(plus(foot, times(side, up))), ranges, used, anchors, noise)

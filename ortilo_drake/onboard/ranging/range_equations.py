@@ -15,6 +15,8 @@ N^-1 (J^T R^-1 R_v R^-1 J) N^-1, N = J^T R^-1 J. The part that lasts is for the 
 import numpy as np
 from numba import njit
 
+from ortilo_drake.model.triples import Triple
+
 MAX_SD = 10.0  # a fix less certain than this, sqrt(tr C) [m], says nothing in a room
 MIN_SD = 1e-3  # no range is believed better than this [m]: r -> 0 would else get infinite weight
 
@@ -23,8 +25,8 @@ Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, y
 
 @njit(cache=True)
 def normal_equations(
-    p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
-) -> tuple[float, Symmetric, np.ndarray]:
+    p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
+) -> tuple[float, Symmetric, Triple]:
     """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|.
 
     noise is s_0 [m], s_1 and, where it is not 0, s_2 [m] (2 or 3).
@@ -43,7 +45,7 @@ def normal_equations(
         gx, gy, gz = gx + w * e * x, gy + w * e * y, gz + w * e * z
         xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
         yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
-    return cost, (xx, xy, xz, yy, yz, zz), np.array([gx, gy, gz])
+    return cost, (xx, xy, xz, yy, yz, zz), (gx, gy, gz)
 
 
 @njit(cache=True)
@@ -66,14 +68,12 @@ def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
 
 
 @njit(cache=True)
-def product(C: Symmetric, g: np.ndarray) -> np.ndarray:
-    """Return C g (3)."""
-    return np.array(
-        [
-            C[0] * g[0] + C[1] * g[1] + C[2] * g[2],
-            C[1] * g[0] + C[3] * g[1] + C[4] * g[2],
-            C[2] * g[0] + C[4] * g[1] + C[5] * g[2],
-        ]
+def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
+    """Return C g."""
+    return (
+        C[0] * g[0] + C[1] * g[1] + C[2] * g[2],
+        C[1] * g[0] + C[3] * g[1] + C[4] * g[2],
+        C[2] * g[0] + C[4] * g[1] + C[5] * g[2],
     )
 
 

@@ -6,6 +6,7 @@ Anchors in one plane cannot tell a position from its mirror image: the one neare
 import numpy as np
 from numba import njit
 
+from ortilo_drake.model.triples import dot, minus, plus, times, triple
 from ortilo_drake.onboard.ranging.range_equations import (
     fix_with_covariance,
     inverse,
@@ -26,24 +27,24 @@ def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> 
     The squared ranges are linear in p and |p|^2. Less their mean over the anchors, b_i for a_i, |p|^2 is
     gone: 2 (a_i - a_mean)^T p = |a_i|^2 - r_i^2 - b_mean, solved by unweighted least squares.
     """
-    count, a_mean, b_mean = 0, np.zeros(3), 0.0
+    count, a_mean, b_mean = 0, (0.0, 0.0, 0.0), 0.0
     for i in range(len(ranges)):
         if there[i] != 0.0:
-            count += 1
-            a_mean += anchors[i]
-            b_mean += np.sum(anchors[i] ** 2) - ranges[i] ** 2
-    a_mean /= count
+            a = triple(anchors[i])
+            count, a_mean, b_mean = count + 1, plus(a_mean, a), b_mean + dot(a, a) - ranges[i] ** 2
+    a_mean = times(1.0 / count, a_mean)
     b_mean /= count
-    g = np.zeros(3)
+    g = (0.0, 0.0, 0.0)
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(len(ranges)):
         if there[i] != 0.0:
-            x, y, z = anchors[i] - a_mean
-            g += (anchors[i] - a_mean) * (np.sum(anchors[i] ** 2) - ranges[i] ** 2 - b_mean) / 2.0
+            a = triple(anchors[i])
+            x, y, z = minus(a, a_mean)
+            g = plus(g, times((dot(a, a) - ranges[i] ** 2 - b_mean) / 2.0, (x, y, z)))
             xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
             yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
     definite, C = inverse((xx, xy, xz, yy, yz, zz))
-    return definite and C[0] + C[3] + C[5] < 1.0 / FLAT**2, product(C, g)
+    return definite and C[0] + C[3] + C[5] < 1.0 / FLAT**2, np.array(product(C, g))
 
 
 @njit(cache=True)
@@ -55,7 +56,7 @@ def descend(
     Gauss-Newton, damped (Levenberg) only where a step would raise the cost or N is singular; the cost never
     rises, so the descent cannot run away.
     """
-    p = p_start.copy()
+    p = triple(p_start)
     cost, N, g = normal_equations(p, ranges, there, anchors, noise)
     damping = 0.0
     for _ in range(MAX_STEPS):
@@ -63,16 +64,17 @@ def descend(
         definite, C = inverse((N[0] + k, N[1], N[2], N[3] + k, N[4], N[5] + k))
         if definite:
             s = product(C, g)
-            new_cost, new_N, new_g = normal_equations(p + s, ranges, there, anchors, noise)
-            short = np.sum(s**2) < STEP**2
+            new_p = plus(p, s)
+            new_cost, new_N, new_g = normal_equations(new_p, ranges, there, anchors, noise)
+            short = dot(s, s) < STEP**2
             if new_cost <= cost or short:
-                p, cost, N, g = p + s, new_cost, new_N, new_g
+                p, cost, N, g = new_p, new_cost, new_N, new_g
                 if short:
-                    return cost, p
+                    return cost, np.array(p)
                 damping = damping / 10.0 if damping > 1e-6 else 0.0
                 continue
         damping = max(10.0 * damping, 1e-3)
-    return np.inf, p
+    return np.inf, np.array(p)
 
 
 @njit(cache=True)

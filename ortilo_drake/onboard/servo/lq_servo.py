@@ -14,14 +14,16 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo as ServoSettings
 
+Reference = tuple[float, float, float, float, float, float, float, float, float]  # x_ref but for its rates, which are 0
+
 
 @register_jitable
-def less_product(u_0: float, row: np.ndarray, x_error: np.ndarray, xbar: np.ndarray) -> float:
-    """Return u_0 - row [x_error; i], i the last three of xbar, term by term; of any scalar."""
+def less_product(u_0: float, row: np.ndarray, xbar: np.ndarray, x_ref: Reference) -> float:
+    """Return u_0 - row [x - x_ref; i] (15), term by term; of any scalar."""
     u = u_0
-    for j in range(12):
-        u = u - row[j] * x_error[j]
-    for j in range(12, 15):
+    for j in range(9):
+        u = u - row[j] * (xbar[j] - x_ref[j])
+    for j in range(9, 15):
         u = u - row[j] * xbar[j]
     return u
 
@@ -52,21 +54,20 @@ def servo_control(
         force: d in W [N] (3); None for none.
     """
     aim = reference if error_form else np.zeros(9)
-    r, r_dot, a = aim[0:3], aim[3:6], aim[6:9]
+    a_x, a_y, a_z = aim[6], aim[7], aim[8]
     if force is not None:
-        a = a - force / mass
-    phi_r = (a[0] * np.sin(yaw) - a[1] * np.cos(yaw)) / GRAVITY
-    theta_r = (a[0] * np.cos(yaw) + a[1] * np.sin(yaw)) / GRAVITY
+        a_x, a_y, a_z = a_x - force[0] / mass, a_y - force[1] / mass, a_z - force[2] / mass
+    phi_r = (a_x * np.sin(yaw) - a_y * np.cos(yaw)) / GRAVITY
+    theta_r = (a_x * np.cos(yaw) + a_y * np.sin(yaw)) / GRAVITY
     psi_r = yaw if error_form else 0.0
-    x_ref = np.array([r[0], r[1], r[2], phi_r, theta_r, psi_r, r_dot[0], r_dot[1], r_dot[2], 0.0, 0.0, 0.0])
-    u_0 = mass * GRAVITY + mass * a[2]
-    x_error = xbar[:12] - x_ref
+    x_ref = (aim[0], aim[1], aim[2], phi_r, theta_r, psi_r, aim[3], aim[4], aim[5])
+    u_0 = mass * GRAVITY + mass * a_z
     return np.array(
         [
-            less_product(u_0, L[0], x_error, xbar),
-            less_product(0.0, L[1], x_error, xbar),
-            less_product(0.0, L[2], x_error, xbar),
-            less_product(0.0, L[3], x_error, xbar),
+            less_product(u_0, L[0], xbar, x_ref),
+            less_product(0.0, L[1], xbar, x_ref),
+            less_product(0.0, L[2], xbar, x_ref),
+            less_product(0.0, L[3], xbar, x_ref),
         ]
     )
 

@@ -18,6 +18,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import ARRIVED, N_X, STAMP
 from ortilo_drake.scenario import Link
@@ -58,8 +59,11 @@ def delay_of_message(
         where = float(k) if axis == _TIME else p_WB[axis]
         if blackouts[i, 1] <= where < blackouts[i, 2]:
             return NOT_SENT
+    lost = loss[3 if bad else 2]
+    if lost == 0.0 and delays[1] == 0:
+        return delays[0]
     u = uniforms(seed, stream, k, 2)
-    if u[_LOST] < loss[3 if bad else 2]:
+    if u[_LOST] < lost:
         return NOT_SENT
     return delays[0] + int(u[_DELAY] * (delays[1] + 1))
 
@@ -100,7 +104,7 @@ def put_in_flight(flying: np.ndarray, arrival: int, message: np.ndarray) -> None
     if row[0] == arrival and row[2] > message[1]:
         return
     row[0] = arrival
-    row[1:] = message
+    put(message, row, 1)
 
 
 @register_jitable

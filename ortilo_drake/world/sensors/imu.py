@@ -12,6 +12,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import body_rates, rotation
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
 from ortilo_drake.scenario import Imu as ImuSettings
@@ -49,8 +50,8 @@ def imu_message(
     message = np.empty(11, x.dtype)
     message[0] = 1.0
     message[1] = time
-    message[2:5] = x[3:6]
-    message[5:8] = body_rates(x[3:6], x[9:12])
+    put(x[3:6], message, 2)
+    put(body_rates(x[3:6], x[9:12]), message, 5)
     R_WB = rotation(x[3:6])
     for i in range(3):
         f = R_WB[0, i] * d[0] + R_WB[1, i] * d[1] + R_WB[2, i] * d[2]
