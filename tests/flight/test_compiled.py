@@ -182,7 +182,6 @@ def test_the_nearest_point_is_found(seed: int, points: int, aside: float) -> Non
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        (("faults=[{kind: gust, start: 5.0, end: 6.0, force: [0.0, 1.0, 0.0]}]",), "faults"),
         (("command_link.loss=0.1",), "command_link"),
         (("imu.link.rate=60",), "imu.link.rate"),
         (("sensors=[uwb, imu, altimeter]",), "sensors"),

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.flight.compiled.faults import VehicleFaults
 from ortilo_drake.flight.compiled.robust import RobustConstants
 from ortilo_drake.flight.compiled.slow import SlowConstants
 from ortilo_drake.flight.lost import Bounds
@@ -17,6 +18,7 @@ from ortilo_drake.onboard.estimator.tight.layout import Layout as TightLayout
 from ortilo_drake.onboard.estimator.tight.tick import Motion
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
+from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.sensors.camera_tables import Tables
 from ortilo_drake.world.sensors.landmark_view import Surroundings
 
@@ -59,6 +61,7 @@ class VehicleConstants(NamedTuple):
         force_sd: of the disturbance force per axis [N].
         torque_sd: of its torque per axis [N m].
         stream: number of the disturbance's noise.
+        faults: None where the whole flight has none.
     """
 
     mass: float
@@ -75,6 +78,7 @@ class VehicleConstants(NamedTuple):
     force_sd: float
     torque_sd: float
     stream: np.uint64
+    faults: VehicleFaults | None
 
 
 class ImuConstants(NamedTuple):
@@ -87,6 +91,7 @@ class ImuConstants(NamedTuple):
         sd: of angles, rates and specific force (3).
         stream: number of its noise.
         link: how its messages are delivered.
+        faults: of its messages; None where the whole flight has none.
     """
 
     whole: bool
@@ -95,6 +100,7 @@ class ImuConstants(NamedTuple):
     sd: np.ndarray
     stream: np.uint64
     link: LinkConstants
+    faults: FaultTable | None
 
 
 class UwbConstants(NamedTuple):
@@ -111,6 +117,7 @@ class UwbConstants(NamedTuple):
         surveyed: p_WA_i as they are believed to stand (n, 3).
         noise: believed of the ranges (3).
         three: whether the nearest three are met.
+        faults: of its messages; None where the whole flight has none.
     """
 
     anchors: np.ndarray
@@ -123,6 +130,7 @@ class UwbConstants(NamedTuple):
     surveyed: np.ndarray
     noise: np.ndarray
     three: bool
+    faults: FaultTable | None
 
 
 class CameraConstants(NamedTuple):
@@ -143,6 +151,8 @@ class CameraConstants(NamedTuple):
         rows: of a fix.
         prior: what stands in for P row by row (225); empty where P itself is taken.
         joint: whether refused images are counted.
+        faults: of its messages; None where the whole flight has none.
+        scene: those of what it looks at; None where the whole flight has none.
     """
 
     room: Surroundings
@@ -159,6 +169,8 @@ class CameraConstants(NamedTuple):
     rows: int
     prior: np.ndarray
     joint: bool
+    faults: FaultTable | None
+    scene: FaultTable | None
 
 
 class FilterConstants(NamedTuple):

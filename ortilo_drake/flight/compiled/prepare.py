@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.onboard import initial_estimate
 from ortilo_drake.flight.compiled.boxes import METHODS
 from ortilo_drake.flight.compiled.constants import (
@@ -17,6 +18,7 @@ from ortilo_drake.flight.compiled.constants import (
     UwbConstants,
     VehicleConstants,
 )
+from ortilo_drake.flight.compiled.faults import VehicleFaults
 from ortilo_drake.flight.compiled.robust import RobustConstants
 from ortilo_drake.flight.compiled.slow import NO_ERRORS
 from ortilo_drake.flight.flyable import flight_ticks
@@ -49,6 +51,9 @@ from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import as_known, flown
+from ortilo_drake.world.faults.scene_faults import message_faults, scene_table
+from ortilo_drake.world.faults.table import FaultTable, table_of
+from ortilo_drake.world.faults.vehicle_faults import force_table, wrench_table
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import blackout_rows, steps_a_chain
 from ortilo_drake.world.sensors.landmark_view import surroundings
@@ -78,8 +83,6 @@ def why_not(scenario: Scenario) -> str | None:
         return f"servo.kind: {scenario.servo.kind}: has no compiled form"
     if scenario.commands != Commands() or scenario.command_link != CommandLink():
         return "command_link, commands: late or lost commands have no compiled form"
-    if scenario.faults:
-        return "faults: have no compiled form"
     return None
 
 
@@ -89,9 +92,10 @@ def constants_of(scenario: Scenario) -> FlightConstants:
     The world is as it is believed to be; truth.py has what each seed's differs by.
 
     Raises:
-        InputError: if there is no path or no servo gain.
+        InputError: if there is no path or no servo gain, or if a fault concerns what is not there.
     """
     vehicle, h, room = scenario.vehicle, scenario.h, scenario.load_room()
+    check_room(scenario, room)
     path, ticks = path_of(scenario), flight_ticks(scenario)
     planner = make_planner(path)
     context = planner.CreateDefaultContext()
@@ -144,7 +148,14 @@ def _vehicle(scenario: Scenario) -> VehicleConstants:
         world.disturbance.force_sd,
         world.disturbance.torque_sd,
         stream_id("disturbance"),
+        VehicleFaults(wrench_table(scenario.faults, vehicle), force_table(scenario.faults))
+        if scenario.faults
+        else None,
     )
+
+
+def _faults(scenario: Scenario, sensor: str) -> FaultTable | None:
+    return table_of(message_faults(scenario.faults, sensor)) if scenario.faults else None
 
 
 def _link(scenario: Scenario, sensor: str, latency: int = 0) -> LinkConstants:
@@ -165,7 +176,8 @@ def _imu(scenario: Scenario) -> ImuConstants:
     tight = isinstance(scenario.estimator, TightFilter)
     whole = tight or imu_variances(scenario) is not None
     samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
-    return ImuConstants(whole, samples, np.zeros(9), sd, stream_id("imu"), _link(scenario, "imu"))
+    link, faults = _link(scenario, "imu"), _faults(scenario, "imu")
+    return ImuConstants(whole, samples, np.zeros(9), sd, stream_id("imu"), link, faults)
 
 
 def _uwb(scenario: Scenario, room: Room) -> UwbConstants:
@@ -181,6 +193,7 @@ def _uwb(scenario: Scenario, room: Room) -> UwbConstants:
         room.anchor_positions,
         believed_noise(settings),
         settings.method == "nearest_three",
+        _faults(scenario, "uwb"),
     )
 
 
@@ -203,6 +216,8 @@ def _camera(scenario: Scenario, room: Room) -> CameraConstants:
         len(fix.rows),
         np.zeros(0) if prior is None else prior,
         fix.joint is not None,
+        _faults(scenario, "camera"),
+        scene_table(scenario.faults) if scenario.faults else None,
     )
 
 
