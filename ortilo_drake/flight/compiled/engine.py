@@ -69,6 +69,19 @@ class Engine:
         flight.attrs["real_time_factor"] = float("nan")
         return flight
 
+    def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
+        """Fly one seed; return what it leaves behind, a row of figures.py for each tick flown, and its loss.
+
+        Raises:
+            InputError: if a scenario allows no such seed.
+        """
+        scenario = with_seed(self._scenario, seed)
+        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
+        seeds = np.full(self.ticks, seed, dtype=np.int64)
+        last, cause = fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, NO_LOG)
+        lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
+        return trace[: last + 1], lost
+
     def figures(
         self, seeds: Sequence[int], threads: int = 1, progress: Callable[[int], None] = lambda flown: None
     ) -> np.ndarray:
@@ -108,6 +121,11 @@ class Engine:
     def ticks(self) -> int:
         """How many ticks a flight that is not lost has, the first and the last among them."""
         return self._ticks + 1
+
+    @property
+    def h(self) -> float:
+        """The tick [s]."""
+        return self._scenario.h
 
     def distances(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fly, and return how far each flight is from its reference, and its estimate from it, at each tick [m].
