@@ -88,6 +88,26 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class CompiledEstimator:
+    """An estimator's share in compiled flights (flight/compiled): functions compiled by numba.njit, and their numbers.
+
+    It is one of the vehicle's twelve states, and a tick is: known, then step.
+
+    Attributes:
+        numbers: (belief, xbar_0 (15)) -> NamedTuple of floats and arrays, of a class that is this estimator's alone.
+        first: numbers -> its state at first, one array of floats; needs no numba.
+        known: (numbers, state) -> [estimate (12), covariance row by row (144)].
+        step: (numbers, state, uwb, detections, imu, control (4), reference (9)) -> the next state. A message that
+            did not arrive is zeros, and may be shorter if its sensor does not fly.
+    """
+
+    numbers: Callable[[Any, np.ndarray], Any]
+    first: Callable[[Any], np.ndarray]
+    known: Callable[..., np.ndarray]
+    step: Callable[..., np.ndarray]
+
+
+@dataclass(frozen=True)
 class Part:
     """An estimator, a servo or a planner that scenarios may name by its kind.
 
@@ -95,11 +115,13 @@ class Part:
         kind: what stands after ``kind:`` in a scenario.
         settings: its group in a scenario, a frozen model with a field ``kind: Literal[...]``.
         make: makes it; see diagrams/onboard.py for what each takes and returns.
+        compiled: an estimator's share in compiled flights; None if Drake alone flies it.
     """
 
     kind: str
     settings: type[Frozen]
     make: Callable[..., Any]
+    compiled: CompiledEstimator | None = None
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.

@@ -6,13 +6,16 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.boxes import fix_of_boxes
-from ortilo_drake.flight.compiled.constants import CameraConstants, FilterConstants, UwbConstants
+from ortilo_drake.flight.compiled.constants import CameraConstants, OtherConstants, UwbConstants
+from ortilo_drake.flight.compiled.constants_onboard import FilterConstants
+from ortilo_drake.flight.compiled.others import OtherMemory, solve_others
+from ortilo_drake.flight.compiled.past import belief_about
 from ortilo_drake.flight.compiled.robust import RobustMemory, first_robust_memory, heard, open_beliefs, used_of
 from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
-from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, past_belief, replay_step
+from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step
 from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
 from ortilo_drake.onboard.ranging.multilateration import fix_message, tested_fix_message
@@ -89,6 +92,8 @@ def handed_of(
     known: np.ndarray,
     k: int,
     h: float,
+    others: tuple[OtherConstants, ...],
+    kept: tuple[OtherMemory, ...],
 ) -> np.ndarray:
     """Return the handler's [y, delta, V2, stamps] of tick k.
 
@@ -103,6 +108,8 @@ def handed_of(
         known: belief of [x; i] (240).
         k: tick.
         h: tick [s].
+        others: the other sensors.
+        kept: of them.
     """
     slot, n, robust, own = estimator.slot, N_XBAR + len(estimator.model.extra), estimator.robust, memory.robust
     ranges, detections = heard(robust, ranges, own.uwb), heard(robust, detections, own.camera)
@@ -111,9 +118,11 @@ def handed_of(
     about = belief_about(slot, memory.history, n, detections, known, h)
     by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
     memory.refused[0] = refused
-    handed = handed_over(estimator, by_ranges, heard(robust, imu, own.imu), by_boxes, known, k, h)
-    layout, history = estimator.handled, memory.history
-    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, k, h)
+    messages, layout, history = np.zeros(estimator.size), estimator.handled, memory.history
+    seen = np.zeros((layout.first.size - 1 if len(others) > 0 else 0, PAYLOAD))
+    solve_others(others, kept, (robust, slot, history, n, known, h, messages, seen))
+    handed = handed_over(estimator, messages, by_ranges, heard(robust, imu, own.imu), by_boxes, known, k, h)
+    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, seen, k, h)
 
 
 @register_jitable
@@ -162,18 +171,9 @@ def first_history(slot: Slot | None, ticks: int) -> np.ndarray:
 
 
 @register_jitable
-def belief_about(
-    slot: Slot | None, history: np.ndarray, n: int, message: np.ndarray, known: np.ndarray, h: float
-) -> np.ndarray:
-    """Return the belief of [x; i] about which a message is solved: the present one where no history is kept."""
-    if slot is None:
-        return known
-    return past_belief(history, slot, n, message, known, h)
-
-
-@register_jitable
 def handed_over(
     estimator: FilterConstants,
+    messages: np.ndarray,
     ranges: np.ndarray,
     imu: np.ndarray,
     boxes: np.ndarray,
@@ -185,6 +185,7 @@ def handed_over(
 
     Args:
         estimator: handler and filter.
+        messages: the vector that the handler takes, with the fixes of the other sensors; changed.
         ranges: fix of ranges.
         imu: the imu's message.
         boxes: fix of boxes.
@@ -192,7 +193,6 @@ def handed_over(
         k: tick.
         h: tick [s].
     """
-    messages = np.zeros(estimator.size)
     for j, message in enumerate((ranges, imu, boxes)):
         if message[ARRIVED] != 0.0:
             messages[estimator.first[j] : estimator.first[j] + message.size] = message

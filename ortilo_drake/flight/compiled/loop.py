@@ -5,17 +5,13 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, held_by_camera
-from ortilo_drake.flight.compiled.constants import (
-    FlightConstants,
-    ImuConstants,
-    ServoConstants,
-    UwbConstants,
-    VehicleConstants,
-)
+from ortilo_drake.flight.compiled.constants import FlightConstants, ImuConstants, UwbConstants, VehicleConstants
+from ortilo_drake.flight.compiled.constants_onboard import ServoConstants
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
 from ortilo_drake.flight.compiled.faults import held_at_first, is_read_anyway, said_of
 from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, position_nees
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.flight.compiled.others import first_others, read_others, step_others
 from ortilo_drake.flight.compiled.slow import SlowConstants, seen_by, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
@@ -132,12 +128,13 @@ def fly_one(
         log: a row for each tick, see Measurement.logged_sizes (ticks + 1, w); (0, w) for none.
     """
     h, vehicle, imu, uwb, camera = flight.h, flight.vehicle, flight.imu, flight.uwb, flight.camera
-    servo, estimator = flight.servo, flight.filter
+    servo, estimator, others = flight.servo, flight.filter, flight.others
     imu_errors, uwb_errors, force = flight.imu_errors, flight.uwb_errors, flight.force
     handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
     body, memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
     imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
+    kept = first_others(others)
     samples = np.zeros((imu.samples - 1, IMU_SIZE))
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
     size = IMU_SIZE if imu.samples == 1 else PAYLOAD + imu.samples * IMU_SIZE
@@ -155,7 +152,8 @@ def fly_one(
         )
         ranges = uwb_of_tick(uwb, uwb_errors, uwb_slow, x, k, h, seed, uwb_bad, uwb_flying, uwb_held)
         detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying, camera_held, anchors)
-        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h)
+        read_others(others, kept, (x, k, h, seed, anchors))
+        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h, others, kept)
         u = control_of(servo, force_of(estimator, memory), known[:N_XBAR], x, r)
         arrived += handed[p : p + s]
         trace[k, TRUE], trace[k, ESTIMATED] = x[:3], known[:3]
@@ -172,6 +170,7 @@ def fly_one(
             break
         go_on(estimator, memory, handed, ranges, felt, detections, k, h, u, vehicle.hover_thrust, r)
         imu_bad, uwb_bad = chain_of_tick(imu.link, k, imu_bad, seed), chain_of_tick(uwb.link, k, uwb_bad, seed)
+        step_others(others, kept, (k, h, seed))
         camera_bad = camera_chain(camera, k, camera_bad, seed)
         imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
         fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed, imu_held, anchors)
