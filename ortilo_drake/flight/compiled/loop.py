@@ -134,7 +134,7 @@ def fly_one(
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
     body, memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
     imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
-    kept = first_others(others)
+    others_kept = first_others(others)
     samples = np.zeros((imu.samples - 1, IMU_SIZE))
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
     size = IMU_SIZE if imu.samples == 1 else PAYLOAD + imu.samples * IMU_SIZE
@@ -152,8 +152,8 @@ def fly_one(
         )
         ranges = uwb_of_tick(uwb, uwb_errors, uwb_slow, x, k, h, seed, uwb_bad, uwb_flying, uwb_held)
         detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying, camera_held, anchors)
-        read_others(others, kept, (x, k, h, seed, anchors))
-        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h, others, kept)
+        read_others(others, others_kept, (x, k, h, seed, anchors))
+        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h, others, others_kept)
         u = control_of(servo, force_of(estimator, memory), known[:N_XBAR], x, r)
         arrived += handed[p : p + s]
         trace[k, TRUE], trace[k, ESTIMATED] = x[:3], known[:3]
@@ -170,7 +170,7 @@ def fly_one(
             break
         go_on(estimator, memory, handed, ranges, felt, detections, k, h, u, vehicle.hover_thrust, r)
         imu_bad, uwb_bad = chain_of_tick(imu.link, k, imu_bad, seed), chain_of_tick(uwb.link, k, uwb_bad, seed)
-        step_others(others, kept, (k, h, seed))
+        step_others(others, others_kept, (k, h, seed))
         camera_bad = camera_chain(camera, k, camera_bad, seed)
         imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
         fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed, imu_held, anchors)
