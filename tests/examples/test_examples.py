@@ -20,7 +20,7 @@ from ortilo_drake.model import parts
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
-from ortilo_drake.scenario import with_seed
+from ortilo_drake.scenario import load_scenario, with_seed
 
 FOLDER = Path(__file__).parents[2] / "examples"
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 3.0}
@@ -100,7 +100,7 @@ def test_an_own_sensor_that_gives_a_compiled_step_joins_the_engine() -> None:
     link = "barometer={link: {rate: 10, loss: 0.2, random_delay: 2}}"
     fault = "faults=[{kind: stuck, sensor: barometer, start: 2.0, end: 4.0}]"
     for changes in ((), (fault,)):
-        scenario = od.load_scenario("nominal_imu_uwb", ("sensors=[uwb, imu, barometer]", planner, link, *changes))
+        scenario = load_scenario("nominal_imu_uwb", ("sensors=[uwb, imu, barometer]", planner, link, *changes))
         assert why_not(scenario) is None
         flight = Engine(scenario).fly(2)
         found = apart(fly(with_seed(scenario, 2)), flight)

@@ -14,7 +14,7 @@ from ortilo_drake.flight.compiled.sameness import apart
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model import parts
 from ortilo_drake.model.equations import euler_rates, rotation
-from ortilo_drake.scenario import with_seed
+from ortilo_drake.scenario import load_scenario, with_seed
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 
@@ -109,7 +109,7 @@ COMPILED = od.CompiledEstimator(numbers, lambda its: its.x_0.copy(), known, step
 
 
 def scenario_of() -> od.Scenario:
-    return od.load_scenario(
+    return load_scenario(
         "imu_uwb", (SHORT, "estimator={kind: follower, gain: 2.0}", "uwb.link={rate: 10, random_delay: 1}")
     )
 
