@@ -1,15 +1,13 @@
 """Faults of the sensors' messages in the world: each a system between a sensor and its link."""
 
-from collections.abc import Iterator
-
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.faults import AnyFault, Stuck, sensors_of
+from ortilo_drake.scenario.faults import Stuck
 from ortilo_drake.world.faults.message_fault import MessageFault, StuckSensor
-from ortilo_drake.world.faults.scene_faults import scene_faults
+from ortilo_drake.world.faults.scene_faults import message_faults
 
 
 def add_sensor_faults(
@@ -25,29 +23,19 @@ def add_sensor_faults(
         message: the sensor's messages, with their errors; of one faster than the tick its samples.
         state: as the sensor sees it.
     """
-    h, of_scene = scenario.sampled_for(sensor).h, scene_faults(scenario.faults) if sensor == "camera" else ()
-    for number, i, fault in _numbered(scenario.faults):
-        if sensor not in sensors_of(fault) or fault in of_scene:
-            continue
-        name, size = f"{sensor}_fault_{i}", message.size()
-        if isinstance(fault, Stuck):
-            stuck = builder.AddSystem(StuckSensor(name, size, fault, h))
+    sampled = scenario.sampled_for(sensor)
+    for its in message_faults(scenario.faults, sensor):
+        name, size = f"{sensor}_fault_{its.i}", message.size()
+        if isinstance(its.fault, Stuck):
+            stuck = builder.AddSystem(StuckSensor(name, size, its, scenario.h, scenario.samples(sensor)))
             builder.Connect(message, stuck.get_input_port())
             message = stuck.get_output_port()
         else:
-            changed = builder.AddSystem(
-                MessageFault(name, sensor, size, fault, number, room.anchor_positions, scenario.seed, h)
-            )
+            changed = builder.AddSystem(MessageFault(name, size, its, room.anchor_positions, scenario.seed, sampled.h))
             builder.Connect(message, changed.GetInputPort("message"))
             builder.Connect(state, changed.GetInputPort("state"))
             message = changed.get_output_port()
     return message
-
-
-def _numbered(faults: tuple[AnyFault, ...]) -> Iterator[tuple[int, int, AnyFault]]:
-    """Yield which of the faults of its kind each one is, which of all, and the fault."""
-    for i, fault in enumerate(faults):
-        yield sum(other.kind == fault.kind for other in faults[:i]), i, fault
 
 
 def check_room(scenario: Scenario, room: Room) -> None:

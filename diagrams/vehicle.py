@@ -7,7 +7,7 @@ from pydrake.systems.primitives import Adder, ZeroOrderHold
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
-from ortilo_drake.world.faults.vehicle_faults import ForceFaults, WrenchFaults, of_force, of_wrench
+from ortilo_drake.world.faults.vehicle_faults import ForceFaults, WrenchFaults, force_table, wrench_table
 from ortilo_drake.world.radio.command_link import CommandLink_
 from ortilo_drake.world.slow_error import SlowError_, gauss_markov
 from ortilo_drake.world.vehicle.acted_report import ActedReport
@@ -47,8 +47,9 @@ def add_vehicle(
     changes: list[LeafSystem] = []  # of the wrench, in their order
     if scenario.truth.vehicle != VehicleTruth():
         changes.append(builder.AddSystem(WrenchError_[float]()))
-    if of_wrench(scenario.faults):
-        changes.append(builder.AddSystem(WrenchFaults(of_wrench(scenario.faults), scenario.vehicle)))
+    wrench_faults = wrench_table(scenario.faults, scenario.vehicle)
+    if wrench_faults.kinds.size:
+        changes.append(builder.AddSystem(WrenchFaults(wrench_faults)))
     if scenario.world.rotors.kind == "first_order":
         actuator = builder.AddSystem(Rotors_[float](scenario.vehicle))
         builder.Connect(hold.get_output_port(), actuator.get_input_port())
@@ -121,8 +122,8 @@ def _add_disturbance(builder: DiagramBuilder, scenario: Scenario) -> OutputPort:
 
 def _with_faults(builder: DiagramBuilder, scenario: Scenario, disturbance: OutputPort) -> OutputPort:
     """Add the faults that change what a disturbance does, if there are any; return where it comes out."""
-    faults = of_force(scenario.faults)
-    if not faults:
+    faults = force_table(scenario.faults)
+    if not faults.kinds.size:
         return disturbance
     changed = builder.AddSystem(ForceFaults(faults))
     builder.Connect(disturbance, changed.get_input_port())

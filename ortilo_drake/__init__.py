@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ortilo_drake.api import (
         Belief,
+        Compiled,
+        CompiledEstimator,
         FixSolver,
         Flight,
         Flights,
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
         SensorSettings,
         StateSensor,
         compare,
+        compiled_sensor,
+        compiled_solver,
         fly,
         fly_many,
         load_scenario,
@@ -37,6 +41,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "Belief",
+    "Compiled",
+    "CompiledEstimator",
     "FixSolver",
     "Flight",
     "Flights",
@@ -48,6 +54,8 @@ __all__ = [
     "SensorSettings",
     "StateSensor",
     "compare",
+    "compiled_sensor",
+    "compiled_solver",
     "fly",
     "fly_many",
     "load_scenario",

@@ -13,16 +13,18 @@ from ortilo_drake.api.parts import register_estimator, register_planner, registe
 from ortilo_drake.api.settings import load_scenario
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.measurement import row
-from ortilo_drake.model.parts import Sensor, register_sensor
+from ortilo_drake.model.parts import Compiled, CompiledEstimator, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
-from ortilo_drake.onboard.fix_solver import FixSolver
+from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
 from ortilo_drake.scenario import Belief, InputError, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
-from ortilo_drake.world.sensors.state_sensor import StateSensor
+from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
 
 __all__ = [
     "Belief",
+    "Compiled",
+    "CompiledEstimator",
     "FixSolver",
     "Flight",
     "Flights",
@@ -34,6 +36,8 @@ __all__ = [
     "SensorSettings",
     "StateSensor",
     "compare",
+    "compiled_sensor",
+    "compiled_solver",
     "fly",
     "fly_many",
     "load_scenario",

@@ -28,6 +28,27 @@ KINDS: Final = ("estimator", "servo", "planner")
 
 
 @dataclass(frozen=True)
+class Compiled:
+    """A sensor's share in compiled flights (flight/compiled): functions compiled by numba, and the numbers they take.
+
+    Attributes:
+        numbers: (scenario, room) -> NamedTuple of floats and arrays, of a class that is this sensor's alone.
+        payload: numbers n in its message after arrived and stamp.
+        noises: standard normal numbers that a message takes.
+        measure: (numbers, true x (12), standard normal numbers, t_k [s]) -> payload (n), an empty array where the
+            sensor gives nothing; compiled by numba.njit.
+        solve: (numbers, payload (n), xhat (15), P (15, 15)) -> [value (m), covariance row by row (m^2)], an empty array
+            where there is no solution; compiled likewise. None if the message begins with the value.
+    """
+
+    numbers: Callable[[Any, Any], Any]
+    payload: int
+    noises: int
+    measure: Callable[..., np.ndarray]
+    solve: Callable[..., np.ndarray] | None = None
+
+
+@dataclass(frozen=True)
 class Sensor:
     """Everything that the laboratory knows of a sensor; where it is faster than the tick, of one of its samples.
 
@@ -51,6 +72,7 @@ class Sensor:
             NaN where the sensor gives nothing. The Cramer-Rao floor, the tube and the theory bench ask for it.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
+        compiled: its share in compiled flights; None if Drake alone flies it.
     """
 
     name: str
@@ -62,6 +84,27 @@ class Sensor:
     payload: int | None = None
     V: Callable[[Any], np.ndarray | None] = lambda scenario: None
     limits: Callable[[Any, Any], tuple[np.ndarray, np.ndarray]] | None = None
+    compiled: Compiled | None = None
+
+
+@dataclass(frozen=True)
+class CompiledEstimator:
+    """An estimator's share in compiled flights (flight/compiled): functions compiled by numba.njit, and their numbers.
+
+    It is one of the vehicle's twelve states, and a tick is: known, then step.
+
+    Attributes:
+        numbers: (belief, xbar_0 (15)) -> NamedTuple of floats and arrays, of a class that is this estimator's alone.
+        first: numbers -> its state at first, one array of floats; needs no numba.
+        known: (numbers, state) -> [estimate (12), covariance row by row (144)].
+        step: (numbers, state, uwb, detections, imu, control (4), reference (9)) -> the next state. A message that
+            did not arrive is zeros, and may be shorter if its sensor does not fly.
+    """
+
+    numbers: Callable[[Any, np.ndarray], Any]
+    first: Callable[[Any], np.ndarray]
+    known: Callable[..., np.ndarray]
+    step: Callable[..., np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -72,11 +115,13 @@ class Part:
         kind: what stands after ``kind:`` in a scenario.
         settings: its group in a scenario, a frozen model with a field ``kind: Literal[...]``.
         make: makes it; see diagrams/onboard.py for what each takes and returns.
+        compiled: an estimator's share in compiled flights; None if Drake alone flies it.
     """
 
     kind: str
     settings: type[Frozen]
     make: Callable[..., Any]
+    compiled: CompiledEstimator | None = None
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.

@@ -5,7 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from ortilo_drake.model.parts import Compiled
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
+from ortilo_drake.scenario import Belief
 
 Solve = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray] | None]
 
@@ -49,3 +52,20 @@ class FixSolver(LeafSystem):
             fix[ARRIVED], fix[STAMP] = 1.0, message[STAMP]
             fix[PAYLOAD:] = np.concatenate((np.ravel(value), np.ravel(covariance)))
         output.set_value(fix)
+
+
+def compiled_solver(name: str, compiled: Compiled, rows: int, scenario: Belief, room: Room) -> FixSolver:
+    """Return a solver by the function that compiled flights call as well; rows is m.
+
+    Raises:
+        ValueError: if it has none.
+    """
+    if compiled.solve is None:
+        raise ValueError(f"{name}: has no solve")
+    numbers, function = compiled.numbers(scenario, room), compiled.solve
+
+    def solve(payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        fix = function(numbers, np.ascontiguousarray(payload), np.ascontiguousarray(xhat), np.ascontiguousarray(P))
+        return (fix[:rows], fix[rows:]) if fix.size else None
+
+    return FixSolver(name, compiled.payload, rows, solve)

@@ -8,19 +8,21 @@ the range is turned upright by the estimated attitude:
     z = z_floor + r cos phi cos theta,   V = (s(r) cos phi cos theta)^2 + (dz/dphi)^2 P_phi + (dz/dtheta)^2 P_theta
 """
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from numba import njit
+from numba.extending import register_jitable
 from pydantic import Field, NonNegativeFloat
 
 from ortilo_drake.model.measurement import row
-from ortilo_drake.model.parts import Sensor, register_sensor
+from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Positive
-from ortilo_drake.onboard.fix_solver import FixSolver
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
+from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
-from ortilo_drake.world.sensors.state_sensor import StateSensor
+from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
 
 MAX_TILT = 1.2  # beyond which the beam meets the floor too far away [rad]
 
@@ -40,59 +42,95 @@ class Altimeter(SensorSettings):
     max_range: Annotated[float, Field(gt=0.0, le=1000.0)] = 8.0
 
 
-def noise_sd(settings: Altimeter, r: np.ndarray) -> np.ndarray:
-    """Return s(r) [m] at ranges r [m]."""
-    return np.hypot(settings.sd, settings.fraction * r)
+class AltimeterNumbers(NamedTuple):
+    """What compiled functions know of an altimeter.
+
+    Attributes:
+        floor: z of the floor [m].
+        sd: noise that does not depend on the range [m].
+        fraction: noise over the range [1].
+        max_range: farther floors give no range [m].
+    """
+
+    floor: float
+    sd: float
+    fraction: float
+    max_range: float
 
 
-def slant_range(states: np.ndarray, floor: float) -> np.ndarray:
-    """Return the distance to the floor along the beam [m] at states (..., 12); inf where the beam does not meet it."""
-    upright = np.cos(states[..., 3]) * np.cos(states[..., 4])
-    return np.where(upright > np.cos(MAX_TILT), (states[..., 2] - floor) / np.maximum(upright, 1e-3), np.inf)
+def numbers_of(scenario: Belief, room: Room) -> AltimeterNumbers:
+    """Return an altimeter's numbers."""
+    settings = scenario.settings_of("altimeter")
+    return AltimeterNumbers(float(room.interior.min[2]), settings.sd, settings.fraction, settings.max_range)
+
+
+@register_jitable
+def noise_sd(numbers: AltimeterNumbers, r: float) -> float:
+    """Return s(r) [m] at a range r [m]."""
+    return np.hypot(numbers.sd, numbers.fraction * r)
+
+
+@njit(cache=True)
+def slant_range(x: np.ndarray, floor: float) -> float:
+    """Return the distance to the floor along the beam [m] at a state (12); inf where the beam does not meet it."""
+    upright = np.cos(x[3]) * np.cos(x[4])
+    return (x[2] - floor) / max(upright, 1e-3) if upright > np.cos(MAX_TILT) else np.inf
+
+
+@njit(cache=True)
+def measured_range(numbers: AltimeterNumbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    """Return the payload [r], nothing where there is none; arguments as model.parts.Compiled's measure."""
+    r = slant_range(x, numbers.floor)
+    if not 0.0 < r <= numbers.max_range:
+        return np.zeros(0)
+    measured = r + noise_sd(numbers, r) * v[0]
+    return np.array([measured]) if measured > 0.0 else np.zeros(0)
+
+
+@njit(cache=True)
+def upright_range(numbers: AltimeterNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return z and its variance, nothing where there is none; arguments as model.parts.Compiled's solve."""
+    r, phi, theta = payload[0], xhat[3], xhat[4]
+    upright = np.cos(phi) * np.cos(theta)
+    if not upright > np.cos(MAX_TILT):
+        return np.zeros(0)
+    by_phi, by_theta = r * (np.sin(phi) * np.cos(theta)), r * (np.cos(phi) * np.sin(theta))
+    of_attitude = by_phi**2 * P[3, 3] + by_phi * by_theta * (P[3, 4] + P[4, 3]) + by_theta**2 * P[4, 4]
+    return np.array([numbers.floor + r * upright, (noise_sd(numbers, r) * upright) ** 2 + of_attitude])
+
+
+COMPILED = Compiled(numbers_of, 1, 1, measured_range, upright_range)
 
 
 def make_world(scenario: Scenario, room: Room) -> StateSensor:
     """Return the sensor in the world; payload [r]."""
-    settings, floor = scenario.settings_of("altimeter"), room.interior.min[2]
-
-    def measure(x: np.ndarray, v: np.ndarray, t: float) -> list[float] | None:
-        r = float(slant_range(x, floor))
-        measured = r + float(noise_sd(settings, np.array(r))) * v[0] if r <= settings.max_range else 0.0
-        return [measured] if 0.0 < r <= settings.max_range and measured > 0.0 else None
-
-    return StateSensor("altimeter", 1, 1, measure, scenario.seed, scenario.h)
+    return compiled_sensor("altimeter", COMPILED, scenario, room)
 
 
-def make_onboard(scenario: Scenario, room: Room) -> FixSolver:
+def make_onboard(scenario: Belief, room: Room) -> FixSolver:
     """Return what turns the range upright."""
-    settings, floor = scenario.settings_of("altimeter"), room.interior.min[2]
+    return compiled_solver("altimeter", COMPILED, 1, scenario, room)
 
-    def solve(payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        r, phi, theta = float(payload[0]), float(xhat[3]), float(xhat[4])
-        upright = np.cos(phi) * np.cos(theta)
-        if not upright > np.cos(MAX_TILT):
-            return None
-        slope = r * np.array([np.sin(phi) * np.cos(theta), np.cos(phi) * np.sin(theta)])
-        variance = (float(noise_sd(settings, np.array(r))) * upright) ** 2 + slope @ P[3:5, 3:5] @ slope
-        return np.array([floor + r * upright]), np.array([[variance]])
 
-    return FixSolver("altimeter", 1, 1, solve)
+def slant_ranges(states: np.ndarray, floor: float) -> np.ndarray:
+    """Return slant_range at states (n, 12)."""
+    return np.array([slant_range(x, floor) for x in np.ascontiguousarray(states)])
 
 
 def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
     """Return the noise of z (n, 1) [m] at true states (n, 12), NaN where there is no range."""
-    settings = scenario.settings_of("altimeter")
-    r = slant_range(states, room.interior.min[2])
+    numbers = numbers_of(scenario, room)
+    r = slant_ranges(states, numbers.floor)
     upright = np.cos(states[:, 3]) * np.cos(states[:, 4])
     with np.errstate(invalid="ignore"):
-        sd = noise_sd(settings, r) * upright
-    return np.where((r > 0.0) & (r <= settings.max_range), sd, np.nan)[:, np.newaxis]
+        sd = np.hypot(numbers.sd, numbers.fraction * r) * upright
+    return np.where((r > 0.0) & (r <= numbers.max_range), sd, np.nan)[:, np.newaxis]
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the greatest range that a packet may hold."""
-    settings = scenario.settings_of("altimeter")
-    return np.zeros(1), np.array([settings.max_range + 10.0 * noise_sd(settings, np.array(settings.max_range))])
+    numbers = numbers_of(scenario, room)
+    return np.zeros(1), np.array([numbers.max_range + 10.0 * noise_sd(numbers, numbers.max_range)])
 
 
 register_sensor(
@@ -104,5 +142,6 @@ register_sensor(
         make_onboard=make_onboard,
         sd=row_sd,
         limits=limits,
+        compiled=COMPILED,
     )
 )

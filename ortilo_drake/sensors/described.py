@@ -13,7 +13,7 @@ from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Uwb as UwbSettings
 from ortilo_drake.sensors.faster import with_samples
-from ortilo_drake.world.faults.scene_faults import scene_faults
+from ortilo_drake.world.faults.scene_faults import scene_table
 from ortilo_drake.world.sensors.imu import Imu_
 from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 from ortilo_drake.world.sensors.uwb import UwbRanging_
@@ -50,7 +50,7 @@ BUILT_IN = {
         CameraSettings,
         CAMERA,
         make_world=lambda scenario, room: ProjectedCamera(
-            scenario.camera, room, scenario.seed, scenario.h, scene_faults(scenario.faults)
+            scenario.camera, room, scenario.seed, scenario.h, scene_table(scenario.faults) if scenario.faults else None
         ),
         sd=_of_fix,
         make_onboard=lambda scenario, room: LandmarkFix(

@@ -14,21 +14,24 @@ with V from the noise of flow and gyro, and from the estimate's own uncertainty 
 filter's own error and not new in every tick, so V treats it as if it were.
 """
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from numba import njit
+from numba.extending import register_jitable
 from pydantic import Field
 
 from ortilo_drake.model.equations import body_rates, rotation_matrix
 from ortilo_drake.model.measurement import row
-from ortilo_drake.model.parts import Sensor, register_sensor
+from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Positive
-from ortilo_drake.onboard.fix_solver import FixSolver
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
+from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
-from ortilo_drake.sensors.altimeter import slant_range
-from ortilo_drake.world.sensors.state_sensor import StateSensor
+from ortilo_drake.sensors.altimeter import slant_range, slant_ranges
+from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
+from ortilo_drake.world.vehicle.rotors import times
 
 WORST = 0.05  # quality below which there is no measurement
 
@@ -52,16 +55,39 @@ class Flow(SensorSettings):
     max_flow: Annotated[float, Field(gt=0.0, le=100.0)] = 7.4
 
 
-def quality_at(settings: Flow, d: np.ndarray) -> np.ndarray:
-    """Return the quality, in (0, 1], at distances d [m]."""
-    return np.asarray(1.0 / (1.0 + (d / settings.far) ** 2))
+class FlowNumbers(NamedTuple):
+    """What compiled functions know of an optical-flow sensor.
+
+    Attributes:
+        floor: z of the floor [m].
+        flow_sd: noise of each component at quality 1 [rad/s].
+        gyro_sd: noise of its gyro's rates [rad/s].
+        far: distance at which the quality is one half [m].
+        near: least distance [m].
+        max_flow: fastest flow that it can follow [rad/s].
+    """
+
+    floor: float
+    flow_sd: float
+    gyro_sd: float
+    far: float
+    near: float
+    max_flow: float
 
 
-def times(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return A b, summed in order: BLAS leaves other last bits on another processor."""
-    return np.asarray((A * b).sum(axis=1))
+def numbers_of(scenario: Belief, room: Room) -> FlowNumbers:
+    """Return a flow sensor's numbers."""
+    its = scenario.settings_of("flow")
+    return FlowNumbers(float(room.interior.min[2]), its.flow_sd, its.gyro_sd, its.far, its.near, its.max_flow)
 
 
+@register_jitable
+def quality_at(far: float, d: float) -> float:
+    """Return the quality, in (0, 1], at a distance d [m]."""
+    return 1.0 / (1.0 + (d / far) ** 2)
+
+
+@njit(cache=True)
 def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the flow without noise (2) and the body rates w_x, w_y (2) [rad/s] at state x (12), the floor at d [m]."""
     v_B = times(rotation_matrix(x[3:6]).T, x[6:9])
@@ -69,52 +95,65 @@ def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([-v_B[0] / d + w[1], -v_B[1] / d - w[0]]), np.array([w[0], w[1]])
 
 
+@njit(cache=True)
+def measured_flow(numbers: FlowNumbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    """Return the payload [flow_x, flow_y, w_x, w_y, quality], nothing where there is none; see model.parts.Compiled."""
+    d = slant_range(x, numbers.floor)
+    quality = quality_at(numbers.far, d)
+    if not numbers.near <= d < np.inf or quality < WORST:
+        return np.zeros(0)
+    flow, w = flow_of(x, d)
+    if max(abs(flow[0]), abs(flow[1])) > numbers.max_flow:
+        return np.zeros(0)
+    sd = numbers.flow_sd / quality
+    said = np.array([flow[0] + sd * v[0], flow[1] + sd * v[1], w[0], w[1], quality])
+    said[2] += numbers.gyro_sd * v[2]
+    said[3] += numbers.gyro_sd * v[3]
+    return said
+
+
+@njit(cache=True)
+def velocity_over_ground(numbers: FlowNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the velocity (2) and its covariance (4), nothing where there is none; see model.parts.Compiled."""
+    d = slant_range(xhat, numbers.floor)
+    if not numbers.near <= d < 1e3:
+        return np.zeros(0)
+    turning = np.array([payload[0] - payload[3], payload[1] + payload[2]])
+    R_WB = rotation_matrix(xhat[3:6])
+    v_B = np.array([-d * turning[0], -d * turning[1], times(R_WB.T, xhat[6:9])[2]])
+    variance = d**2 * ((numbers.flow_sd / max(payload[4], WORST)) ** 2 + numbers.gyro_sd**2)
+    to_W = R_WB[:2, :2]  # of which V_B = variance I + P_zz turning turning^T takes both sides
+    turning_W, v_W = times(to_W, turning), times(R_WB, v_B)
+    fix = np.empty(6)
+    fix[:2] = v_W[:2]
+    for i in range(2):
+        for j in range(2):
+            own = to_W[i, 0] * to_W[j, 0] + to_W[i, 1] * to_W[j, 1]
+            fix[2 + 2 * i + j] = variance * own + P[2, 2] * (turning_W[i] * turning_W[j])
+    return fix
+
+
+COMPILED = Compiled(numbers_of, 5, 4, measured_flow, velocity_over_ground)
+
+
 def make_world(scenario: Scenario, room: Room) -> StateSensor:
     """Return the sensor in the world; payload [flow_x, flow_y, w_x, w_y, quality]."""
-    settings, floor = scenario.settings_of("flow"), room.interior.min[2]
-
-    def measure(x: np.ndarray, v: np.ndarray, t: float) -> list[float] | None:
-        d = float(slant_range(x, floor))
-        quality = float(quality_at(settings, np.array(d)))
-        if not settings.near <= d < np.inf or quality < WORST:
-            return None
-        flow, w = flow_of(np.ascontiguousarray(x), d)
-        if np.max(np.abs(flow)) > settings.max_flow:
-            return None
-        flow, w = flow + settings.flow_sd / quality * v[0:2], w + settings.gyro_sd * v[2:4]
-        return [*flow.tolist(), *w.tolist(), quality]
-
-    return StateSensor("flow", 5, 4, measure, scenario.seed, scenario.h)
+    return compiled_sensor("flow", COMPILED, scenario, room)
 
 
-def make_onboard(scenario: Scenario, room: Room) -> FixSolver:
+def make_onboard(scenario: Belief, room: Room) -> FixSolver:
     """Return what turns the flow into the velocity over ground."""
-    settings, floor = scenario.settings_of("flow"), room.interior.min[2]
-
-    def solve(payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        d = float(slant_range(xhat, floor))
-        if not settings.near <= d < 1e3:
-            return None
-        turning = np.array([payload[0] - payload[3], payload[1] + payload[2]])
-        R_WB = rotation_matrix(np.ascontiguousarray(xhat[3:6]))
-        v_B = np.array([*(-d * turning), times(R_WB.T, xhat[6:9])[2]])
-        variance = d**2 * ((settings.flow_sd / max(payload[4], WORST)) ** 2 + settings.gyro_sd**2)
-        to_W = R_WB[:2, :2]  # of which V_B = variance I + P_zz turning turning^T takes both sides
-        turning_W = times(to_W, turning)
-        own = np.array([times(to_W, row) for row in to_W])
-        return times(R_WB, v_B)[:2], variance * own + P[2, 2] * np.outer(turning_W, turning_W)
-
-    return FixSolver("flow", 5, 2, solve)
+    return compiled_solver("flow", COMPILED, 2, scenario, room)
 
 
 def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
     """Return the noise of the velocity (n, 2) [m/s] at true states (n, 12), NaN where there is none."""
-    settings = scenario.settings_of("flow")
-    d = slant_range(states, room.interior.min[2])
-    quality = quality_at(settings, d)
+    numbers = numbers_of(scenario, room)
+    d = slant_ranges(states, numbers.floor)
+    quality = quality_at(numbers.far, d)
     with np.errstate(invalid="ignore"):
-        sd = d * np.hypot(settings.flow_sd / quality, settings.gyro_sd)
-    there = (d >= settings.near) & (quality >= WORST)
+        sd = d * np.hypot(numbers.flow_sd / quality, numbers.gyro_sd)
+    there = (d >= numbers.near) & (quality >= WORST)
     return np.repeat(np.where(there, sd, np.nan)[:, np.newaxis], 2, axis=1)
 
 
@@ -135,5 +174,6 @@ register_sensor(
         make_onboard=make_onboard,
         sd=row_sd,
         limits=limits,
+        compiled=COMPILED,
     )
 )

@@ -12,10 +12,15 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from scipy.stats import chi2
 
 import ortilo_drake as od
+from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.flight.compiled.sameness import apart
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model import parts
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
+from ortilo_drake.scenario import load_scenario, with_seed
 
 FOLDER = Path(__file__).parents[2] / "examples"
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 3.0}
@@ -87,6 +92,19 @@ def test_an_own_sensor_has_the_noise_it_says_and_makes_the_height_known() -> Non
     z = [f.error.sel(axis="z").values for f in (flight, plain)]
     assert np.mean(z[0] ** 2) < np.mean(z[1] ** 2)
     assert flight.summary()["floor"]["z"] < plain.summary()["floor"]["z"]
+
+
+def test_an_own_sensor_that_gives_a_compiled_step_joins_the_engine() -> None:
+    example("barometer")
+    planner = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
+    link = "barometer={link: {rate: 10, loss: 0.2, random_delay: 2}}"
+    fault = "faults=[{kind: stuck, sensor: barometer, start: 2.0, end: 4.0}]"
+    scenario = load_scenario("nominal_imu_uwb", ("sensors=[uwb, imu, barometer]", planner, link, fault))
+    assert why_not(scenario) is None
+    flight = Engine(scenario).fly(2)
+    found = apart(fly(with_seed(scenario, 2)), flight)
+    assert found.same, found
+    assert flight["arrival"].sel(sensor="barometer").values.any()
 
 
 def test_an_own_planner_hurries_while_unsure_and_its_rates_are_those_of_its_path() -> None:

@@ -114,7 +114,8 @@ def test_what_is_drawn_in_a_world_belongs_to_its_seed() -> None:
 
 def test_the_ready_made_scenarios_of_the_papers_sensors_are_compiled() -> None:
     presets = ("paper_", "nominal_", "", "unbiased_", "robust_", "tight_")
-    every = {f"{preset}imu_uwb{camera}" for preset in presets for camera in ("", "_yolo")}
+    every = {"altimeter", "flow", "realistic_altimeter", "realistic_flow"}
+    every |= {f"{preset}imu_uwb{camera}" for preset in presets for camera in ("", "_yolo")}
     assert {*every, "outage", "bursty_link", "uwb_walls", "rotors", "realistic", "realistic_tight"} <= {*COMPILED}
 
 
@@ -182,10 +183,9 @@ def test_the_nearest_point_is_found(seed: int, points: int, aside: float) -> Non
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        (("faults=[{kind: gust, start: 5.0, end: 6.0, force: [0.0, 1.0, 0.0]}]",), "faults"),
         (("command_link.loss=0.1",), "command_link"),
         (("imu.link.rate=60",), "imu.link.rate"),
-        (("sensors=[uwb, imu, altimeter]",), "sensors"),
+        (("sensors=[uwb, imu, altimeter]", "estimator={kind: tight}"), "sensors"),
         (("sensors=[uwb, camera, imu]", "camera.kind=rendered"), "camera.kind"),
         (("sensors=[uwb, camera, imu]", "camera.kind=projected", "landmark_fix.method=pnp"), "landmark_fix.method"),
     ],

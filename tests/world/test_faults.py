@@ -13,6 +13,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.faults import LoadDropped, People, RotorWeak
 from ortilo_drake.world.faults.people import cylinders_at
+from ortilo_drake.world.faults.table import numbered, table_of
 from ortilo_drake.world.faults.vehicle_faults import wrench_matrix
 
 P_WB = np.array([6.6, 2.2, 1.5])
@@ -190,8 +191,9 @@ def test_people_hide_the_anchors_behind_them() -> None:
 
 def test_people_walk_to_and_fro() -> None:
     people = People(kind="people", start=1.0, walks=((0.0, 0.0, 3.0, 4.0),), speed=2.0)
+    table = table_of([*numbered((people,))])
     for t, way in ((1.0, 0.0), (2.0, 2.0), (3.5, 5.0), (4.5, 3.0), (6.0, 0.0)):
-        np.testing.assert_allclose(cylinders_at(people, t), [[0.6 * way, 0.8 * way, 0.25, 1.75]], atol=1e-12)
+        np.testing.assert_allclose(cylinders_at(table, 0, t), [[0.6 * way, 0.8 * way, 0.25, 1.75]], atol=1e-12)
 
 
 def test_a_stuck_sensor_says_what_it_said_last() -> None:

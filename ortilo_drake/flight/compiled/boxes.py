@@ -4,6 +4,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import CameraConstants
+from ortilo_drake.flight.compiled.faults import held_at_first, is_read_anyway, of_those, said_of, scene_of_tick
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
 from ortilo_drake.flight.compiled.slow import seen_by
 from ortilo_drake.model.pinhole import Camera
@@ -41,23 +42,33 @@ def solve_boxes(
 
 @register_jitable(forceinline=True)
 def detections_of_tick(
-    camera: CameraConstants | None, x: np.ndarray, k: int, h: float, seed: int, bad: bool, flying: np.ndarray
+    camera: CameraConstants | None,
+    x: np.ndarray,
+    k: int,
+    h: float,
+    seed: int,
+    bad: bool,
+    flying: np.ndarray,
+    held: np.ndarray,
+    anchors: np.ndarray,
 ) -> np.ndarray:
-    """Return the detections message that lands at tick k, zeros if none does; arguments as detections_message."""
+    """Return the detections message that lands at tick k, zeros if none does; arguments as imu_of_tick's."""
     if camera is None:
         return np.zeros(PAYLOAD)
     delay = delay_through(camera.link, k, x, bad, seed)
-    if delay == NOT_SENT:
+    if delay == NOT_SENT and not is_read_anyway(camera.faults, k * h):
         if flying.shape[0] == 0 or flying[k % flying.shape[0], 0] != k:
             return np.zeros(PAYLOAD)
         message = np.zeros(DETECTIONS_SIZE)
     else:
-        room, streams, false_stream = camera.room, camera.streams, camera.false_stream
-        looks = camera.labels, camera.camera, camera.tables
+        scene = scene_of_tick(camera.room, camera.scene, k * h)
+        streams, false_stream = of_those(camera.streams, camera.scene, scene.there), camera.false_stream
+        looks = of_those(camera.labels, camera.scene, scene.there), camera.camera, camera.tables
         seen = seen_by(camera.clock, x, k * h)
         if np.any(camera.turned):
             seen = body_that_looks_ahead(seen, camera.camera.p_BC, camera.turned)
-        message = detections_message(seen, room, *looks, seed, streams, false_stream, k * h, h)
+        message = detections_message(seen, scene.room, *looks, seed, streams, false_stream, k * h, h)
+        message = said_of(message, camera.faults, held, x, k * h, anchors, seed, h)
     deliver(message, delay, flying, k)
     return message
 
@@ -99,6 +110,14 @@ def empty_camera_link(camera: CameraConstants | None) -> np.ndarray:
     if camera is None:
         return np.zeros((0, 1 + PAYLOAD))
     return empty_link(camera.link, DETECTIONS_SIZE)
+
+
+@register_jitable
+def held_by_camera(camera: CameraConstants | None) -> np.ndarray:
+    """Return what the camera holds at first, see held_at_first."""
+    if camera is None:
+        return np.zeros((0, 0))
+    return held_at_first(camera.faults, DETECTIONS_SIZE - PAYLOAD)
 
 
 @register_jitable(forceinline=True)

@@ -1,22 +1,21 @@
 """What a compiled flight is made of: plain numbers and arrays, prepared from a scenario."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.flight.compiled.robust import RobustConstants
+from ortilo_drake.flight.compiled.constants_onboard import (
+    FilterConstants,
+    OwnConstants,
+    ServoConstants,
+    TightConstants,
+)
+from ortilo_drake.flight.compiled.faults import VehicleFaults
 from ortilo_drake.flight.compiled.slow import SlowConstants
 from ortilo_drake.flight.lost import Bounds
-from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.late_measurements import Slot
-from ortilo_drake.onboard.estimator.measurement_handler import Incoming
-from ortilo_drake.onboard.estimator.tight.aids import Aids
-from ortilo_drake.onboard.estimator.tight.layout import Layout as TightLayout
-from ortilo_drake.onboard.estimator.tight.tick import Motion
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
-from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
+from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.sensors.camera_tables import Tables
 from ortilo_drake.world.sensors.landmark_view import Surroundings
 
@@ -59,6 +58,7 @@ class VehicleConstants(NamedTuple):
         force_sd: of the disturbance force per axis [N].
         torque_sd: of its torque per axis [N m].
         stream: number of the disturbance's noise.
+        faults: None where the whole flight has none.
     """
 
     mass: float
@@ -75,6 +75,7 @@ class VehicleConstants(NamedTuple):
     force_sd: float
     torque_sd: float
     stream: np.uint64
+    faults: VehicleFaults | None
 
 
 class ImuConstants(NamedTuple):
@@ -87,6 +88,7 @@ class ImuConstants(NamedTuple):
         sd: of angles, rates and specific force (3).
         stream: number of its noise.
         link: how its messages are delivered.
+        faults: of its messages; None where the whole flight has none.
     """
 
     whole: bool
@@ -95,6 +97,7 @@ class ImuConstants(NamedTuple):
     sd: np.ndarray
     stream: np.uint64
     link: LinkConstants
+    faults: FaultTable | None
 
 
 class UwbConstants(NamedTuple):
@@ -111,6 +114,7 @@ class UwbConstants(NamedTuple):
         surveyed: p_WA_i as they are believed to stand (n, 3).
         noise: believed of the ranges (3).
         three: whether the nearest three are met.
+        faults: of its messages; None where the whole flight has none.
     """
 
     anchors: np.ndarray
@@ -123,6 +127,7 @@ class UwbConstants(NamedTuple):
     surveyed: np.ndarray
     noise: np.ndarray
     three: bool
+    faults: FaultTable | None
 
 
 class CameraConstants(NamedTuple):
@@ -143,6 +148,8 @@ class CameraConstants(NamedTuple):
         rows: of a fix.
         prior: what stands in for P row by row (225); empty where P itself is taken.
         joint: whether refused images are counted.
+        faults: of its messages; None where the whole flight has none.
+        scene: those of what it looks at; None where the whole flight has none.
     """
 
     room: Surroundings
@@ -159,93 +166,38 @@ class CameraConstants(NamedTuple):
     rows: int
     prior: np.ndarray
     joint: bool
+    faults: FaultTable | None
+    scene: FaultTable | None
 
 
-class FilterConstants(NamedTuple):
-    """Handler and filter.
-
-    Attributes:
-        incoming: how the messages and fixes of a tick stand in one vector.
-        size: of that vector.
-        first: where the fix of ranges begins in it, then the imu's message, then the fix of boxes; -1 of what does
-            not fly (3).
-        handled: the layout of what the handler hands over.
-        drops: whether late values are dropped.
-        model: what the filter believes of the vehicle.
-        layout: of its measurement, with the rows made of the imu's message.
-        imu_number: of the imu among the sensors.
-        imu_variances: of those rows (0, 3 or 6).
-        belief_0: [xhat_0, P_0 row by row] (n + n^2).
-        knows_force: whether the servo is told the force.
-        slot: where everything is in a row of the history; None where late measurements are not put into it.
-        history: how many ticks are kept in it.
-        consistency: what ranges must fulfil to make a fix; None where they need not.
-        robust: what refuses and weighs values; None where nothing does.
-    """
-
-    incoming: Incoming
-    size: int
-    first: tuple[int, int, int]
-    handled: Layout
-    drops: bool
-    model: FilterModel
-    layout: Layout
-    imu_number: int
-    imu_variances: np.ndarray
-    belief_0: np.ndarray
-    knows_force: bool
-    slot: Slot | None
-    history: int
-    consistency: Consistency | None
-    robust: RobustConstants | None
-
-
-class TightConstants(NamedTuple):
-    """The tight filter, see onboard/estimator/tight.
+class OtherConstants(NamedTuple):
+    """A sensor beside uwb, camera and imu, see others.py.
 
     Attributes:
-        handled: the layout of y, delta and V2.
-        numbers: of uwb, imu and camera among the sensors; -1 of what does not fly (3).
-        samples: of the imu in a message.
-        layout: of the states.
-        motion: imu and vehicle.
-        aids: the other sensors.
-        x_0: first nominal state.
-        C_0: first covariance (n, n).
-        kept_0: what is kept of imu and control at first.
-        ahead_0: prediction for t_0 (156).
-        watched: how many numbers the watch keeps.
+        numbers: what its functions take.
+        payload: numbers in its message.
+        noises: standard normal numbers that a message takes.
+        first: where its fix begins in the vector that the handler takes.
+        number: of it among the sensors.
+        about: whether it is solved about a belief.
+        stream: number of its noise.
+        clock: its offset [s] and drift [1] (2).
+        errors: of its messages that last.
+        link: how its messages are delivered.
+        faults: of its messages; None where the whole flight has none.
     """
 
-    handled: Layout
-    numbers: tuple[int, int, int]
-    samples: int
-    layout: TightLayout
-    motion: Motion
-    aids: Aids
-    x_0: np.ndarray
-    C_0: np.ndarray
-    kept_0: np.ndarray
-    ahead_0: np.ndarray
-    watched: int
-
-
-class ServoConstants(NamedTuple):
-    """The LQ servo, see onboard/servo/lq_servo.py.
-
-    Attributes:
-        L: its gain (4, 15).
-        mass: m [kg] of its model.
-        yaw: that is held [rad].
-        error_form: whether it flies the error form.
-        lent: whether it is lent the true velocities.
-    """
-
-    L: np.ndarray
-    mass: float
-    yaw: float
-    error_form: bool
-    lent: bool
+    numbers: Any
+    payload: int
+    noises: int
+    first: int
+    number: int
+    about: bool
+    stream: np.uint64
+    clock: np.ndarray
+    errors: SlowConstants
+    link: LinkConstants
+    faults: FaultTable | None
 
 
 class FlightConstants(NamedTuple):
@@ -262,6 +214,7 @@ class FlightConstants(NamedTuple):
         uwb: ranging.
         uwb_errors: of its messages that last.
         camera: the camera and its fix; None where there is none.
+        others: the other sensors that fly.
         filter: the estimator.
         servo: the servo.
         bounds: within what the flight is not lost.
@@ -277,6 +230,7 @@ class FlightConstants(NamedTuple):
     uwb: UwbConstants
     uwb_errors: SlowConstants
     camera: CameraConstants | None
-    filter: FilterConstants | TightConstants
+    others: tuple[OtherConstants, ...]
+    filter: FilterConstants | TightConstants | OwnConstants
     servo: ServoConstants
     bounds: Bounds

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numba import njit
 
 from ortilo_drake.flight.compiled.constants import FlightConstants
+from ortilo_drake.flight.compiled.constants_onboard import OwnConstants
 from ortilo_drake.flight.compiled.figures import ESTIMATED, FIGURES, TRACE_SIZE, TRUE, figures_of
 from ortilo_drake.flight.compiled.loop import fly_one
 from ortilo_drake.flight.compiled.prepare import constants_of, why_not
@@ -44,6 +46,7 @@ class Engine:
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")
         self._scenario, self._room, self._constants = scenario, scenario.load_room(), constants_of(scenario)
+        self._fly_one = kernel_of(self._constants)
         self._ticks = len(self._constants.reference) - 1
         self._sensors = scenario.measurement.sensors
         counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]
@@ -63,11 +66,24 @@ class Engine:
         log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
-        last, cause = fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, log)
+        last, cause = self._fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, log)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
         return flight
+
+    def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
+        """Fly one seed; return what it leaves behind, a row of figures.py for each tick flown, and its loss.
+
+        Raises:
+            InputError: if a scenario allows no such seed.
+        """
+        scenario = with_seed(self._scenario, seed)
+        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
+        seeds = np.full(self.ticks, seed, dtype=np.int64)
+        last, cause = self._fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, NO_LOG)
+        lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
+        return trace[: last + 1], lost
 
     def figures(
         self, seeds: Sequence[int], threads: int = 1, progress: Callable[[int], None] = lambda flown: None
@@ -91,7 +107,7 @@ class Engine:
                 for i in part:
                     seeds_of_ticks = np.full(self.ticks, all_seeds[i])
                     world = self._of_seed(own, int(all_seeds[i]))
-                    last, cause = fly_one(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
+                    last, cause = self._fly_one(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
                     found[i, 0], found[i, 1] = last, cause
                     figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
                 progress(len(part))
@@ -109,6 +125,11 @@ class Engine:
         """How many ticks a flight that is not lost has, the first and the last among them."""
         return self._ticks + 1
 
+    @property
+    def h(self) -> float:
+        """The tick [s]."""
+        return self._scenario.h
+
     def distances(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fly, and return how far each flight is from its reference, and its estimate from it, at each tick [m].
 
@@ -122,7 +143,7 @@ class Engine:
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
         for i, of_ticks in enumerate(seeds.astype(np.int64)):
             world = self._of_seed(self._constants, int(of_ticks[0]))
-            last, cause = fly_one(of_ticks, world, trace, arrived, NO_LOG)
+            last, cause = self._fly_one(of_ticks, world, trace, arrived, NO_LOG)
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
             true, reference = trace[flown, TRUE], self._constants.reference[flown, :3]
             found[i, flown] = np.sqrt(np.sum((true - reference) ** 2, axis=1))
@@ -143,6 +164,20 @@ class Engine:
         for sensor in self._flying:
             columns += [arrived[:, self._sensors.index(sensor)], last // self._scenario.every(sensor) + 1]
         return columns
+
+
+@lru_cache(maxsize=1)
+def _uncached_kernel() -> Any:
+    return njit(nogil=True)(fly_one.py_func)
+
+
+def kernel_of(constants: FlightConstants) -> Any:
+    """Return fly_one, or one compiled anew: numba's cache would not notice that a user's function has changed."""
+    numbers = [other.numbers for other in constants.others]
+    if isinstance(constants.filter, OwnConstants):
+        numbers.append(constants.filter.numbers)
+    modules = {type(its).__module__.partition(".")[0] for its in numbers}
+    return fly_one if modules <= {"ortilo_drake"} else _uncached_kernel()
 
 
 @lru_cache(maxsize=1)

@@ -6,14 +6,17 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.boxes import fix_of_boxes
-from ortilo_drake.flight.compiled.constants import CameraConstants, FilterConstants, UwbConstants
+from ortilo_drake.flight.compiled.constants import CameraConstants, OtherConstants, UwbConstants
+from ortilo_drake.flight.compiled.constants_onboard import FilterConstants
+from ortilo_drake.flight.compiled.others import OtherMemory, solve_others
+from ortilo_drake.flight.compiled.past import belief_about
 from ortilo_drake.flight.compiled.robust import RobustMemory, first_robust_memory, heard, open_beliefs, used_of
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, N_I, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.filter_loops import step_in_place
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
-from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, past_belief, replay_step
+from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step
 from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
 from ortilo_drake.onboard.ranging.multilateration import fix_message, tested_fix_message
@@ -92,6 +95,8 @@ def handed_of(
     known: np.ndarray,
     k: int,
     h: float,
+    others: tuple[OtherConstants, ...],
+    kept: tuple[OtherMemory, ...],
 ) -> np.ndarray:
     """Return the handler's [y, delta, V2, stamps] of tick k.
 
@@ -106,6 +111,8 @@ def handed_of(
         known: belief of [x; i] (240).
         k: tick.
         h: tick [s].
+        others: the other sensors.
+        kept: of them.
     """
     slot, n, robust, own = estimator.slot, N_I + estimator.model.Phi.shape[0], estimator.robust, memory.robust
     ranges, detections = heard(robust, ranges, own.uwb), heard(robust, detections, own.camera)
@@ -120,11 +127,13 @@ def handed_of(
         by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
         memory.refused[0] = refused
         place(by_boxes, estimator.first[2], messages)
+    seen = np.zeros((estimator.handled.first.size - 1 if len(others) > 0 else 0, PAYLOAD))
+    solve_others(others, kept, (robust, slot, memory.history, n, known, h, messages, seen))
     judged = k if estimator.drops else NEVER
     xhat, P = known[:N_XBAR], known[N_XBAR:]
     handed = stack_measurements(messages, xhat, P, judged, h, estimator.incoming, estimator.handled)
     layout, history = estimator.handled, memory.history
-    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, k, h)
+    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, seen, k, h)
 
 
 @register_jitable(forceinline=True)
@@ -168,16 +177,6 @@ def first_history(slot: Slot | None, ticks: int) -> np.ndarray:
     if slot is None:
         return np.zeros((0, 0))
     return empty_history(ticks, slot)
-
-
-@register_jitable(forceinline=True)
-def belief_about(
-    slot: Slot | None, history: np.ndarray, n: int, message: np.ndarray, known: np.ndarray, h: float
-) -> np.ndarray:
-    """Return the belief of [x; i] about which a message is solved: the present one where no history is kept."""
-    if slot is None:
-        return known
-    return past_belief(history, slot, n, message, known, h)
 
 
 @register_jitable(forceinline=True)

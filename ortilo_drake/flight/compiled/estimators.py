@@ -14,25 +14,28 @@ from typing import Any
 
 from numba.extending import overload
 
-from ortilo_drake.flight.compiled import estimate, tight
-from ortilo_drake.flight.compiled.constants import TightConstants
+from ortilo_drake.flight.compiled import estimate, own, tight
+from ortilo_drake.flight.compiled.constants_onboard import OwnConstants, TightConstants
 
 
-def _by_estimator(name: str, paper: Callable[..., Any], of_tight: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function, for compiled code alone, that is one of two by the type of its first argument."""
+def _by_estimator(
+    name: str, paper: Callable[..., Any], of_tight: Callable[..., Any], of_own: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Return a function, for compiled code alone, that is one of three by the type of its first argument."""
+    others = {TightConstants: of_tight, OwnConstants: of_own}
 
     def chosen(*arguments: Any) -> Any:
         raise TypeError(f"{name}: for compiled functions alone")
 
     def choose(*types: Any) -> Callable[..., Any]:
-        return of_tight if types[0].instance_class is TightConstants else paper
+        return others.get(types[0].instance_class, paper)
 
     overload(chosen, strict=False, inline="always")(choose)
     return chosen
 
 
-first = _by_estimator("first", estimate.first_memory, tight.first_tight_memory)
-known_of = _by_estimator("known_of", estimate.known_of, tight.tight_known_of)
-force_of = _by_estimator("force_of", estimate.force_of, tight.tight_force_of)
-handed_of = _by_estimator("handed_of", estimate.handed_of, tight.tight_handed_of)
-go_on = _by_estimator("go_on", estimate.take, tight.tight_take)
+first = _by_estimator("first", estimate.first_memory, tight.first_tight_memory, own.first_own_memory)
+known_of = _by_estimator("known_of", estimate.known_of, tight.tight_known_of, own.own_known_of)
+force_of = _by_estimator("force_of", estimate.force_of, tight.tight_force_of, own.own_force_of)
+handed_of = _by_estimator("handed_of", estimate.handed_of, tight.tight_handed_of, own.own_handed_of)
+go_on = _by_estimator("go_on", estimate.take, tight.tight_take, own.own_take)

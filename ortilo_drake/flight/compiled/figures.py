@@ -37,6 +37,15 @@ def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
     return e[0] * Ce[0] + e[1] * Ce[1] + e[2] * Ce[2]
 
 
+@njit(cache=True)
+def nees_of_ticks(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return position_nees at each tick (n) of a log: x (n, 12), xhat (n, 15), P row by row (n, 225)."""
+    found = np.empty(x.shape[0])
+    for k in range(x.shape[0]):
+        found[k] = position_nees(x[k], xhat[k], P[k])
+    return found
+
+
 @register_jitable
 def squared_distance_to(path: np.ndarray, i: int, p: np.ndarray) -> float:
     """Return the squared distance of p (3) from the i-th point of a path (n, 3)."""

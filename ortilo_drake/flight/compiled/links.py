@@ -30,12 +30,14 @@ def deliver(message: np.ndarray, delay: int, flying: np.ndarray, k: int) -> None
     """Overwrite the message of tick k by the one that lands in it, zeros if none does; put it in flight if it is late.
 
     Args:
-        message: of this tick, zeros where none is sent (n).
+        message: of this tick, read where it is sent (n).
         delay: of delay_through.
         flying: what is in flight.
         k: tick.
     """
     if flying.shape[0] == 0:  # of a link that is never late
+        if delay == NOT_SENT:
+            fill(message, 0.0)
         return
     landed = landing_row(flying, k, message[STAMP] if delay == 0 else -np.inf)
     late = flying[landed, 1:].copy() if landed != NOT_SENT else message

@@ -5,17 +5,14 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.borrowed import borrowed, kept
-from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link
-from ortilo_drake.flight.compiled.constants import (
-    FlightConstants,
-    ImuConstants,
-    ServoConstants,
-    UwbConstants,
-    VehicleConstants,
-)
+from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, held_by_camera
+from ortilo_drake.flight.compiled.constants import FlightConstants, ImuConstants, UwbConstants, VehicleConstants
+from ortilo_drake.flight.compiled.constants_onboard import ServoConstants
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
+from ortilo_drake.flight.compiled.faults import held_at_first, is_read_anyway, said_of
 from ortilo_drake.flight.compiled.figures import NEES, position_nees
 from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.flight.compiled.others import first_others, read_others, step_others
 from ortilo_drake.flight.compiled.slow import SlowConstants, seen_by, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
 from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
@@ -40,6 +37,8 @@ def imu_of_tick(
     seed: int,
     bad: bool,
     flying: np.ndarray,
+    held: np.ndarray,
+    anchors: np.ndarray,
 ) -> np.ndarray:
     """Return the imu's message that lands at tick k, zeros if none does.
 
@@ -55,23 +54,27 @@ def imu_of_tick(
         seed: of all noise.
         bad: whether the link's chain is bad.
         flying: what is in flight.
+        held: what the sensor holds if it is to be stuck, see faults.said_of; changed.
+        anchors: p_WA_i as they stand (n, 3).
     """
     delay, n = delay_through(imu.link, k, body.x, bad, seed), imu.samples
+    read = delay != NOT_SENT or is_read_anyway(imu.faults, k * h)
     if n > 1:
         message = np.zeros(PAYLOAD + n * IMU_SIZE)
-        if delay != NOT_SENT:
+        if read:
             message[0], message[1] = 1.0, k * h
             for i in range(n - 1):
                 put(samples[i], message, PAYLOAD + i * IMU_SIZE)
-            newest = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h / n)
+            newest = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h / n, held, anchors)
             put(newest, message, message.size - IMU_SIZE)
-    elif delay == NOT_SENT:
+    elif not read:
         message = np.zeros(IMU_SIZE)
     elif imu.whole:
-        message = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h)
+        message = sample_of_imu(imu, errors, body, slow, vehicle, seed, k * h, h, held, anchors)
     else:
         message = attitude_message(body.x, imu.bias, imu.sd, seed, imu.stream, k * h, h)
         message = with_errors(message, errors, slow, False)
+        message = said_of(message, imu.faults, held, body.x, k * h, anchors, seed, h)
     deliver(message, delay, flying, k)
     return message
 
@@ -87,16 +90,17 @@ def uwb_of_tick(
     seed: int,
     bad: bool,
     flying: np.ndarray,
+    held: np.ndarray,
 ) -> np.ndarray:
     """Return the uwb message that lands at tick k, zeros if none does; arguments as imu_of_tick's and uwb_message's."""
     delay = delay_through(uwb.link, k, x, bad, seed)
-    if delay == NOT_SENT:
+    if delay == NOT_SENT and not is_read_anyway(uwb.faults, k * h):
         message = np.zeros(PAYLOAD + 2 * uwb.anchors.shape[0])
     else:
-        message = uwb_message(
-            seen_by(uwb.clock, x, k * h), uwb.anchors, uwb.bias, uwb.walls, uwb.settings, seed, uwb.stream, k * h, h
-        )
+        seen = seen_by(uwb.clock, x, k * h)
+        message = uwb_message(seen, uwb.anchors, uwb.bias, uwb.walls, uwb.settings, seed, uwb.stream, k * h, h)
         message = with_errors(message, errors, slow, True)
+        message = said_of(message, uwb.faults, held, seen, k * h, uwb.anchors, seed, h)
     deliver(message, delay, flying, k)
     return message
 
@@ -129,27 +133,33 @@ def fly_one(
     """
     flight, trace, arrived, log = borrowed(flight), borrowed(trace), borrowed(arrived), borrowed(log)
     h, vehicle, imu, uwb, camera = flight.h, flight.vehicle, flight.imu, flight.uwb, flight.camera
-    servo, estimator = flight.servo, flight.filter
+    servo, estimator, others = flight.servo, flight.filter, flight.others
     imu_errors, uwb_errors, force = flight.imu_errors, flight.uwb_errors, flight.force
     handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
     own_body, own_memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
     body, memory = borrowed(own_body), borrowed(own_memory)
     imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
+    others_kept = first_others(others)
     samples = np.zeros((imu.samples - 1, IMU_SIZE))
     uwb_flying = empty_link(uwb.link, PAYLOAD + 2 * uwb.anchors.shape[0])
     size = IMU_SIZE if imu.samples == 1 else PAYLOAD + imu.samples * IMU_SIZE
     imu_flying, camera_flying = empty_link(imu.link, size), empty_camera_link(camera)
+    uwb_held, camera_held = held_at_first(uwb.faults, 2 * uwb.anchors.shape[0]), held_by_camera(camera)
+    imu_held, anchors = held_at_first(imu.faults, IMU_SIZE - PAYLOAD), uwb.anchors
     uwb_bad = imu_bad = camera_bad = False
     last = flight.reference.shape[0] - 1
     fill(arrived, 0.0)
     for k in range(last + 1):
         seed, r, x = seeds[k], flight.reference[k], body.x
         known = known_of(estimator, memory)
-        felt = imu_of_tick(imu, imu_errors, vehicle, body, imu_slow, samples, k, h, seed, imu_bad, imu_flying)
-        ranges = uwb_of_tick(uwb, uwb_errors, uwb_slow, x, k, h, seed, uwb_bad, uwb_flying)
-        detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying)
-        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h)
+        felt = imu_of_tick(
+            imu, imu_errors, vehicle, body, imu_slow, samples, k, h, seed, imu_bad, imu_flying, imu_held, anchors
+        )
+        ranges = uwb_of_tick(uwb, uwb_errors, uwb_slow, x, k, h, seed, uwb_bad, uwb_flying, uwb_held)
+        detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying, camera_held, anchors)
+        read_others(others, others_kept, (x, k, h, seed, anchors))
+        handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h, others, others_kept)
         u = control_of(servo, force_of(estimator, memory), known[:N_XBAR], x, r)
         for j in range(s):
             arrived[j] += handed[p + j]
@@ -172,9 +182,10 @@ def fly_one(
             break
         go_on(estimator, memory, handed, ranges, felt, detections, k, h, u, vehicle.hover_thrust, r)
         imu_bad, uwb_bad = chain_of_tick(imu.link, k, imu_bad, seed), chain_of_tick(uwb.link, k, uwb_bad, seed)
+        step_others(others, others_kept, (k, h, seed))
         camera_bad = camera_chain(camera, k, camera_bad, seed)
         imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
-        fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed)
+        fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed, imu_held, anchors)
     kept(own_body)
     kept(own_memory)
     return last, NOT_LOST

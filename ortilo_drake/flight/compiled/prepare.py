@@ -4,18 +4,20 @@ from typing import Any
 
 import numpy as np
 
+from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.onboard import initial_estimate
 from ortilo_drake.flight.compiled.boxes import METHODS
-from ortilo_drake.flight.compiled.constants import (
-    CameraConstants,
-    FilterConstants,
-    FlightConstants,
-    ImuConstants,
-    LinkConstants,
-    ServoConstants,
-    TightConstants,
-    UwbConstants,
-    VehicleConstants,
+from ortilo_drake.flight.compiled.constants import FlightConstants, VehicleConstants
+from ortilo_drake.flight.compiled.constants_onboard import FilterConstants, OwnConstants, ServoConstants, TightConstants
+from ortilo_drake.flight.compiled.faults import VehicleFaults
+from ortilo_drake.flight.compiled.own import remember_estimator
+from ortilo_drake.flight.compiled.prepare_sensors import (
+    camera_of,
+    handed_size,
+    imu_of,
+    other_names,
+    others_of,
+    uwb_of,
 )
 from ortilo_drake.flight.compiled.robust import RobustConstants
 from ortilo_drake.flight.compiled.slow import NO_ERRORS
@@ -25,6 +27,7 @@ from ortilo_drake.flight.simulator import steps_a_tick
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.parts import CompiledEstimator, find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, FIX_SIZE, IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.model.vehicle import mixing_inverse, mixing_matrix
@@ -38,37 +41,31 @@ from ortilo_drake.onboard.estimator.robust.weights import first_state, weighing_
 from ortilo_drake.onboard.estimator.tight.model import aids_of, first_states, layout_of, motion_of
 from ortilo_drake.onboard.estimator.tight.model import initial_covariance as initial_covariance_of_tight
 from ortilo_drake.onboard.estimator.tight.watch import LAST
-from ortilo_drake.onboard.landmarks.box_fix import box_belief, prior_covariance
 from ortilo_drake.onboard.planner.planned import path_of, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.ranging.fault_exclusion import consistency_of
-from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario
-from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.scenario.tight import TightFilter
-from ortilo_drake.sensors.described import as_known, flown
+from ortilo_drake.sensors.described import described, flown
+from ortilo_drake.world.faults.vehicle_faults import force_table, wrench_table
 from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.radio.link import blackout_rows, steps_a_chain
-from ortilo_drake.world.sensors.landmark_view import surroundings
-from ortilo_drake.world.sensors.projected_camera import noise_streams, tables_of
-from ortilo_drake.world.sensors.uwb import ranging_settings, walls_between
-
-COMPILED_SENSORS = ("uwb", "camera", "imu")
 
 
 def why_not(scenario: Scenario) -> str | None:
     """Return why a scenario cannot be flown compiled, naming the field, and None where it can."""
-    own = [name for name in scenario.sensors if name not in COMPILED_SENSORS]
-    settings = scenario.estimator
+    settings, others = scenario.estimator, other_names(scenario)
     is_tight = isinstance(settings, TightFilter)
+    own = [name for name in others if described(name).compiled is None]
     if own:
         return f"sensors: {own[0]}: has no compiled form"
+    if others and not isinstance(settings, IntermittentFilter):
+        return f"sensors: {others[0]}: has no compiled form with estimator.kind {settings.kind}"
     faster = [name for name in scenario.faster_sensors if not (is_tight and name == "imu")]
     if faster:
         return f"{faster[0]}.link.rate: is faster than the tick"
-    if not (is_tight or isinstance(settings, IntermittentFilter)):
+    if not (is_tight or isinstance(settings, IntermittentFilter) or _share_of(settings)):
         return f"estimator.kind: {settings.kind}: has no compiled form"
     if scenario.is_rendered:
         return "camera.kind: rendered: has no compiled form"
@@ -78,8 +75,6 @@ def why_not(scenario: Scenario) -> str | None:
         return f"servo.kind: {scenario.servo.kind}: has no compiled form"
     if scenario.commands != Commands() or scenario.command_link != CommandLink():
         return "command_link, commands: late or lost commands have no compiled form"
-    if scenario.faults:
-        return "faults: have no compiled form"
     return None
 
 
@@ -89,9 +84,10 @@ def constants_of(scenario: Scenario) -> FlightConstants:
     The world is as it is believed to be; truth.py has what each seed's differs by.
 
     Raises:
-        InputError: if there is no path or no servo gain.
+        InputError: if there is no path or no servo gain, or if a fault concerns what is not there.
     """
     vehicle, h, room = scenario.vehicle, scenario.h, scenario.load_room()
+    check_room(scenario, room)
     path, ticks = path_of(scenario), flight_ticks(scenario)
     planner = make_planner(path)
     context = planner.CreateDefaultContext()
@@ -101,19 +97,20 @@ def constants_of(scenario: Scenario) -> FlightConstants:
         reference[k] = planner.get_output_port().Eval(context)
     r_0, x_0 = start_of(path), np.zeros(N_X)
     x_0[0:3], x_0[5] = r_0, scenario.yaw
-    settings = scenario.estimator
+    estimator = _estimator(scenario, room, r_0)
     return FlightConstants(
         h,
         reference,
         x_0,
         _vehicle(scenario),
         NO_ERRORS,
-        _imu(scenario),
+        imu_of(scenario),
         NO_ERRORS,
-        _uwb(scenario, room),
+        uwb_of(scenario, room),
         NO_ERRORS,
-        _camera(scenario, room) if "camera" in scenario.sensors else None,
-        _tight(scenario, room, r_0) if isinstance(settings, TightFilter) else _filter(scenario, room, r_0),
+        camera_of(scenario, room) if "camera" in scenario.sensors else None,
+        others_of(scenario, room, estimator.incoming.start) if isinstance(estimator, FilterConstants) else (),
+        estimator,
         ServoConstants(
             servo_gain(vehicle, scenario.servo.weights, h),
             vehicle.mass,
@@ -144,66 +141,27 @@ def _vehicle(scenario: Scenario) -> VehicleConstants:
         world.disturbance.force_sd,
         world.disturbance.torque_sd,
         stream_id("disturbance"),
+        VehicleFaults(wrench_table(scenario.faults, vehicle), force_table(scenario.faults))
+        if scenario.faults
+        else None,
     )
 
 
-def _link(scenario: Scenario, sensor: str, latency: int = 0) -> LinkConstants:
-    settings = scenario.link_of(sensor)
-    return LinkConstants(
-        scenario.every(sensor) if sensor in scenario.sensors else 0,
-        loss_parameters(settings.loss, scenario.h),
-        steps_a_chain(settings),
-        blackout_rows(settings, scenario.h),
-        (settings.delay + latency, settings.random_delay),
-        stream_id(f"link/{sensor}"),
-    )
+def _share_of(settings: Any) -> CompiledEstimator | None:
+    """Return the compiled share of an estimator of one's own, by its settings; None if it has none."""
+    found = find_part("estimator", settings.kind)
+    return None if found is None else found.compiled
 
 
-def _imu(scenario: Scenario) -> ImuConstants:
-    settings = scenario.imu
-    sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-    tight = isinstance(scenario.estimator, TightFilter)
-    whole = tight or imu_variances(scenario) is not None
-    samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
-    return ImuConstants(whole, samples, np.zeros(9), sd, stream_id("imu"), _link(scenario, "imu"))
-
-
-def _uwb(scenario: Scenario, room: Room) -> UwbConstants:
-    settings = scenario.multilateration
-    return UwbConstants(
-        room.anchor_positions,
-        np.zeros(len(room.anchors)),
-        walls_between(scenario.uwb, room),
-        ranging_settings(scenario.uwb),
-        stream_id("uwb"),
-        np.zeros(2),
-        _link(scenario, "uwb"),
-        room.anchor_positions,
-        believed_noise(settings),
-        settings.method == "nearest_three",
-    )
-
-
-def _camera(scenario: Scenario, room: Room) -> CameraConstants:
-    settings, fix = scenario.camera, scenario.landmark_fix
-    prior = prior_covariance(fix)
-    streams, false_stream = noise_streams(room)
-    return CameraConstants(
-        surroundings(room),
-        room.landmark_labels,
-        room.camera.scaled_to(settings.width).constants,
-        tables_of(settings, room, scenario.h),
-        streams,
-        false_stream,
-        np.zeros(3),
-        np.zeros(2),
-        _link(scenario, "camera", settings.latency),
-        box_belief(fix, as_known(scenario, room), scenario.image_width),
-        METHODS.index(fix.method),
-        len(fix.rows),
-        np.zeros(0) if prior is None else prior,
-        fix.joint is not None,
-    )
+def _estimator(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants | TightConstants | OwnConstants:
+    if isinstance(scenario.estimator, TightFilter):
+        return _tight(scenario, room, r_0)
+    share = None if isinstance(scenario.estimator, IntermittentFilter) else _share_of(scenario.estimator)
+    if share is None:
+        return _filter(scenario, room, r_0)
+    numbers = share.numbers(scenario.belief, initial_estimate(scenario, r_0))
+    remember_estimator(numbers, share)
+    return OwnConstants(scenario.measurement.layout, numbers, share.first(numbers))
 
 
 def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
@@ -214,7 +172,7 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
     sensors = [flown(name, scenario) for name in measurement.sensors if name in scenario.sensors]
     camera = PAYLOAD + len(scenario.landmark_fix.rows) + len(scenario.landmark_fix.rows) ** 2
     handed = {"uwb": FIX_SIZE, "camera": camera, "imu": IMU_SIZE}
-    sizes = {s.name: handed[s.name] for s in sensors}
+    sizes = {s.name: handed[s.name] if s.name in handed else handed_size(scenario, s.name) for s in sensors}
     V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
     incoming = incoming_of(measurement, sizes, V, dict(settings.gates))
     starts = dict(zip(measurement.sensors, incoming.start.tolist(), strict=True))

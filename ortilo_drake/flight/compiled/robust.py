@@ -104,6 +104,7 @@ def used_of(
     handed: np.ndarray,
     ranges: np.ndarray,
     detections: np.ndarray,
+    seen: np.ndarray,
     k: int,
     h: float,
 ) -> np.ndarray:
@@ -119,6 +120,7 @@ def used_of(
         handed: the handler's.
         ranges: the uwb message.
         detections: the detections message.
+        seen: arrived and stamp of each of the other sensors' messages that are judged so (s, 2), or none.
         k: tick.
         h: tick [s].
     """
@@ -132,11 +134,14 @@ def used_of(
     for j, message in ((robust.late[0], ranges), (robust.late[1], detections)):
         if j >= 0:
             beliefs[j] = _belief_of(slot, history, message, belief, h)
+    for j in range(seen.shape[0]):
+        if seen[j, ARRIVED] != 0.0:
+            beliefs[j] = _belief_of(slot, history, seen[j], belief, h)
     weighing = robust.weighing
-    factors, state, seen, mean, opens = judge(
+    factors, state, last_seen, mean, opens = judge(
         y, delta, V2, beliefs, memory.state, memory.seen, memory.mean, k * h, weighing
     )
-    memory.state[:], memory.seen[:], memory.mean[:] = state, seen, mean
+    memory.state[:], memory.seen[:], memory.mean[:] = state, last_seen, mean
     memory.opening[:] = robust.opening[opens]
     used = handed.copy()
     used[: p + s + q] = weighed(y, delta, V2, factors, weighing.first, weighing.block)

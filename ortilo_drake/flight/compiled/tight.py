@@ -5,7 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.flight.compiled.constants import CameraConstants, TightConstants, UwbConstants
+from ortilo_drake.flight.compiled.constants import CameraConstants, OtherConstants, UwbConstants
+from ortilo_drake.flight.compiled.constants_onboard import TightConstants
+from ortilo_drake.flight.compiled.others import OtherMemory
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.tight.sense import take_messages
@@ -82,6 +84,8 @@ def tight_handed_of(
     known: np.ndarray,
     k: int,
     h: float,
+    others: tuple[OtherConstants, ...],
+    kept: tuple[OtherMemory, ...],
 ) -> np.ndarray:
     """Return [y, delta, V2] of tick k: what arrived, y NaN of ranges and boxes. Arguments as handed_of's."""
     first, block = estimator.handled.first, estimator.handled.block

@@ -11,6 +11,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import ImuConstants, VehicleConstants
+from ortilo_drake.flight.compiled.faults import force_felt, said_of, wrench_felt
 from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, with_errors
 from ortilo_drake.model.equations import derivative, step
 from ortilo_drake.model.placing import put
@@ -59,19 +60,19 @@ def product_into(out: np.ndarray, M: np.ndarray, v: np.ndarray) -> None:
 
 
 @register_jitable
-def control_felt(vehicle: VehicleConstants, speeds: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Return u as it acts on the body (4): what is held, or what the rotors make at these speeds."""
+def control_felt(vehicle: VehicleConstants, speeds: np.ndarray, held: np.ndarray, t: float) -> np.ndarray:
+    """Return u as it acts on the body (4) at t [s]: what is held, or what the rotors make at these speeds."""
     if speeds.size == 0:
         return held
-    return times(vehicle.wrench, wrench_of(speeds, vehicle.mixing))
+    return wrench_felt(times(vehicle.wrench, wrench_of(speeds, vehicle.mixing)), vehicle.faults, t)
 
 
 @register_jitable
 def _rates(
-    vehicle: VehicleConstants, x: np.ndarray, speeds: np.ndarray, commanded: np.ndarray, body: Body
+    vehicle: VehicleConstants, x: np.ndarray, speeds: np.ndarray, commanded: np.ndarray, body: Body, t: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time derivatives of x and of the rotors' speeds."""
-    u = control_felt(vehicle, speeds, body.held)
+    """Return the time derivatives of x and of the rotors' speeds at t [s]."""
+    u = control_felt(vehicle, speeds, body.held, t)
     x_dot = derivative(x, u, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics)
     if speeds.size == 0:
         return x_dot, speeds
@@ -85,10 +86,10 @@ def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, star
     while t < end:
         target = t + vehicle.longest_step if t + _STRETCH * vehicle.longest_step < end else end
         dt = target - t
-        a, p = _rates(vehicle, x, speeds, commanded, body)
-        b, q = _rates(vehicle, x + dt / 2.0 * a, speeds + dt / 2.0 * p, commanded, body)
+        a, p = _rates(vehicle, x, speeds, commanded, body, t)
+        b, q = _rates(vehicle, x + dt / 2.0 * a, speeds + dt / 2.0 * p, commanded, body, t + dt / 2.0)
         x_b, speeds_b = x + (2.0 * dt * b - dt * a), speeds + (2.0 * dt * q - dt * p)
-        c, r = _rates(vehicle, x_b, speeds_b, commanded, body)
+        c, r = _rates(vehicle, x_b, speeds_b, commanded, body, target)
         for i in range(x.size):
             x[i] += dt / 6.0 * a[i] + 4.0 * (dt / 6.0) * b[i] + dt / 6.0 * c[i]
         for i in range(speeds.size):
@@ -100,9 +101,11 @@ def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, star
 def disturbance_of_tick(
     vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants, k: int, h: float, seed: int
 ) -> np.ndarray:
-    """Return d_k (6): white, with the force that lasts."""
+    """Return d_k (6): white, with the force that lasts, and with the faults."""
     d = disturbance_at(vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
-    return d if force.a.size == 0 else d + (force.bias + lasting)
+    if force.a.size > 0:
+        d += force.bias + lasting
+    return force_felt(d, vehicle.faults, k * h)
 
 
 @register_jitable
@@ -115,11 +118,14 @@ def sample_of_imu(
     seed: int,
     time: float,
     h: float,
+    held: np.ndarray,
+    anchors: np.ndarray,
 ) -> np.ndarray:
     """Return the imu's whole message of an instant, with what lasts of its errors; h is its own period [s]."""
-    u = control_felt(vehicle, body.speeds, body.held)
+    u = control_felt(vehicle, body.speeds, body.held, time)
     message = imu_message(body.x, u, body.d, vehicle.mass, imu.bias, imu.sd, seed, imu.stream, time, h)
-    return with_errors(message, errors, slow, False)
+    message = with_errors(message, errors, slow, False)
+    return said_of(message, imu.faults, held, body.x, time, anchors, seed, h)
 
 
 @register_jitable(forceinline=True)
@@ -135,6 +141,8 @@ def fly_tick(
     k: int,
     h: float,
     seed: int,
+    held: np.ndarray,
+    anchors: np.ndarray,
 ) -> None:
     """Go on from tick k to the next under u; changes body, and samples if the imu is faster than the tick.
 
@@ -150,6 +158,8 @@ def fly_tick(
         k: tick.
         h: tick [s].
         seed: of all noise.
+        held: what the imu holds, see said_of.
+        anchors: p_WA_i as they stand (n, 3).
     """
     put(disturbance_of_tick(vehicle, body.lasting, force, k, h, seed), body.d)
     put(slow_after(body.lasting, force, k, h, seed), body.lasting)
@@ -158,6 +168,7 @@ def fly_tick(
         commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed)
     else:
         product_into(body.held, vehicle.wrench, u)
+        put(wrench_felt(body.held, vehicle.faults, k * h), body.held)
         commanded = u
     if vehicle.longest_step == 0.0:
         put(step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
@@ -166,6 +177,6 @@ def fly_tick(
     for i in range(1, n):
         time = h * (i / n) + k * h
         integrate(vehicle, body, commanded, start, time)
-        put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n), samples[i - 1])
+        put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n, held, anchors), samples[i - 1])
         start = time
     integrate(vehicle, body, commanded, start, (k + 1) * h)

@@ -1,4 +1,7 @@
-"""The course of the filter's error through a flight, in half seconds: all that the study keeps of it."""
+"""The course of the filter's error through a flight, in half seconds: all that the study keeps of it.
+
+The compiled engine flies what it can (flight/compiled), Drake the rest; of the same flights the courses are the same.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -8,12 +11,16 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from ortilo_drake.flight.compiled.engine import Engine, engine_of
+from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, nees_of_ticks
+from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.ensemble import simulator_of
-from ortilo_drake.flight.kept import fly_kept
-from ortilo_drake.flight.metrics import loss_of, position_nees
+from ortilo_drake.flight.kept import AT_ONCE, fly_kept
+from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.scenario import Scenario
 
 BIN: Final = 0.5  # [s]
+COMPILED_AT_ONCE: Final = 50  # flights in one job of a worker
 
 
 @dataclass(frozen=True)
@@ -24,7 +31,7 @@ class Course:
         seed: of all noise.
         lost: when it was lost [s]; None if it was not.
         square: mean squared distance of estimated and true position in each BIN [m^2]; up to a loss.
-        nees: mean of metrics.position_nees in each BIN, 3 if the filter is consistent; up to a loss.
+        nees: mean of the position's NEES in each BIN, 3 if the filter is consistent; up to a loss.
     """
 
     seed: int
@@ -38,11 +45,33 @@ def course(flight: xr.Dataset) -> Course:
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     if not whole.all():
         flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
-    e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
-    bins = np.floor(flight["time"].values / BIN + 1e-6).astype(int)
-    square, nees = (_means(bins, values) for values in (np.sum(e**2, axis=1), position_nees(flight)))
+    x, xhat = np.ascontiguousarray(flight["truth"].values), np.ascontiguousarray(flight["estimate"].values)
+    nees = nees_of_ticks(x, xhat, flight["covariance"].values.reshape(len(x), -1))
     loss = loss_of(flight)
-    return Course(int(flight.attrs["seed"]), None if loss is None else loss.time, square, nees)
+    lost = None if loss is None else loss.time
+    return course_of(int(flight.attrs["seed"]), flight["time"].values, xhat[:, :3] - x[:, :3], nees, lost)
+
+
+def compiled_course(engine: Engine, seed: int) -> Course:
+    """Return what is kept of a flight of the engine."""
+    trace, loss = engine.trace(seed)
+    trace = trace[np.isfinite(trace[:, :NEES]).all(axis=1)]
+    e = trace[:, ESTIMATED] - trace[:, TRUE]
+    return course_of(seed, np.arange(len(trace)) * engine.h, e, trace[:, NEES], None if loss is None else loss.time)
+
+
+def course_of(seed: int, time: np.ndarray, e: np.ndarray, nees: np.ndarray, lost: float | None) -> Course:
+    """Return a course.
+
+    Args:
+        seed: of all noise.
+        time: of the ticks (n) [s].
+        e: estimated less true position (n, 3) [m].
+        nees: of the position (n).
+        lost: when the flight was lost [s]; None if it was not.
+    """
+    bins = np.floor(time / BIN + 1e-6).astype(int)
+    return Course(seed, lost, _means(bins, np.sum(e**2, axis=1)), _means(bins, nees))
 
 
 def _means(bins: np.ndarray, values: np.ndarray) -> list[float]:
@@ -52,6 +81,9 @@ def _means(bins: np.ndarray, values: np.ndarray) -> list[float]:
 
 def fly_courses_of(scenario_json: str, seeds: list[int], folder: str) -> list[Course]:
     """Fly some seeds and return their courses. Runs in a worker: the arguments are plain data."""
+    engine = engine_of(scenario_json)
+    if engine is not None:
+        return [compiled_course(engine, seed) for seed in seeds]
     simulator = simulator_of(scenario_json, folder)
     return [course(simulator.fly(seed)) for seed in seeds]
 
@@ -63,4 +95,5 @@ def fly_courses(
     progress: Callable[[int], None] | None = None,
 ) -> list[list[Course]]:
     """Fly scenarios and return their courses; arguments and errors as fly_kept's."""
-    return fly_kept(Course, fly_courses_of, wanted, out, workers, progress)
+    compiled = all(why_not(scenario) is None for scenario, _ in wanted)
+    return fly_kept(Course, fly_courses_of, wanted, out, workers, progress, COMPILED_AT_ONCE if compiled else AT_ONCE)

@@ -3,20 +3,22 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import crosses_cylinder
 from ortilo_drake.model.signals import PAYLOAD
-from ortilo_drake.scenario.faults import (
-    AnchorMoved,
-    AnchorsDying,
-    AnyFault,
-    ClockJump,
-    NlosStorm,
-    OutlierBursts,
-    People,
-)
 from ortilo_drake.world.faults.people import cylinders_at
+from ortilo_drake.world.faults.table import (
+    ANCHOR_MOVED,
+    ANCHORS_DYING,
+    CLOCK_JUMP,
+    NLOS_STORM,
+    OUTLIER_BURSTS,
+    PEOPLE,
+    FaultTable,
+    settings_of,
+)
 from ortilo_drake.world.faults.timing import EARLY
 from ortilo_drake.world.noise import normals, uniforms
 
@@ -29,7 +31,6 @@ class Moment(NamedTuple):
         t: time [s].
         anchors: p_WA, where the anchors truly stand (n, 3).
         seed: seed of all noise.
-        stream: number of the fault's noise stream.
         h: time from one message to the next [s].
     """
 
@@ -37,45 +38,63 @@ class Moment(NamedTuple):
     t: float
     anchors: np.ndarray
     seed: int
-    stream: np.uint64
     h: float
 
 
-def longer(fault: AnyFault, moment: Moment) -> np.ndarray:
-    """Return what a fault adds to each range (n) [m]."""
-    n, tick = len(moment.anchors), tick_of(moment.t, moment.h)
+@register_jitable
+def distance_to(p: np.ndarray, q: np.ndarray) -> float:
+    """Return the distance of two points (3) [m]."""
+    return np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+
+
+@register_jitable
+def longer(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
+    """Return what fault i adds to each range (n) [m]."""
+    kind, values, stream = faults.kinds[i], settings_of(faults, i), faults.streams[i]
+    n, tick = moment.anchors.shape[0], tick_of(moment.t, moment.h)
     added = np.zeros(n)
-    if isinstance(fault, ClockJump):
-        added[:] = fault.by
-    elif isinstance(fault, AnchorMoved):
-        i, p_WB = fault.anchor, moment.x[:3]
-        there = moment.anchors[i]
-        added[i] = np.linalg.norm(p_WB - (there + np.array(fault.by))) - np.linalg.norm(p_WB - there)
-    elif isinstance(fault, NlosStorm):
-        u = uniforms(moment.seed, moment.stream, tick, 2 * n)
-        added = np.where(u[:n] < fault.share, -fault.mean * np.log1p(-u[n:]), 0.0)
-    elif isinstance(fault, OutlierBursts) and (moment.t - fault.start + EARLY) % fault.every < fault.length:
-        added = fault.sd * normals(moment.seed, moment.stream, tick, n)
+    if kind == CLOCK_JUMP:
+        added[:] = values[0]
+    elif kind == ANCHOR_MOVED:
+        j, p_WB = int(values[0]), moment.x[:3]
+        there = moment.anchors[j]
+        added[j] = distance_to(p_WB, there + values[1:4]) - distance_to(p_WB, there)
+    elif kind == NLOS_STORM:
+        u = uniforms(moment.seed, stream, tick, 2 * n)
+        for j in range(n):
+            if u[j] < values[0]:
+                added[j] = -values[1] * np.log1p(-u[n + j])
+    elif kind == OUTLIER_BURSTS and (moment.t - faults.starts[i] + EARLY) % values[0] < values[1]:
+        added[:] = values[2] * normals(moment.seed, stream, tick, n)
     return added
 
 
-def silent(fault: AnyFault, moment: Moment) -> np.ndarray:
-    """Return which anchors a fault takes away (n)."""
-    gone = np.zeros(len(moment.anchors), dtype=bool)
-    if isinstance(fault, AnchorsDying):
-        dead = int((moment.t - fault.start + EARLY) // fault.every) + 1
-        gone[list(fault.anchors[:dead])] = True
-    elif isinstance(fault, People):
-        p_WB, people = np.ascontiguousarray(moment.x[:3]), cylinders_at(fault, moment.t)
-        for i, p_WA in enumerate(moment.anchors):
-            gone[i] = any(crosses_cylinder(p_WB, np.ascontiguousarray(p_WA), person) for person in people)
+@register_jitable
+def silent(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
+    """Return which anchors fault i takes away (n)."""
+    kind, values = faults.kinds[i], settings_of(faults, i)
+    gone = np.zeros(moment.anchors.shape[0], dtype=np.bool_)
+    if kind == ANCHORS_DYING:
+        dead = int((moment.t - faults.starts[i] + EARLY) // values[0]) + 1
+        for anchor in values[1 : 1 + dead]:
+            gone[int(anchor)] = True
+    elif kind == PEOPLE:
+        p_WB, people = moment.x[:3], cylinders_at(faults, i, moment.t)
+        for j in range(gone.size):
+            for person in people:
+                if crosses_cylinder(p_WB, moment.anchors[j], person):
+                    gone[j] = True
     return gone
 
 
-def with_range_fault(message: np.ndarray, fault: AnyFault, moment: Moment) -> np.ndarray:
-    """Return a uwb message as it is under a fault; a range that is not there stays away, none is below 0."""
-    said, n = message.copy(), len(moment.anchors)
-    ranges, flags = said[PAYLOAD : PAYLOAD + n], said[PAYLOAD + n :]
-    flags[silent(fault, moment)] = 0.0
-    ranges[:] = np.where(flags > 0.0, np.maximum(ranges + longer(fault, moment), 0.0), 0.0)
+@register_jitable
+def with_range_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
+    """Return a uwb message as it is under fault i; a range that is not there stays away, none is below 0."""
+    said, n = message.copy(), moment.anchors.shape[0]
+    gone, added = silent(faults, i, moment), longer(faults, i, moment)
+    for j in range(n):
+        there = said[PAYLOAD + n + j] > 0.0 and not gone[j]
+        said[PAYLOAD + j] = max(said[PAYLOAD + j] + added[j], 0.0) if there else 0.0
+        if gone[j]:
+            said[PAYLOAD + n + j] = 0.0
     return said

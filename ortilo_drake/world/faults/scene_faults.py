@@ -7,9 +7,20 @@ its own, so what the others give stays as it was.
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from ortilo_drake.scenario.faults import AnyFault, LandmarkGone, LandmarkMoved, People
+from ortilo_drake.scenario.faults import AnyFault, LandmarkGone, LandmarkMoved, People, sensors_of
 from ortilo_drake.world.faults.people import cylinders_at
+from ortilo_drake.world.faults.table import (
+    LANDMARK_GONE,
+    LANDMARK_MOVED,
+    PEOPLE,
+    FaultTable,
+    Numbered,
+    numbered,
+    settings_of,
+    table_of,
+)
 from ortilo_drake.world.faults.timing import is_active
 from ortilo_drake.world.sensors.landmark_view import Surroundings
 
@@ -26,25 +37,36 @@ class Scene(NamedTuple):
     there: np.ndarray
 
 
-def scene_faults(faults: tuple[AnyFault, ...]) -> tuple[AnyFault, ...]:
-    """Return the faults that change the scene."""
-    return tuple(fault for fault in faults if isinstance(fault, LandmarkGone | LandmarkMoved | People))
+def is_of_scene(fault: AnyFault) -> bool:
+    """Return whether a fault changes the scene."""
+    return isinstance(fault, LandmarkGone | LandmarkMoved | People)
 
 
-def scene_at(room: Surroundings, faults: tuple[AnyFault, ...], t: float) -> Scene:
+def message_faults(faults: tuple[AnyFault, ...], sensor: str) -> list[Numbered]:
+    """Return those of a scenario's faults that change a sensor's messages, in their order."""
+    concern = [its for its in numbered(faults) if sensor in sensors_of(its.fault)]
+    return [its for its in concern if not (sensor == "camera" and is_of_scene(its.fault))]
+
+
+def scene_table(faults: tuple[AnyFault, ...]) -> FaultTable:
+    """Return those of a scenario's faults that change the scene."""
+    return table_of([its for its in numbered(faults) if is_of_scene(its.fault)])
+
+
+@njit(cache=True)
+def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
     """Return the scene at t [s] of a room without faults."""
-    positions, cylinders = room.positions.copy(), [room.cylinders]
-    there = np.ones(len(positions), dtype=bool)
-    for fault in faults:
-        if not is_active(fault, t):
+    positions, cylinders = room.positions.copy(), room.cylinders.copy()
+    there = np.ones(positions.shape[0], dtype=np.bool_)
+    for i in range(faults.kinds.size):
+        if not is_active(faults, i, t):
             continue
-        if isinstance(fault, LandmarkMoved):
-            positions[fault.landmark] += fault.by
-        elif isinstance(fault, LandmarkGone):
-            there[fault.landmark] = False
-        elif isinstance(fault, People):
-            cylinders.append(cylinders_at(fault, t))
-    changed = Surroundings(
-        positions[there], room.outlines[there], room.sizes[there], room.boxes, np.concatenate(cylinders)
-    )
-    return Scene(changed, there)
+        kind, values = faults.kinds[i], settings_of(faults, i)
+        if kind == LANDMARK_MOVED:
+            positions[int(values[0])] += values[1:4]
+        elif kind == LANDMARK_GONE:
+            there[int(values[0])] = False
+        elif kind == PEOPLE:
+            cylinders = np.concatenate((cylinders, cylinders_at(faults, i, t)))
+    seen = Surroundings(positions[there], room.outlines[there], room.sizes[there], room.boxes, cylinders)
+    return Scene(seen, there)

@@ -2,12 +2,20 @@
 
 from typing import Final
 
-from ortilo_drake.scenario.faults import Onset, end_of
+from numba.extending import register_jitable
+
+from ortilo_drake.world.faults.table import FaultTable
 
 EARLY: Final = 1e-6  # of a tick's time, which is a sum of floats [s]
 
 
-def is_active(fault: Onset, t: float) -> bool:
-    """Return whether a fault lasts at t [s]: from its start on, and before its end."""
-    end = end_of(fault)
-    return fault.start - EARLY <= t and (end is None or t < end - EARLY)
+@register_jitable
+def is_ahead(faults: FaultTable, i: int, t: float) -> bool:
+    """Return whether fault i begins after t [s]."""
+    return t < faults.starts[i] - EARLY
+
+
+@register_jitable
+def is_active(faults: FaultTable, i: int, t: float) -> bool:
+    """Return whether fault i lasts at t [s]: from its start on, and before its end."""
+    return not is_ahead(faults, i, t) and t < faults.ends[i] - EARLY

@@ -5,22 +5,15 @@ torques as they are; so does its accelerometer. So a dropped load is a change of
 """
 
 import numpy as np
+from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle, mixing_inverse, mixing_matrix
 from ortilo_drake.scenario.faults import AnyFault, Gust, LoadDropped, RotorWeak
+from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, FaultTable, numbered, settings_of, table_of
 from ortilo_drake.world.faults.timing import is_active
-
-
-def of_wrench(faults: tuple[AnyFault, ...]) -> tuple[AnyFault, ...]:
-    """Return the faults that change what the rotors do."""
-    return tuple(fault for fault in faults if isinstance(fault, LoadDropped | RotorWeak))
-
-
-def of_force(faults: tuple[AnyFault, ...]) -> tuple[AnyFault, ...]:
-    """Return the faults that change what the disturbance does."""
-    return tuple(fault for fault in faults if isinstance(fault, Gust | LoadDropped))
+from ortilo_drake.world.vehicle.rotors import times
 
 
 def wrench_matrix(fault: AnyFault, vehicle: Vehicle) -> np.ndarray:
@@ -37,16 +30,37 @@ def wrench_matrix(fault: AnyFault, vehicle: Vehicle) -> np.ndarray:
     return np.eye(N_U)
 
 
-def force_at(d: np.ndarray, faults: tuple[AnyFault, ...], t: float) -> np.ndarray:
+def wrench_table(faults: tuple[AnyFault, ...], vehicle: Vehicle) -> FaultTable:
+    """Return those of a scenario's faults that change what the rotors do; their settings are T row by row."""
+    its = [one for one in numbered(faults) if isinstance(one.fault, LoadDropped | RotorWeak)]
+    return table_of(its, [wrench_matrix(one.fault, vehicle).ravel().tolist() for one in its])
+
+
+def force_table(faults: tuple[AnyFault, ...]) -> FaultTable:
+    """Return those of a scenario's faults that change what the disturbance does."""
+    return table_of([one for one in numbered(faults) if isinstance(one.fault, Gust | LoadDropped)])
+
+
+@njit(cache=True)
+def wrench_at(u: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
+    """Return u = T_1 ... T_n u_c (4) of a commanded u_c at t [s], as it acts on a body of the old mass."""
+    acting = u.copy()
+    for i in range(faults.kinds.size):
+        if is_active(faults, i, t):
+            acting = times(settings_of(faults, i).reshape((N_U, N_U)), acting)
+    return acting
+
+
+@njit(cache=True)
+def force_at(d: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
     """Return a disturbance d (6) with the faults at t [s], as it acts on a body of the old mass."""
     acting = d.copy()
-    active = [fault for fault in faults if is_active(fault, t)]
-    for fault in active:
-        if isinstance(fault, Gust):
-            acting[:3] += fault.force
-    for fault in active:
-        if isinstance(fault, LoadDropped):
-            acting[:3] /= fault.mass_factor
+    for i in range(faults.kinds.size):
+        if faults.kinds[i] == GUST and is_active(faults, i, t):
+            acting[:3] += settings_of(faults, i)
+    for i in range(faults.kinds.size):
+        if faults.kinds[i] == LOAD_DROPPED and is_active(faults, i, t):
+            acting[:3] /= settings_of(faults, i)[0]
     return acting
 
 
@@ -58,24 +72,19 @@ class WrenchFaults(LeafSystem):
         wrench (4, output): u as it acts on a body of the old mass.
 
     Args:
-        faults: of the vehicle, see of_wrench.
-        vehicle: its mixing.
+        faults: of the vehicle, see wrench_table.
     """
 
-    def __init__(self, faults: tuple[AnyFault, ...], vehicle: Vehicle):
+    def __init__(self, faults: FaultTable):
         super().__init__()
         self.set_name("wrench_faults")
-        self._faults = tuple((fault, wrench_matrix(fault, vehicle)) for fault in faults)
+        self._faults = faults
         self._commanded = self.DeclareVectorInputPort("commanded", N_U)
         needs = {self._commanded.ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc=needs)
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        u, t = self._commanded.Eval(context), context.get_time()
-        for fault, matrix in self._faults:
-            if is_active(fault, t):
-                u = matrix @ u
-        output.set_value(u)
+        output.set_value(wrench_at(self._commanded.Eval(context), self._faults, context.get_time()))
 
 
 class ForceFaults(LeafSystem):
@@ -86,10 +95,10 @@ class ForceFaults(LeafSystem):
         disturbance (6, output): as it acts on a body of the old mass.
 
     Args:
-        faults: of the vehicle, see of_force.
+        faults: of the vehicle, see force_table.
     """
 
-    def __init__(self, faults: tuple[AnyFault, ...]):
+    def __init__(self, faults: FaultTable):
         super().__init__()
         self.set_name("force_faults")
         self._faults = faults

@@ -21,9 +21,9 @@ from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
-from ortilo_drake.scenario.faults import AnyFault
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.world.faults.scene_faults import scene_at
+from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.noise import normals, stream_id, uniforms
 from ortilo_drake.world.seeded_system import SeededSystem
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
@@ -217,7 +217,7 @@ class ProjectedCamera(SeededSystem):
         InputError: if the file of measured errors is missing or wrong.
     """
 
-    def __init__(self, settings: CameraSettings, room: Room, seed: int, h: float, faults: tuple[AnyFault, ...] = ()):
+    def __init__(self, settings: CameraSettings, room: Room, seed: int, h: float, faults: FaultTable | None = None):
         super().__init__(seed)
         self.set_name("projected_camera")
         camera = room.camera.scaled_to(settings.width).constants
@@ -252,7 +252,7 @@ class ProjectedCamera(SeededSystem):
         if np.any(mounting[3:6]):
             x = body_that_looks_ahead(x, mounting[0:3], mounting[3:6])
         labels, (streams, false_stream) = self._labels, self._streams
-        if self._faults:
+        if self._faults is not None:
             room, there = scene_at(room, self._faults, time)
             labels, streams = labels[there], streams[there]
         output.set_value(
