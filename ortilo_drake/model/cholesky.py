@@ -4,7 +4,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 
-@register_jitable
+@register_jitable(error_model="numpy")
 def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
     """Overwrite the first `size` rows of Y by L^-1 Y; L overwrites S's lower half.
 
@@ -27,7 +27,7 @@ def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
             Y[i, c] *= root
 
 
-@register_jitable
+@register_jitable(error_model="numpy")
 def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
     """Overwrite X (m, n) by S^-1 X; L overwrites S's lower half."""
     m, n = X.shape

@@ -55,7 +55,7 @@ def rotation(rpy: np.ndarray) -> np.ndarray:
 rotation_matrix = njit(cache=True)(rotation)
 
 
-@register_jitable
+@register_jitable(error_model="numpy")
 def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> Triple:
     """Return the paper's x_ddot, y_ddot, z_ddot: (f_T / m) z_B - g, plus the disturbance force."""
     z_B = thrust_direction(x[3], x[4], x[5])
@@ -66,7 +66,7 @@ def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass
     )
 
 
-@register_jitable
+@register_jitable(error_model="numpy")
 def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: np.ndarray) -> Triple:
     """Return Euler's equations about the principal axes for body rates w: the paper's rotational equations."""
     I_x, I_y, I_z = inertia[0], inertia[1], inertia[2]
@@ -122,7 +122,7 @@ def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
     return E
 
 
-@register_jitable
+@register_jitable(error_model="numpy")
 def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
     """Return v_dot and rpy_ddot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
 
@@ -145,7 +145,7 @@ def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: 
     return (*a, phi_ddot, theta_ddot, psi_ddot)
 
 
-@register_jitable
+@register_jitable(error_model="numpy")
 def linear_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
     """Return v_dot and rpy_ddot of the paper's equations linearised at hover; see small_angle_accelerations."""
     return (

@@ -40,7 +40,7 @@ def solve_boxes(
     return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def detections_of_tick(
     camera: CameraConstants | None,
     x: np.ndarray,
@@ -120,7 +120,7 @@ def held_by_camera(camera: CameraConstants | None) -> np.ndarray:
     return held_at_first(camera.faults, DETECTIONS_SIZE - PAYLOAD)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def camera_chain(camera: CameraConstants | None, k: int, bad: bool, seed: int) -> bool:
     """Return whether the chain of the camera's link is bad at tick k + 1."""
     if camera is None:

@@ -49,14 +49,14 @@ def first_memory(estimator: FilterConstants) -> Memory:
     return Memory(estimator.belief_0.copy(), np.zeros(estimator.size), history, np.zeros(1), np.zeros(3), robust)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def known_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
     """Return the belief of [x; i] (240) that was predicted for this tick."""
     n = N_I + estimator.model.Phi.shape[0]
     return memory.belief if n == N_XBAR else known_part(memory.belief, n)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def force_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
     """Return the force that is believed to act (3) [N], 0 where it is not estimated."""
     force = np.zeros(3)
@@ -83,7 +83,7 @@ def fix_of_ranges(
     return fix
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def handed_of(
     estimator: FilterConstants,
     memory: Memory,
@@ -136,7 +136,7 @@ def handed_of(
     return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, seen, k, h)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def take(
     estimator: FilterConstants,
     memory: Memory,
@@ -179,14 +179,14 @@ def first_history(slot: Slot | None, ticks: int) -> np.ndarray:
     return empty_history(ticks, slot)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def place(message: np.ndarray, at: int, messages: np.ndarray) -> None:
     """Put a message or fix that arrived into the vector of all, where it begins at `at`."""
     if message[ARRIVED] != 0.0:
         put(message, messages, at)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def go_on_with(
     slot: Slot | None,
     history: np.ndarray,

@@ -26,7 +26,7 @@ FIGURES = (
 )
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
     """Return e^T P_pp^-1 e of the position; NaN where P_pp (of P row by row, 225) is not positive definite."""
     e, n = (xhat[0] - x[0], xhat[1] - x[1], xhat[2] - x[2]), N_XBAR

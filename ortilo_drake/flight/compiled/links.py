@@ -17,7 +17,7 @@ def empty_link(link: LinkConstants, size: int) -> np.ndarray:
     return flying
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def delay_through(link: LinkConstants, k: int, x: np.ndarray, bad: bool, seed: int) -> int:
     """Return the delay of the message of tick k [ticks], NOT_SENT where none is sent."""
     if link.every == 0:
@@ -25,7 +25,7 @@ def delay_through(link: LinkConstants, k: int, x: np.ndarray, bad: bool, seed: i
     return delay_of_tick(k, link.every, x, bad, link.loss, link.blackouts, link.delays, seed, link.stream)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def deliver(message: np.ndarray, delay: int, flying: np.ndarray, k: int) -> None:
     """Overwrite the message of tick k by the one that lands in it, zeros if none does; put it in flight if it is late.
 
@@ -49,7 +49,7 @@ def deliver(message: np.ndarray, delay: int, flying: np.ndarray, k: int) -> None
         fill(message, 0.0)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def chain_of_tick(link: LinkConstants, k: int, bad: bool, seed: int) -> bool:
     """Return whether the link's chain is bad at tick k + 1, from what it is at tick k."""
     return chain_after(k, bad, link.loss, seed, link.stream) if link.has_chain else False

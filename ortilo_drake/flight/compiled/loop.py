@@ -24,7 +24,7 @@ from ortilo_drake.world.sensors.imu import attitude_message
 from ortilo_drake.world.sensors.uwb import uwb_message
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def imu_of_tick(
     imu: ImuConstants,
     errors: SlowConstants,
@@ -79,7 +79,7 @@ def imu_of_tick(
     return message
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def uwb_of_tick(
     uwb: UwbConstants,
     errors: SlowConstants,
@@ -105,7 +105,7 @@ def uwb_of_tick(
     return message
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def control_of(
     servo: ServoConstants, force: np.ndarray, xhat: np.ndarray, x: np.ndarray, reference: np.ndarray
 ) -> np.ndarray:
@@ -117,7 +117,7 @@ def control_of(
     return servo_control(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fly_one(
     seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
 ) -> tuple[int, int]:

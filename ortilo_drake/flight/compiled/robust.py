@@ -74,7 +74,7 @@ def first_robust_memory(robust: RobustConstants | None) -> RobustMemory:
     )
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def heard(robust: RobustConstants | None, message: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Return a message, zeros where its sensor is stuck; changes what it said last."""
     if robust is None or message[ARRIVED] == 0.0:
@@ -93,7 +93,7 @@ def _belief_of(slot: Slot | None, history: np.ndarray, message: np.ndarray, beli
     return history[row, slot.belief : slot.y] if row >= 0 else belief
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def used_of(
     robust: RobustConstants | None,
     memory: RobustMemory,
@@ -148,7 +148,7 @@ def used_of(
     return used
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def open_beliefs(
     robust: RobustConstants | None, memory: RobustMemory, slot: Slot | None, history: np.ndarray, belief: np.ndarray
 ) -> None:

@@ -34,7 +34,7 @@ _NOTHING = np.zeros(0)
 NO_ERRORS = SlowConstants(_NOTHING, _NOTHING, _NOTHING, _NOTHING, np.uint64(0), _NOTHING)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def slow_after(x: np.ndarray, errors: SlowConstants, k: int, h: float, seed: int) -> np.ndarray:
     """Return x_{k+1} from x_k."""
     if errors.a.size == 0:
@@ -42,7 +42,7 @@ def slow_after(x: np.ndarray, errors: SlowConstants, k: int, h: float, seed: int
     return slow_noise_after(x, errors.a, errors.q, seed, errors.stream, k * h, h)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def with_errors(message: np.ndarray, errors: SlowConstants, x: np.ndarray, flagged: bool) -> np.ndarray:
     """Return a message with what lasts of its errors."""
     if errors.a.size == 0:
@@ -50,7 +50,7 @@ def with_errors(message: np.ndarray, errors: SlowConstants, x: np.ndarray, flagg
     return message_with_error(message, errors.factor, errors.bias + x, flagged)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def seen_by(clock: np.ndarray, x: np.ndarray, time: float) -> np.ndarray:
     """Return the state (12) as a sensor sees it whose clock has that offset [s] and drift [1]."""
     if clock[0] == 0.0 and clock[1] == 0.0:

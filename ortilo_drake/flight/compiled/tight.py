@@ -47,7 +47,7 @@ def first_tight_memory(estimator: TightConstants) -> TightMemory:
     )
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def tight_known_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
     """Return the belief of [x; i] (240) that was predicted for this tick; i is known."""
     known = np.zeros(N_XBAR + N_XBAR * N_XBAR)
@@ -58,7 +58,7 @@ def tight_known_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray
     return known
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def tight_force_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
     """Return zeros: the force is not estimated."""
     return np.zeros(3)
@@ -72,7 +72,7 @@ def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
     return imu[PAYLOAD:].reshape((n, IMU_SIZE))
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def tight_handed_of(
     estimator: TightConstants,
     memory: TightMemory,
@@ -107,7 +107,7 @@ def tight_handed_of(
     return handed
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def tight_take(
     estimator: TightConstants,
     memory: TightMemory,

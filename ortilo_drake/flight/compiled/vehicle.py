@@ -97,7 +97,7 @@ def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, star
         t = target
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def disturbance_of_tick(
     vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants, k: int, h: float, seed: int
 ) -> np.ndarray:
@@ -128,7 +128,7 @@ def sample_of_imu(
     return said_of(message, imu.faults, held, body.x, time, anchors, seed, h)
 
 
-@register_jitable(forceinline=True)
+@register_jitable(forceinline=True, error_model="numpy")
 def fly_tick(
     vehicle: VehicleConstants,
     force: SlowConstants,

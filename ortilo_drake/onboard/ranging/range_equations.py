@@ -23,7 +23,7 @@ MIN_SD = 1e-3  # no range is believed better than this [m]: r -> 0 would else ge
 Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def normal_equations(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[float, Symmetric, Triple]:
@@ -48,7 +48,7 @@ def normal_equations(
     return cost, (xx, xy, xz, yy, yz, zz), (gx, gy, gz)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
     """Return whether a symmetric 3x3 matrix is positive definite to rounding, and its inverse (cofactors)."""
     xx, xy, xz, yy, yz, zz = N
@@ -77,7 +77,7 @@ def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def covariance_of_the_new(
     p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
 ) -> Symmetric:
