@@ -36,7 +36,7 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def turn(q: np.ndarray, x: float, y: float, z: float) -> None:
-    """Change a unit quaternion to that of R(q) exp([(x, y, z)]x); without an array of its own, for it is called often."""
+    """Change a unit quaternion to that of R(q) exp([(x, y, z)]x), without an array of its own: it is called often."""
     half = 0.5 * np.sqrt(x * x + y * y + z * z)
     s = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * np.sin(half) / half
     b_0, b_1, b_2, b_3 = np.cos(half), s * x, s * y, s * z

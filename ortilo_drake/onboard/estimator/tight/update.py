@@ -45,11 +45,11 @@ class Taken(NamedTuple):
 
     Attributes:
         g: C H^T / sqrt(S) of each; 0 where there is none (m, n).
-        count: how many there are (1).
+        number: how many there are (1).
     """
 
     g: np.ndarray
-    count: np.ndarray
+    number: np.ndarray
 
 
 _AT_ONCE = 4  # rows for which C is passed over once
@@ -65,10 +65,10 @@ def none_taken(rows: int, n: int) -> Taken:
 @register_jitable
 def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
     """Keep g of a row that was taken: of C H^T (n) and S."""
-    g, s = taken.g[taken.count[0]], 1.0 / np.sqrt(S)
+    g, s = taken.g[taken.number[0]], 1.0 / np.sqrt(S)
     for i in range(PHt.size):
         g[i] = PHt[i] * s
-    taken.count[0] += 1
+    taken.number[0] += 1
 
 
 @njit(cache=True)
@@ -79,7 +79,7 @@ def settle(C: np.ndarray, taken: Taken) -> None:
         C: covariance (n, n); changed.
         taken: the rows; changed.
     """
-    n, count = C.shape[0], taken.count[0]
+    n, count = C.shape[0], taken.number[0]
     if count == 0:
         return
     even = n - n % 2
@@ -101,7 +101,7 @@ def settle(C: np.ndarray, taken: Taken) -> None:
         for j in range(i):
             C[i, j] = C[j, i]
     taken.g[:count] = 0.0
-    taken.count[0] = 0
+    taken.number[0] = 0
 
 
 @njit(cache=True)
@@ -125,7 +125,7 @@ def innovation_variance(
             column, of = C[where[k]], row[k]
             for i in range(n):
                 PHt[i] += column[i] * of
-    for b in range(0, taken.count[0], _AT_ONCE):
+    for b in range(0, taken.number[0], _AT_ONCE):
         g_0, g_1, g_2, g_3 = taken.g[b], taken.g[b + 1], taken.g[b + 2], taken.g[b + 3]
         s_0 = s_1 = s_2 = s_3 = 0.0
         for k in range(m):
