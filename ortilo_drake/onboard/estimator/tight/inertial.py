@@ -205,20 +205,19 @@ def propagate_covariance(
                 total += scratch[i, k] * A[j, k]
             C[i, j] = total
             C[j, i] = total
-    # Those that fade stand together: the columns of all rows by their factors, and what is left of their own rows.
-    first, end = core, GYRO
-    for i in range(GYRO, core):
-        if keeps[i - GYRO] != 1.0:
-            first, end = min(first, i), i + 1
-    if first < end:
+    end = GYRO
+    while end < core:  # those that fade, group by group: their columns, then their rows
+        first = end
+        while end < core and keeps[end - GYRO] != 1.0:
+            end += 1
         fading = keeps[first - GYRO : end - GYRO]
-        for i in range(n):
-            own = keeps[i - GYRO] if first <= i < end else 1.0
-            columns = C[i, first:end]
-            for j in range(fading.size):
-                columns[j] *= own * fading[j]
-            if own != 1.0:
-                C[i, :first] *= own
-                C[i, end:] *= own
+        if fading.size > 0:
+            for i in range(n):
+                columns = C[i, first:end]
+                for j in range(fading.size):
+                    columns[j] *= fading[j]
+            for i in range(first, end):
+                C[i] *= keeps[i - GYRO]
+        end += 1
     for i in range(GYRO, core):
         C[i, i] += steps[i - GYRO]
