@@ -12,7 +12,7 @@ from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTI
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import predicted_range, range_row, take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose
-from ortilo_drake.onboard.estimator.tight.update import update
+from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, update
 from ortilo_drake.scenario import load_scenario
 
 SCENARIO = load_scenario("imu_uwb_yolo")
@@ -69,11 +69,37 @@ def test_an_update_is_the_textbooks() -> None:
     K = C @ H / S
     expected = (np.eye(layout.n) - np.outer(K, H)) @ C
     before = x.copy()
-    squared = update(x, C, where, row, 3, 0.02, 0.01, OPEN, np.inf, layout.core, np.empty(layout.n))
+    taken = none_taken(1, layout.n)
+    squared = update(x, C, taken, where, row, 3, 0.02, 0.01, OPEN, np.inf, layout.core, np.empty(layout.n))
+    settle(C, taken)
     assert squared == pytest.approx(0.02**2 / S)
     np.testing.assert_allclose(C, expected, atol=1e-15)
     np.testing.assert_allclose(x[0:6], before[0:6] + K[0:6] * 0.02, atol=1e-15)
     np.testing.assert_allclose(x[ADDITIVE:], before[ADDITIVE:] + K[GYRO:] * 0.02, atol=1e-15)
+
+
+@pytest.mark.parametrize("rows", [1, 4, 7, 12])
+@pytest.mark.parametrize("anchors", [0, 12, 13])  # an even and an odd number of states
+def test_rows_taken_one_after_the_other_and_settled_together_are_the_textbooks(rows: int, anchors: int) -> None:
+    layout = make_layout({"range_bias": anchors}, 0)
+    x, C = made(layout)
+    rng = np.random.default_rng(rows)
+    before, H, e = x.copy(), np.zeros((rows, layout.n)), rng.normal(0.0, 1e-3, rows)
+    expected, error = C.copy(), np.zeros(layout.n)
+    taken, where, PHt = none_taken(rows, layout.n), np.array([0, 4, layout.n - 1]), np.empty(layout.n)
+    for k in range(rows):
+        H[k, where] = rng.normal(size=3)
+        K = expected @ H[k] / (H[k] @ expected @ H[k] + 1e-6)
+        error += K * e[k]
+        update(x, C, taken, where, H[k, where], 3, e[k], 1e-6, OPEN, np.inf, layout.core, PHt)
+        expected -= np.outer(K, H[k] @ expected)
+    settle(C, taken)
+    np.testing.assert_allclose(C, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_array_equal(C, C.T)  # bit for bit: no row of it needs to be made symmetric
+    np.testing.assert_allclose(x[0:6] - before[0:6], error[0:6], atol=1e-12)
+    settled = C.copy()
+    settle(C, taken)  # nothing is left to take
+    np.testing.assert_array_equal(C, settled)
 
 
 def test_a_gate_refuses_and_changes_nothing_and_hubers_weight_corrects_less() -> None:
@@ -81,14 +107,17 @@ def test_a_gate_refuses_and_changes_nothing_and_hubers_weight_corrects_less() ->
     x, C = made(layout)
     where, row, PHt = np.array([0]), np.ones(1), np.empty(layout.n)
     for e in (1.0, np.nan):
-        y, D = x.copy(), C.copy()
-        assert not update(y, D, where, row, 1, e, 1e-4, float(chi2.ppf(0.999, 1)), np.inf, layout.core, PHt) >= 0.0
+        y, D, taken = x.copy(), C.copy(), none_taken(1, layout.n)
+        gate = float(chi2.ppf(0.999, 1))
+        assert not update(y, D, taken, where, row, 1, e, 1e-4, gate, np.inf, layout.core, PHt) >= 0.0
+        settle(D, taken)
         np.testing.assert_array_equal(y, x)
         np.testing.assert_array_equal(D, C)
     moved = []
     for huber in (np.inf, 1.5):
-        y, D = x.copy(), C.copy()
-        update(y, D, where, row, 1, 0.1, 1e-4, OPEN, huber, layout.core, PHt)
+        y, D, taken = x.copy(), C.copy(), none_taken(1, layout.n)
+        update(y, D, taken, where, row, 1, 0.1, 1e-4, OPEN, huber, layout.core, PHt)
+        settle(D, taken)
         moved.append((y[0] - x[0], D[0, 0]))
     assert 0.0 < moved[1][0] < moved[0][0]
     assert moved[1][1] > moved[0][1]

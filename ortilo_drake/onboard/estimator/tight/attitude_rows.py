@@ -10,7 +10,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
-from ortilo_drake.onboard.estimator.tight.update import update
+from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, update
 
 
 @register_jitable
@@ -53,7 +53,7 @@ def take_angles(
     """
     where, row, PHt = np.zeros(4, np.int64), np.zeros(4), np.empty(C.shape[0])
     where[:3] = np.arange(THETA, THETA + 3)
-    before, used = angles_of(x[Q : Q + 4]), 0
+    before, used, taken = angles_of(x[Q : Q + 4]), 0, none_taken(3, C.shape[0])
     for i in range(3):
         rpy = angles_of(x[Q : Q + 4])
         row[:3] = inverse_rate_matrix(rpy)[i]
@@ -62,9 +62,10 @@ def take_angles(
             where[3], row[3] = layout.angles + i, 1.0
             e -= x[ADDITIVE + layout.angles + i - GYRO]
             m = 4
-        squared = update(x, C, where, row, m, e, variance, gate, huber, layout.core, PHt)
+        squared = update(x, C, taken, where, row, m, e, variance, gate, huber, layout.core, PHt)
         used += squared >= 0.0
         normalized[i] = np.copysign(np.sqrt(max(squared, 0.0)), e)
+    settle(C, taken)
     return used
 
 
@@ -97,7 +98,7 @@ def take_fix(
     """
     m = value.size
     L = np.linalg.cholesky(covariance)
-    where, PHt, used = np.arange(12), np.empty(C.shape[0]), False
+    where, PHt, used, taken = np.arange(12), np.empty(C.shape[0]), False, none_taken(m, C.shape[0])
     for k in range(m):
         rpy = angles_of(x[Q : Q + 4])
         E = inverse_rate_matrix(rpy)
@@ -127,6 +128,7 @@ def take_fix(
             for j in range(3):
                 row[6 + j] += seen[3 + i] * E[i, j]
                 row[9 + j] -= seen[9 + i] * E[i, j]
-        if update(x, C, where, row, 12, e, 1.0, gate, huber, layout.core, PHt) >= 0.0:
+        if update(x, C, taken, where, row, 12, e, 1.0, gate, huber, layout.core, PHt) >= 0.0:
             used = True
+    settle(C, taken)
     return used

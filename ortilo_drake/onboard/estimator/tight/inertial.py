@@ -35,12 +35,25 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
-def turned(q: np.ndarray, x: float, y: float, z: float) -> np.ndarray:
-    """Return the unit quaternion of R(q) exp([(x, y, z)]x)."""
+def turn(q: np.ndarray, x: float, y: float, z: float) -> None:
+    """Change a unit quaternion to that of R(q) exp([(x, y, z)]x), without an array of its own: it is called often."""
     half = 0.5 * np.sqrt(x * x + y * y + z * z)
     s = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * np.sin(half) / half
-    product = quaternion_product(q, np.array([np.cos(half), s * x, s * y, s * z]))
-    return product / np.sqrt(product[0] ** 2 + product[1] ** 2 + product[2] ** 2 + product[3] ** 2)
+    b_0, b_1, b_2, b_3 = np.cos(half), s * x, s * y, s * z
+    w = q[0] * b_0 - q[1] * b_1 - q[2] * b_2 - q[3] * b_3
+    i = q[0] * b_1 + q[1] * b_0 + q[2] * b_3 - q[3] * b_2
+    j = q[0] * b_2 - q[1] * b_3 + q[2] * b_0 + q[3] * b_1
+    k = q[0] * b_3 + q[1] * b_2 - q[2] * b_1 + q[3] * b_0
+    norm = np.sqrt(w**2 + i**2 + j**2 + k**2)
+    q[0], q[1], q[2], q[3] = w / norm, i / norm, j / norm, k / norm
+
+
+@register_jitable
+def turned(q: np.ndarray, x: float, y: float, z: float) -> np.ndarray:
+    """Return the unit quaternion of R(q) exp([(x, y, z)]x)."""
+    result = q.copy()
+    turn(result, x, y, z)
+    return result
 
 
 @register_jitable
@@ -101,9 +114,8 @@ def inertial_step(
     """
     wx, wy, wz = w[0] - x[Q + 4], w[1] - x[Q + 5], w[2] - x[Q + 6]
     fx, fy, fz = f[0] - x[Q + 7], f[1] - x[Q + 8], f[2] - x[Q + 9]
-    q = x[Q : Q + 4].copy()
-    R = matrix_of(turned(q, 0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz))
-    x[Q : Q + 4] = turned(q, dt * wx, dt * wy, dt * wz)
+    R = matrix_of(turned(x[Q : Q + 4], 0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz))
+    turn(x[Q : Q + 4], dt * wx, dt * wy, dt * wz)
     for i in range(3):
         a = R[i, 0] * fx + R[i, 1] * fy + R[i, 2] * fz - (GRAVITY if i == 2 else 0.0)
         x[P + i] += dt * x[V + i] + 0.5 * dt * dt * a
@@ -174,26 +186,38 @@ def propagate_covariance(
     """
     n, core = C.shape[0], keeps.size + GYRO
     for i in range(GYRO):
-        for j in range(n):
-            total = 0.0
-            for k in range(N_INERTIAL):
-                total += A[i, k] * C[k, j]
-            scratch[i, j] = total
+        product = scratch[i]
+        product[:] = 0.0
+        for k in range(N_INERTIAL):
+            if A[i, k] != 0.0:
+                a, row = A[i, k], C[k]
+                for j in range(n):
+                    product[j] += a * row[j]
     # (A C)[:, :15] A^T in the corner; the other columns as they are.
-    for i in range(GYRO):
-        for j in range(GYRO, n):
-            C[i, j] = scratch[i, j]
+    for j in range(GYRO, n):  # row by row of C: down its columns every number would be a line of the cache
+        for i in range(GYRO):
             C[j, i] = scratch[i, j]
+    for i in range(GYRO):
+        C[i, GYRO:] = scratch[i, GYRO:]
         for j in range(i, GYRO):
             total = N[i, j]
             for k in range(N_INERTIAL):
                 total += scratch[i, k] * A[j, k]
             C[i, j] = total
             C[j, i] = total
+    end = GYRO
+    while end < core:  # those that fade, group by group: their columns, then their rows
+        first = end
+        while end < core and keeps[end - GYRO] != 1.0:
+            end += 1
+        fading = keeps[first - GYRO : end - GYRO]
+        if fading.size > 0:
+            for i in range(n):
+                columns = C[i, first:end]
+                for j in range(fading.size):
+                    columns[j] *= fading[j]
+            for i in range(first, end):
+                C[i] *= keeps[i - GYRO]
+        end += 1
     for i in range(GYRO, core):
-        if keeps[i - GYRO] != 1.0:
-            for j in range(n):
-                C[i, j] *= keeps[i - GYRO]
-            for j in range(n):
-                C[j, i] *= keeps[i - GYRO]
         C[i, i] += steps[i - GYRO]

@@ -15,7 +15,13 @@ from ortilo_drake.model.pinhole import Camera, box_center, extent_box
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
-from ortilo_drake.onboard.estimator.tight.update import correct, innovation_variance, update
+from ortilo_drake.onboard.estimator.tight.update import (
+    correct,
+    innovation_variance,
+    none_taken,
+    settle,
+    update,
+)
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd
 
 
@@ -89,6 +95,7 @@ def take_boxes(
     PHt, first = np.empty(C.shape[0]), np.empty(C.shape[0])
     where, rows = np.zeros((2, 11), np.int64), np.zeros((2, 11))
     z, J, box = np.empty(2), np.empty((2, 6)), np.empty(4)
+    taken = none_taken(2 * chosen.size, C.shape[0])
     used = refused = 0
     total = 0.0
     for b in range(chosen.size):
@@ -133,8 +140,8 @@ def take_boxes(
                     m += 1
             r_u, r_v = (1.0 - noise[2]) * sd[0] ** 2, (1.0 - noise[2]) * sd[1] ** 2
             if pass_ == 0:
-                S_u = innovation_variance(C, where[0], rows[0], m, first) + r_u
-                S_v = innovation_variance(C, where[1], rows[1], m, PHt) + r_v
+                S_u = innovation_variance(C, taken, where[0], rows[0], m, first) + r_u
+                S_v = innovation_variance(C, taken, where[1], rows[1], m, PHt) + r_v
                 S_uv = 0.0
                 for k in range(m):
                     S_uv += rows[1, k] * first[where[1, k]]
@@ -145,7 +152,8 @@ def take_boxes(
                 used += 1
                 total += squared
                 weight = max(1.0, np.sqrt(squared) / huber)
-                correct(x, C, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
+                correct(x, taken, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
             else:
-                update(x, C, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
+                update(x, C, taken, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
+    settle(C, taken)
     return used, refused, total / max(used, 1)

@@ -15,7 +15,14 @@ from numba.extending import register_jitable
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
-from ortilo_drake.onboard.estimator.tight.update import inject, innovation_variance, update
+from ortilo_drake.onboard.estimator.tight.update import (
+    inject,
+    innovation_variance,
+    keep_row,
+    none_taken,
+    settle,
+    update,
+)
 
 MIN_SD = 1e-3  # no range is believed better than this [m]
 CLOCK_SD = 100.0  # of a clock that says nothing [m]
@@ -80,7 +87,7 @@ def take_ranges(
     """
     n = anchors.shape[0]
     where, row = np.zeros(12, np.int64), np.zeros(12)
-    PHt, gradient = np.empty(C.shape[0]), np.empty(6)
+    PHt, gradient, taken = np.empty(C.shape[0]), np.empty(6), none_taken(n, C.shape[0])
     used = refused = longer = 0
     total = 0.0
     # A common offset is a state of this message alone: its mean, variance and covariance with the error state.
@@ -115,9 +122,9 @@ def take_ranges(
             m += 1
         r = max(noise[0] + noise[1] * measured, MIN_SD) ** 2
         if not differences:
-            squared = update(x, C, where, row, m, measured - d, r, gate, huber, layout.core, PHt)
+            squared = update(x, C, taken, where, row, m, measured - d, r, gate, huber, layout.core, PHt)
         else:
-            own = innovation_variance(C, where, row, m, PHt)
+            own = innovation_variance(C, taken, where, row, m, PHt)
             cross = 0.0
             for k in range(m):
                 cross += row[k] * with_offset[where[k]]
@@ -127,9 +134,7 @@ def take_ranges(
             if squared <= gate:
                 gain = PHt + with_offset
                 seen = cross + offset_variance
-                for a in range(gain.size):
-                    for b in range(gain.size):
-                        C[a, b] -= gain[a] * gain[b] / S
+                keep_row(taken, gain, S)
                 with_offset -= gain * (seen / S)
                 offset_variance -= seen * seen / S
                 offset += seen * e / S
@@ -142,4 +147,5 @@ def take_ranges(
         else:
             refused += 1
             longer += 1 if measured > d else -1
+    settle(C, taken)
     return used, refused, total / max(used, 1), longer

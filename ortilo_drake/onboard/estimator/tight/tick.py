@@ -116,14 +116,16 @@ def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
         x[at] = x[at - 7]
     x[core + 1 : core + 4] = x[P : P + 3]
     x[core + 4 : core + 8] = x[Q : Q + 4]
-    from_ = np.arange(n)
-    for at in range(n - 1, core + 5, -1):
-        from_[at] = at - 6
+    for i in range(n - 1, core + 5, -1):
+        C[i] = C[i - 6]
     for k in range(3):
-        from_[core + k], from_[core + 3 + k] = P + k, THETA + k
-    C[core:] = C[from_[core:]]
+        C[core + k], C[core + 3 + k] = C[P + k], C[THETA + k]
     for i in range(n):
-        C[i, core:] = C[i, from_[core:]]
+        row = C[i]
+        for j in range(n - 1, core + 5, -1):
+            row[j] = row[j - 6]
+        for k in range(3):
+            row[core + k], row[core + 3 + k] = row[P + k], row[THETA + k]
 
 
 @register_jitable

@@ -2,20 +2,26 @@
 
 A row is given sparsely: where it is not 0, and what it is there. With S = H C H^T + r and the innovation e,
 
-    K = C H^T / S,  error <- K e,  C <- C - K S K^T,
+    K = C H^T / S,  error <- K e,  C <- C - g g^T,  g = C H^T / sqrt(S),
 
 and the error goes into the nominal state at once, so that the next row is linearised there. Rows of one measurement
 whose noises are independent may be taken one after the other (Anderson and Moore, "Optimal Filtering", 1979).
+
+To pass over the whole of C for each row would be most of a step's time. So the g of the rows that were taken are kept,
+the next row's C H^T is made of C and of them, and C is passed over once at the end: C - sum g g^T, to rounding what it
+was after the last row.
 
 A gate refuses e^2 / S above a quantile of chi-square. Huber's weight leaves the noise r of an innovation e as it is
 within c standard deviations sqrt(S) and takes r |e| / (c sqrt(S)) beyond (Huber, "Robust Statistics", 1981).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.onboard.estimator.tight.inertial import turned
+from ortilo_drake.onboard.estimator.tight.inertial import turn
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q
 
 
@@ -24,32 +30,111 @@ def inject(x: np.ndarray, error: np.ndarray, core: int) -> None:
     """Add an error state (n) to the nominal state, clones included."""
     for i in range(THETA):
         x[i] += error[i]
-    x[Q : Q + 4] = turned(x[Q : Q + 4].copy(), error[THETA], error[THETA + 1], error[THETA + 2])
+    turn(x[Q : Q + 4], error[THETA], error[THETA + 1], error[THETA + 2])
     for i in range(GYRO, core):
         x[ADDITIVE + i - GYRO] += error[i]
     for c in range((error.size - core) // 6):
         at, e = core + 1 + 7 * c, core + 6 * c
         for i in range(3):
             x[at + i] += error[e + i]
-        x[at + 3 : at + 7] = turned(x[at + 3 : at + 7].copy(), error[e + 3], error[e + 4], error[e + 5])
+        turn(x[at + 3 : at + 7], error[e + 3], error[e + 4], error[e + 5])
+
+
+class Taken(NamedTuple):
+    """Rows that were taken and not yet settled: the covariance is C - sum g g^T.
+
+    Attributes:
+        g: C H^T / sqrt(S) of each; 0 where there is none (m, n).
+        number: how many there are (1).
+    """
+
+    g: np.ndarray
+    number: np.ndarray
+
+
+_AT_ONCE = 4  # rows for which C is passed over once
+_ALIGNED = 16  # columns right of the diagonal begin at a multiple of it, so that no odd ones are left over
+
+
+@register_jitable
+def none_taken(rows: int, n: int) -> Taken:
+    """Return no rows, with room for so many of n numbers."""
+    return Taken(np.zeros((rows + (-rows) % _AT_ONCE, n)), np.zeros(1, np.int64))
+
+
+@register_jitable
+def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
+    """Keep g of a row that was taken: of C H^T (n) and S."""
+    g, s = taken.g[taken.number[0]], 1.0 / np.sqrt(S)
+    for i in range(PHt.size):
+        g[i] = PHt[i] * s
+    taken.number[0] += 1
 
 
 @njit(cache=True)
-def innovation_variance(C: np.ndarray, where: np.ndarray, row: np.ndarray, m: int, PHt: np.ndarray) -> float:
-    """Return H C H^T of a row, and write C H^T to PHt (n).
+def settle(C: np.ndarray, taken: Taken) -> None:
+    """Take what is kept from the covariance: C <- C - sum g g^T, symmetric; nothing is kept then.
+
+    Args:
+        C: covariance (n, n); changed.
+        taken: the rows; changed.
+    """
+    n, count = C.shape[0], taken.number[0]
+    if count == 0:
+        return
+    even = n - n % 2
+    for i in range(0, even, 2):  # two rows of C at once, so that each number of g is read once for both
+        at = i // _ALIGNED * _ALIGNED
+        C_0, C_1 = C[i, at:], C[i + 1, at:]
+        for k in range(0, count, _AT_ONCE):
+            g = taken.g[k : k + _AT_ONCE, i : i + 2]
+            g_0, g_1, g_2, g_3 = taken.g[k, at:], taken.g[k + 1, at:], taken.g[k + 2, at:], taken.g[k + 3, at:]
+            a_0, a_1, a_2, a_3 = g[0, 0], g[1, 0], g[2, 0], g[3, 0]
+            b_0, b_1, b_2, b_3 = g[0, 1], g[1, 1], g[2, 1], g[3, 1]
+            for j in range(C_0.size):
+                C_0[j] -= a_0 * g_0[j] + a_1 * g_1[j] + a_2 * g_2[j] + a_3 * g_3[j]
+                C_1[j] -= b_0 * g_0[j] + b_1 * g_1[j] + b_2 * g_2[j] + b_3 * g_3[j]
+    if even < n:
+        for k in range(count):
+            C[even, even] -= taken.g[k, even] ** 2
+    for i in range(n):
+        for j in range(i):
+            C[i, j] = C[j, i]
+    taken.g[:count] = 0.0
+    taken.number[0] = 0
+
+
+@njit(cache=True)
+def innovation_variance(
+    C: np.ndarray, taken: Taken, where: np.ndarray, row: np.ndarray, m: int, PHt: np.ndarray
+) -> float:
+    """Return H C H^T of a row, and write C H^T to PHt (n), less what the rows taken make of it.
 
     Args:
         C: covariance (n, n).
+        taken: rows that are not yet settled.
         where: indices of the row's entries.
         row: the entries.
         m: how many of them count.
         PHt: written to.
     """
-    for i in range(C.shape[0]):
-        total = 0.0
+    n = C.shape[0]
+    PHt[:] = 0.0
+    for k in range(m):
+        if row[k] != 0.0:
+            column, of = C[where[k]], row[k]
+            for i in range(n):
+                PHt[i] += column[i] * of
+    for b in range(0, taken.number[0], _AT_ONCE):
+        g_0, g_1, g_2, g_3 = taken.g[b], taken.g[b + 1], taken.g[b + 2], taken.g[b + 3]
+        s_0 = s_1 = s_2 = s_3 = 0.0
         for k in range(m):
-            total += C[where[k], i] * row[k]
-        PHt[i] = total
+            s_0 += row[k] * g_0[where[k]]
+            s_1 += row[k] * g_1[where[k]]
+            s_2 += row[k] * g_2[where[k]]
+            s_3 += row[k] * g_3[where[k]]
+        for i in range(n):
+            PHt[i] -= s_0 * g_0[i] + s_1 * g_1[i] + s_2 * g_2[i] + s_3 * g_3[i]
     S = 0.0
     for k in range(m):
         S += row[k] * PHt[where[k]]
@@ -57,29 +142,28 @@ def innovation_variance(C: np.ndarray, where: np.ndarray, row: np.ndarray, m: in
 
 
 @njit(cache=True)
-def correct(x: np.ndarray, C: np.ndarray, PHt: np.ndarray, S: float, e: float, core: int) -> None:
-    """Correct nominal state and covariance by an innovation e of variance S.
+def correct(x: np.ndarray, taken: Taken, PHt: np.ndarray, S: float, e: float, core: int) -> None:
+    """Correct the nominal state by an innovation e of variance S, and keep what it takes from the covariance.
 
     Args:
         x: nominal state; changed.
-        C: covariance (n, n); changed.
-        PHt: C H^T (n).
+        taken: rows that are not yet settled; one more.
+        PHt: C H^T (n); becomes the error that was found.
         S: H C H^T + r.
         e: innovation.
         core: numbers of the error state without clones.
     """
-    n, s = C.shape[0], 1.0 / S
-    for i in range(n):
-        k = PHt[i] * s
-        for j in range(n):
-            C[i, j] -= k * PHt[j]
-    inject(x, (e * s) * PHt, core)
+    keep_row(taken, PHt, S)
+    for i in range(PHt.size):
+        PHt[i] *= e / S
+    inject(x, PHt, core)
 
 
 @njit(cache=True)
 def update(
     x: np.ndarray,
     C: np.ndarray,
+    taken: Taken,
     where: np.ndarray,
     row: np.ndarray,
     m: int,
@@ -94,7 +178,8 @@ def update(
 
     Args:
         x: nominal state; changed.
-        C: covariance (n, n); changed.
+        C: covariance (n, n).
+        taken: rows that are not yet settled; one more if it is taken.
         where: indices of the row's entries.
         row: the entries.
         m: how many of them count.
@@ -105,12 +190,12 @@ def update(
         core: numbers of the error state without clones.
         PHt: of the caller's (n).
     """
-    own = innovation_variance(C, where, row, m, PHt)
+    own = innovation_variance(C, taken, where, row, m, PHt)
     S = own + r
     squared = e * e / S
     if not squared <= gate:  # so that NaN is refused too
         return -squared
     if squared > huber * huber:
         S = own + r * np.sqrt(squared) / huber
-    correct(x, C, PHt, S, e, core)
+    correct(x, taken, PHt, S, e, core)
     return squared
