@@ -69,6 +69,8 @@ def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray)
                         if C[j, n] != 0.0:
                             total += C[i, k] * P[15 * k + n] * C[j, n]
             S[i, j] = total + V[i, j]
+            if not np.isfinite(S[i, j]):
+                return np.inf
     root, squared = e.copy().reshape((m, 1)), 0.0
     forward_in_place(S, root, m)
     for i in range(m):
