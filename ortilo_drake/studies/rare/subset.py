@@ -93,7 +93,8 @@ def fresh(n: int, ticks: int, drawn: int, random: np.random.Generator) -> Paths:
 
 def moved(paths: Paths, step: np.ndarray, random: np.random.Generator) -> Paths:
     """Return paths a step away, b of each (n)."""
-    new, b = fresh(*paths.seeds.shape, paths.start.shape[1], random), step[:, np.newaxis]
+    (n, ticks), b = paths.seeds.shape, step[:, np.newaxis]
+    new = fresh(n, ticks, paths.start.shape[1], random)
     seeds = np.where(random.random(paths.seeds.shape) < b, new.seeds, paths.seeds)
     return Paths(seeds, (1.0 - b) * paths.start + np.sqrt(1.0 - (1.0 - b) ** 2) * new.start)
 
