@@ -44,6 +44,7 @@ def map_(
     from ortilo_drake.studies.maps.map_figure import map_figure
     from ortilo_drake.studies.maps.map_flights import fly_map
     from ortilo_drake.studies.maps.map_report import map_csv, map_text
+    from ortilo_drake.studies.maps.map_theory import theory_of
 
     quiet_drake()
     say_if_compiling()
@@ -53,10 +54,11 @@ def map_(
         found = fly_map(
             sweep, str(sweep_file), out_folder / "flights", count, lambda flown: progress.advance(task, flown)
         )
-    text = map_text(found)
+    theory = theory_of(found)
+    text = map_text(found, theory)
     write_text(table, map_csv(found))
     write_text(report, text + made_by())
-    drawn = map_figure(found, figure)
+    drawn = map_figure(found, figure, theory)
     write_json(json_file, found)
     show_markdown(text)
     say_written(report, table, drawn, json_file)

@@ -36,7 +36,7 @@ def rare(
             min=0.001, max=1000.0, help="Distance from the reference that counts, in m; without it the vehicle's loss."
         ),
     ] = None,
-    paths: Annotated[int, typer.Option(min=20, help="Flights that splitting keeps going at a time.")] = 200,
+    paths: Annotated[int, typer.Option(min=20, help="Flights of a level, a multiple of 10.")] = 1000,
     repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, of which the interval comes.")] = 10,
     count: Annotated[int, typer.Option(min=0, help="Flights to be counted beside it, to check by.")] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Of the first repetition.")] = 0,
@@ -48,8 +48,9 @@ def rare(
 ) -> None:
     """Estimate how often the vehicle is lost, or strays from its reference, when that is rare.
 
-    By adaptive multilevel splitting over the noise of all sensors, links and the disturbance, in the compiled engine.
-    What is there already is not flown again, so an interrupted or killed run goes on where it stopped.
+    By subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
+    scenario's truth draws at the start, in the compiled engine. What is there
+    already is not flown again, so an interrupted or killed run goes on where it stopped.
     """
     from ortilo_drake.studies.rare.rare_flights import AT_ONCE, rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text
@@ -59,7 +60,7 @@ def rare(
     quiet_drake()
     say_if_compiling()
     with progress_bar() as progress:
-        task = progress.add_task("repetitions and batches", total=repetitions + -(-count // AT_ONCE))
+        task = progress.add_task("repetitions and batches", total=1 + repetitions + -(-count // AT_ONCE))
         workers = workers or os.cpu_count() or 1
 
         def advance(done: int) -> None:

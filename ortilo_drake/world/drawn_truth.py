@@ -1,6 +1,6 @@
 """How one world differs from what the onboard half believes: the numbers of one seed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -10,11 +10,17 @@ from ortilo_drake.scenario.truth import SensorTruth, Truth
 from ortilo_drake.world.noise import normals, stream_id
 
 Drawn = dict[str, np.ndarray]  # by dotted key within `truth`, such as 'vehicle.mass_factor'
+AtStart = Callable[[str, int], np.ndarray]  # a stream's first so many standard normal numbers, by the stream's name
 
 LEAST_FACTOR = 0.1  # what is drawn is no smaller
 
 
-def draw_truth(truth: Truth, seed: int, room: Room, payloads: Mapping[str, int]) -> Drawn:
+def of_seed(seed: int) -> AtStart:
+    """Return the numbers that belong to a seed."""
+    return lambda name, n: normals(seed, stream_id(name), 0, n)
+
+
+def draw_truth(truth: Truth, seed: int | AtStart, room: Room, payloads: Mapping[str, int]) -> Drawn:
     """Return value + sd n of every entry that has a spread, n standard normal, a function of seed and key.
 
     Each entry has a noise stream of its own: a draw does not move when another entry changes. What is drawn for each
@@ -22,7 +28,7 @@ def draw_truth(truth: Truth, seed: int, room: Room, payloads: Mapping[str, int])
 
     Args:
         truth: the scenario's entries.
-        seed: seed of all noise.
+        seed: seed of all noise, or the normal numbers themselves.
         room: the surveyed room.
         payloads: size of each sensor's payload, of those that fly.
 
@@ -30,6 +36,7 @@ def draw_truth(truth: Truth, seed: int, room: Room, payloads: Mapping[str, int])
         InputError: if a registered sensor's entries are not as many as its payload has numbers.
     """
     n, m = len(room.anchors), len(room.landmarks)
+    draw = seed if callable(seed) else of_seed(seed)
     shapes = {"uwb.bias": (n,), "survey.anchors": (n, 3), "survey.landmarks": (m, 3)}
     drawn = {}
     for group in Truth.model_fields:
@@ -38,14 +45,14 @@ def draw_truth(truth: Truth, seed: int, room: Room, payloads: Mapping[str, int])
         for name, value, sd in _entries(getattr(truth, group)):
             key = f"{group}.{name}"
             for its in (f"{key}.{sensor}" for sensor in payloads) if group == "clock" else (key,):
-                drawn[its] = _draw(its, value, sd, shapes.get(key, np.shape(value)), seed)
+                drawn[its] = _draw(its, value, sd, shapes.get(key, np.shape(value)), draw)
     for sensor, settings in dict(truth.sensors).items():
         if sensor not in payloads:
             continue
         check_size(sensor, settings, payloads[sensor])
         for name, value, sd in _entries(settings):
             key, nothing = f"sensors.{sensor}.{name}", 1.0 if name == "factor" else 0.0
-            drawn[key] = _draw(key, value if len(value) else nothing, sd, (payloads[sensor],), seed)
+            drawn[key] = _draw(key, value if len(value) else nothing, sd, (payloads[sensor],), draw)
     return drawn
 
 
@@ -66,7 +73,7 @@ def _entries(settings: Frozen) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
             yield name, np.array(getattr(settings, name)), np.array(getattr(settings, f"{name}_sd"))
 
 
-def _draw(key: str, value: np.ndarray | float, sd: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
-    v = normals(seed, stream_id(f"truth/{key}"), 0, int(np.prod(shape))).reshape(shape)
+def _draw(key: str, value: np.ndarray | float, sd: np.ndarray, shape: tuple[int, ...], draw: AtStart) -> np.ndarray:
+    v = draw(f"truth/{key}", int(np.prod(shape))).reshape(shape)
     drawn = value + (sd if np.size(sd) else 0.0) * v
     return np.maximum(drawn, LEAST_FACTOR) if key.endswith("factor") else drawn

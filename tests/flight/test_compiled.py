@@ -107,7 +107,7 @@ def test_what_is_drawn_in_a_world_belongs_to_its_seed() -> None:
     ticks = np.full((1, engine.ticks), 5)
     branched = ticks.copy()
     branched[0, engine.ticks // 2 :] = 6
-    one, other = engine.distances(ticks)[0][0], engine.distances(branched)[0][0]
+    one, other = engine.distances(ticks)[0], engine.distances(branched)[0]
     assert np.array_equal(one[: engine.ticks // 2], other[: engine.ticks // 2])
     assert not np.array_equal(one, other)
 

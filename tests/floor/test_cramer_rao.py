@@ -362,7 +362,12 @@ def test_the_slow_error_is_correlated_as_the_projected_camera_draws_it() -> None
     share, spacing, runs = 0.6, 10, 6000
     ticks = (3, 8, 14)
     white, nodes = stream_id("a"), stream_id("b")
-    z = np.array([[persistent_normals(n, white, nodes, t, 1, share, spacing)[0] for t in ticks] for n in range(runs)])
+    z = np.array(
+        [
+            [persistent_normals(n, np.full(2, n), white, nodes, t, 1, share, spacing)[0] for t in ticks]
+            for n in range(runs)
+        ]
+    )
 
     def weights(t: int) -> np.ndarray:
         a, w = (t % spacing) / spacing, np.zeros(3)

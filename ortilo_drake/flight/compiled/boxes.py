@@ -40,13 +40,30 @@ def solve_boxes(
     return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)
 
 
+@register_jitable(error_model="numpy")
+def seeds_of_nodes(slow: np.ndarray, seeds: np.ndarray, k: int) -> np.ndarray:
+    """Return the seeds of the nodes about tick k of errors that change slowly (2, 2): a node's is that of its tick.
+
+    Args:
+        slow: of the camera's tables.
+        seeds: of all ticks (n); the nodes after them have the last one's.
+        k: tick.
+    """
+    found = np.empty((2, 2), dtype=np.int64)
+    for i in range(2):
+        spacing = max(int(slow[i, 1]), 1)
+        for j in range(2):
+            found[i, j] = seeds[min((k // spacing + j) * spacing, seeds.size - 1)]
+    return found
+
+
 @register_jitable(forceinline=True, error_model="numpy")
 def detections_of_tick(
     camera: CameraConstants | None,
     x: np.ndarray,
     k: int,
     h: float,
-    seed: int,
+    seeds: np.ndarray,
     bad: bool,
     flying: np.ndarray,
     held: np.ndarray,
@@ -55,6 +72,7 @@ def detections_of_tick(
     """Return the detections message that lands at tick k, zeros if none does; arguments as imu_of_tick's."""
     if camera is None:
         return np.zeros(PAYLOAD)
+    seed = seeds[k]
     delay = delay_through(camera.link, k, x, bad, seed)
     if delay == NOT_SENT and not is_read_anyway(camera.faults, k * h):
         if flying.shape[0] == 0 or flying[k % flying.shape[0], 0] != k:
@@ -67,7 +85,8 @@ def detections_of_tick(
         seen = seen_by(camera.clock, x, k * h)
         if np.any(camera.turned):
             seen = body_that_looks_ahead(seen, camera.camera.p_BC, camera.turned)
-        message = detections_message(seen, scene.room, *looks, seed, streams, false_stream, k * h, h)
+        of_nodes = seeds_of_nodes(camera.tables.slow, seeds, k)
+        message = detections_message(seen, scene.room, *looks, seed, of_nodes, streams, false_stream, k * h, h)
         message = said_of(message, camera.faults, held, x, k * h, anchors, seed, h)
     deliver(message, delay, flying, k)
     return message

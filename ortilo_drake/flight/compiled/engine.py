@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,15 @@ from numba import njit
 
 from ortilo_drake.flight.compiled.constants import FlightConstants
 from ortilo_drake.flight.compiled.constants_onboard import OwnConstants
-from ortilo_drake.flight.compiled.figures import ESTIMATED, FIGURES, TRACE_SIZE, TRUE, figures_of
+from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE, TRUE, figures_of
 from ortilo_drake.flight.compiled.loop import fly_one
 from ortilo_drake.flight.compiled.prepare import constants_of, why_not
-from ortilo_drake.flight.compiled.truth import constants_of_seed
+from ortilo_drake.flight.compiled.truth import constants_of_draw, normals_at_start
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.world.drawn_truth import AtStart, of_seed
 
 AT_ONCE = 16  # flights that a thread takes at a time
 NO_LOG = np.zeros((0, 0))
@@ -66,7 +67,8 @@ class Engine:
         log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
-        last, cause = self._fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, log)
+        world = self._drawn(self._constants, of_seed(seed))
+        last, cause = self._fly_one(seeds, world, trace, arrived, log)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
@@ -81,7 +83,7 @@ class Engine:
         scenario = with_seed(self._scenario, seed)
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self.ticks, seed, dtype=np.int64)
-        last, cause = self._fly_one(seeds, self._of_seed(self._constants, seed), trace, arrived, NO_LOG)
+        last, cause = self._fly_one(seeds, self._drawn(self._constants, of_seed(seed)), trace, arrived, NO_LOG)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         return trace[: last + 1], lost
 
@@ -106,7 +108,7 @@ class Engine:
                 part = range(start, min(start + AT_ONCE, all_seeds.size))
                 for i in part:
                     seeds_of_ticks = np.full(self.ticks, all_seeds[i])
-                    world = self._of_seed(own, int(all_seeds[i]))
+                    world = self._drawn(own, of_seed(int(all_seeds[i])))
                     last, cause = self._fly_one(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
                     found[i, 0], found[i, 1] = last, cause
                     figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
@@ -130,29 +132,36 @@ class Engine:
         """The tick [s]."""
         return self._scenario.h
 
-    def distances(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fly, and return how far each flight is from its reference, and its estimate from it, at each tick [m].
+    @cached_property
+    def drawn(self) -> dict[str, int]:
+        """How many standard normal numbers each stream gives to what is drawn at the start, by its name."""
+        return normals_at_start(self._constants, self._scenario, self._room)
 
-        Infinity from a loss on.
+    def distances(self, seeds: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """Fly, and return how far each flight is from its reference at each tick [m] (n, ticks); infinity once lost.
 
         Args:
-            seeds: of all noise, of each flight at each tick (n, ticks); what differs in a flight's world is drawn by
-                its first.
+            seeds: of all noise, of each flight at each tick (n, ticks).
+            start: normal numbers for what is drawn at the start of each, stream after stream as `drawn` has them (n,
+                m); None for those of each flight's first seed.
         """
-        found, errors = np.full(seeds.shape, np.inf), np.full(seeds.shape, np.inf)
+        found = np.full(seeds.shape, np.inf)
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
+        names, ends = list(self.drawn), np.cumsum(list(self.drawn.values()))
         for i, of_ticks in enumerate(seeds.astype(np.int64)):
-            world = self._of_seed(self._constants, int(of_ticks[0]))
-            last, cause = self._fly_one(of_ticks, world, trace, arrived, NO_LOG)
+            draw = of_seed(int(of_ticks[0]))
+            if start is not None:
+                parts = dict(zip(names, np.split(start[i], ends[:-1]), strict=True)) if names else {}
+                draw = _among(parts)
+            last, cause = self._fly_one(of_ticks, self._drawn(self._constants, draw), trace, arrived, NO_LOG)
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
-            true, reference = trace[flown, TRUE], self._constants.reference[flown, :3]
-            found[i, flown] = np.sqrt(np.sum((true - reference) ** 2, axis=1))
-            errors[i, flown] = np.sqrt(np.sum((trace[flown, ESTIMATED] - true) ** 2, axis=1))
-        return found, errors
+            away = trace[flown, TRUE] - self._constants.reference[flown, :3]
+            found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
+        return found
 
-    def _of_seed(self, constants: FlightConstants, seed: int) -> FlightConstants:
-        """Return the constants of one seed's flight: what differs in its world is drawn."""
-        return constants_of_seed(constants, self._scenario, self._room, seed)
+    def _drawn(self, constants: FlightConstants, draw: AtStart) -> FlightConstants:
+        """Return the constants of one flight: what differs in its world is drawn."""
+        return constants_of_draw(constants, self._scenario, self._room, draw)
 
     def simulated_time(self, figures: np.ndarray) -> float:
         """Return how long flights of these figures lasted together [s]."""
@@ -164,6 +173,11 @@ class Engine:
         for sensor in self._flying:
             columns += [arrived[:, self._sensors.index(sensor)], last // self._scenario.every(sensor) + 1]
         return columns
+
+
+def _among(parts: dict[str, np.ndarray]) -> AtStart:
+    """Return what is drawn at the start where it is given."""
+    return lambda name, n: parts[name]
 
 
 @lru_cache(maxsize=1)

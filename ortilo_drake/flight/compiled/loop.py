@@ -157,7 +157,7 @@ def fly_one(
             imu, imu_errors, vehicle, body, imu_slow, samples, k, h, seed, imu_bad, imu_flying, imu_held, anchors
         )
         ranges = uwb_of_tick(uwb, uwb_errors, uwb_slow, x, k, h, seed, uwb_bad, uwb_flying, uwb_held)
-        detections = detections_of_tick(camera, x, k, h, seed, camera_bad, camera_flying, camera_held, anchors)
+        detections = detections_of_tick(camera, x, k, h, seeds, camera_bad, camera_flying, camera_held, anchors)
         read_others(others, others_kept, (x, k, h, seed, anchors))
         handed = handed_of(estimator, memory, uwb, camera, ranges, felt, detections, known, k, h, others, others_kept)
         u = control_of(servo, force_of(estimator, memory), known[:N_XBAR], x, r)

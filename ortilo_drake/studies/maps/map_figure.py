@@ -9,20 +9,33 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
+FLOWN, BOUND = "flown", "theory: bound on the mean error"
+THEORY = "magenta"  # stands out of both maps' colours
 
-def map_figure(found: Map, path: Path) -> Path | None:
-    """Draw the share of lost flights and the median RMS error; None for what is no grid of one or two axes."""
+
+def map_figure(found: Map, path: Path, theory: MapTheory | None = None) -> Path | None:
+    """Draw the share of lost flights and the median RMS error; None for what is no grid of one or two axes.
+
+    Args:
+        found: the map.
+        path: of the picture.
+        theory: whose lines are drawn over it, if any.
+
+    Raises:
+        InputError: if it cannot be written.
+    """
     axes = found.sweep.axes
     if not isinstance(found.sweep.design, Grid) or len(axes) > 2:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.5, 3.8), layout="constrained")
         panels = figure.subplots(1, 2)
-        (_curves if len(axes) == 1 else _heat)(figure, panels, found)
+        (_curves if len(axes) == 1 else _heat)(figure, panels, found, theory)
         return save_picture(figure, path)
 
 
@@ -30,7 +43,7 @@ def _values(found: Map, key: str) -> list[Any]:
     return list(dict.fromkeys(row.point[key] for row in found.rows))
 
 
-def _curves(figure: Figure, panels: Any, found: Map) -> None:
+def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> None:
     (key,) = found.sweep.axes
     values, rows = _values(found, key), found.rows
     numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
@@ -38,11 +51,15 @@ def _curves(figure: Figure, panels: Any, found: Map) -> None:
     low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
     panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
     panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE)
+    if theory is not None and theory.lost is not None:
+        panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
     panels[0].set(ylabel="flights lost [1]", ylim=(0.0, 1.0))
     panels[0].legend()
     rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.rms, row.rms_high)] for row in rows])
     panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the flights")
     panels[1].plot(x, rms[:, 1], "o-", color=BLUE)
+    if theory is not None and np.isfinite(theory.rms).any():
+        panels[1].plot(x, np.where(np.isfinite(theory.rms), theory.rms, np.nan), "--", color="k", lw=1.0, label=BOUND)
     panels[1].set(ylabel="RMS error of the position [m]", ylim=(0.0, None))
     panels[1].legend()
     axis = found.sweep.axes[key]
@@ -55,7 +72,7 @@ def _curves(figure: Figure, panels: Any, found: Map) -> None:
     del figure
 
 
-def _heat(figure: Figure, panels: Any, found: Map) -> None:
+def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> None:
     first, second = found.sweep.axes
     rows, columns = _values(found, first), _values(found, second)
 
@@ -78,9 +95,35 @@ def _heat(figure: Figure, panels: Any, found: Map) -> None:
         panel.tick_params(length=0)
         panel.spines[:].set_visible(False)
         figure.colorbar(image, ax=panel, label=label)
-    if lost.max() > 0.05 and lost.min() < 0.05 and min(lost.shape) > 1:
-        lines = panels[0].contour(lost, levels=[0.05, 0.5], colors="k", linewidths=0.8)
-        panels[0].clabel(lines, fmt={0.05: "5 %", 0.5: "50 %"}, fontsize=7)
+    percent, metres = {0.05: "5 %", 0.5: "50 %"}, {}
+    if finite.size:
+        levels = np.geomspace(finite.min(), max(finite.max(), 1.01 * finite.min()), 5)[1:-1]
+        metres = {level: f"{level:.2g} m" for level in levels.tolist()}
+    lines = [(panels[0], lost, percent, FLOWN), (panels[1], rms, metres, FLOWN)]
+    if theory is not None:
+        lines.append((panels[1], theory.rms.reshape(lost.shape), metres, BOUND))
+        if theory.lost is not None:
+            lines.append((panels[0], theory.lost.reshape(lost.shape), percent, _law(theory)))
+    for panel, values, names, whose in lines:
+        _contours(panel, values, names, whose)
+
+
+def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: str) -> None:
+    """Draw the lines of those levels, and whose they are; nothing where there are none."""
+    shown = np.ma.masked_invalid(values)
+    levels = [level for level in names if shown.count() and shown.min() < level < shown.max()]
+    if not levels or min(values.shape) < 2:
+        return
+    flown = whose == FLOWN
+    style = {"colors": "k", "linewidths": 0.8} if flown else {"colors": THEORY, "linewidths": 1.6, "linestyles": "--"}
+    lines = panel.contour(shown, levels=levels, **style)
+    panel.clabel(lines, fmt=names, fontsize=7)
+    panel.plot([], [], "-" if flown else "--", color="k" if flown else THEORY, lw=0.8 if flown else 1.6, label=whose)
+    panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2, fontsize=7, frameon=False)
+
+
+def _law(theory: MapTheory) -> str:
+    return f"theory: a burst longer than {theory.longest:.3g} s (fitted)"
 
 
 def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:

@@ -7,13 +7,14 @@ from typing import Any
 from ortilo_drake.studies.maps.indices import indices_of
 from ortilo_drake.studies.maps.map_figure import best_and_worst
 from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.views.markdown import table
 
 MOST_ROWS = 60  # of the report; the table of all points is a file of its own
 
 
-def map_text(found: Map) -> str:
-    """Return the report in Markdown."""
+def map_text(found: Map, theory: MapTheory | None = None) -> str:
+    """Return the report in Markdown, with a line on what theory draws over the map."""
     rows, flights = found.rows, sum(row.flights for row in found.rows)
     lost = sum(row.lost for row in rows)
     best, worst = best_and_worst(found)
@@ -25,6 +26,8 @@ def map_text(found: Map) -> str:
     ]
     if found.by_drake:
         lines.append(f"- Drake flew what the compiled engine does not: {found.by_drake}.")
+    if theory is not None:
+        lines.append(f"- {_on(theory)}.")
     lines.append("")
     if indices := indices_of(found):
         cells = [[i.figure, i.setting, f"{i.first:.2f}", f"{i.total:.2f}"] for i in indices]
@@ -37,6 +40,15 @@ def map_text(found: Map) -> str:
     if len(rows) > MOST_ROWS:
         lines += [f"The first {MOST_ROWS} of {len(rows)}; all of them are in map.csv.", ""]
     return "\n".join(lines)
+
+
+def _on(theory: MapTheory) -> str:
+    if theory.silence is not None:
+        return f"No lines of theory: {theory.silence}"
+    said = "Dashed in the figure, by theory: the bound on the filter's mean error (expected Riccati equation, hovering)"
+    if theory.longest is not None:
+        said += f"; the share of flights with a burst longer than {theory.longest:.3g} s, fitted to this map's losses"
+    return said
 
 
 def _said(row: Row) -> str:

@@ -1,1 +1,1 @@
-"""How often what hardly ever happens does: multilevel splitting over the noise of flights."""
+"""How often what hardly ever happens does: subset simulation over the noise and the start of flights."""

@@ -36,12 +36,21 @@ STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera erro
 
 @register_jitable
 def persistent_normals(
-    seed: int, white: np.uint64, nodes: np.uint64, tick: int, n: int, share: float, spacing: int
+    seed: int,
+    of_nodes: np.ndarray,
+    white: np.uint64,
+    nodes: np.uint64,
+    tick: int,
+    n: int,
+    share: float,
+    spacing: int,
 ) -> np.ndarray:
     """Return n standard normal numbers that belong to a tick, a share of their variance changing slowly.
 
     Args:
-        seed: seed of all noise.
+        seed: seed of the tick's noise.
+        of_nodes: seeds of the node before and of the one after (2); the same, but for flights whose ticks have seeds
+            of their own.
         white: number of the stream of what is new every tick.
         nodes: number of the stream of the slow part's nodes.
         tick: the tick.
@@ -52,7 +61,8 @@ def persistent_normals(
     z = normals(seed, white, tick, n)
     if share > 0.0:
         a = (tick % spacing) / spacing
-        before, after = normals(seed, nodes, tick // spacing, n), normals(seed, nodes, tick // spacing + 1, n)
+        before = normals(of_nodes[0], nodes, tick // spacing, n)
+        after = normals(of_nodes[1], nodes, tick // spacing + 1, n)
         scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
         for j in range(n):
             z[j] = np.sqrt(1.0 - share) * z[j] + scale * ((1.0 - a) * before[j] + a * after[j])
@@ -86,6 +96,7 @@ def detections_message(
     camera: Camera,
     tables: Tables,
     seed: int,
+    of_nodes: np.ndarray,
     streams: np.ndarray,
     false_stream: np.uint64,
     time: float,
@@ -99,7 +110,8 @@ def detections_message(
         labels: the landmarks' classes (n).
         camera: the camera.
         tables: rates and errors, see camera_calibration.py.
-        seed: seed of all noise.
+        seed: seed of the tick's noise.
+        of_nodes: seeds of the nodes before and after of errors and of misses, see persistent_normals (2, 2).
         streams: numbers of the noise streams of each landmark, see STREAMS (n, 4); its noise is the same whatever
             else is seen.
         false_stream: number of the stream of false boxes.
@@ -121,7 +133,7 @@ def detections_message(
         if rate == 0.0:
             continue
         share, spacing = tables.slow[1, 0], int(tables.slow[1, 1])
-        z_miss = persistent_normals(seed, streams[i, 0], streams[i, 1], tick, 1, share, spacing)[0]
+        z_miss = persistent_normals(seed, of_nodes[1], streams[i, 0], streams[i, 1], tick, 1, share, spacing)[0]
         chance = 0.5 * math.erfc(-z_miss / math.sqrt(2.0))
         if chance >= rate:
             continue
@@ -130,7 +142,7 @@ def detections_message(
         if chance >= rate or visible < tables.limits[2]:
             continue
         share, spacing = tables.slow[0, 0], int(tables.slow[0, 1])
-        z = persistent_normals(seed, streams[i, 2], streams[i, 3], tick, 4, share, spacing)
+        z = persistent_normals(seed, of_nodes[0], streams[i, 2], streams[i, 3], tick, 4, share, spacing)
         at_border = look_up(tables.inside, 3, inside)
         growth = look_up(tables.visible, 2, visible) * look_up(tables.inside, 2, inside)
         for axis in range(2):
@@ -255,6 +267,5 @@ class ProjectedCamera(SeededSystem):
         if self._faults is not None:
             room, there = scene_at(room, self._faults, time)
             labels, streams = labels[there], streams[there]
-        output.set_value(
-            detections_message(x, room, labels, camera, self._tables, seed, streams, false_stream, time, self._h)
-        )
+        looks, of_nodes = (x, room, labels, camera, self._tables), np.full((2, 2), seed)
+        output.set_value(detections_message(*looks, seed, of_nodes, streams, false_stream, time, self._h))

@@ -6,16 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
-from hypothesis import given
-from hypothesis import strategies as st
+from scipy.stats import chi
 
+from ortilo_drake.flight.compiled.boxes import seeds_of_nodes
 from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
-from ortilo_drake.studies.rare.rare_flights import Rare, danger, rare_flights
-from ortilo_drake.studies.rare.rare_report import rare_text
-from ortilo_drake.studies.rare.splitting import Split
+from ortilo_drake.studies.rare.rare_flights import Rare, rare_flights
+from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
+from ortilo_drake.studies.rare.subset import Climb, Plan
+from ortilo_drake.world.noise import normals, stream_id
 
 SHORT = ("world.disturbance.force_sd=0.2",)
 SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
@@ -23,7 +24,7 @@ SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
 
 def test_distances_are_those_of_drakes_flight() -> None:
     engine, flight = Engine(SCENARIO), fly(with_seed(SCENARIO, 5))
-    found = engine.distances(np.full((1, engine.ticks), 5))[0][0]
+    found = engine.distances(np.full((1, engine.ticks), 5))[0]
     away = flight["truth"].values[:, :3] - flight["reference"].values[:, :3]
     np.testing.assert_allclose(found[: len(away)], np.linalg.norm(away, axis=1), atol=1e-9)
 
@@ -32,41 +33,62 @@ def test_a_branch_is_the_same_flight_until_it_leaves_and_another_after() -> None
     engine = Engine(SCENARIO)
     seeds = np.full((2, engine.ticks), 5)
     seeds[1, 100:] = 6
-    (one, other), _ = engine.distances(seeds)
+    one, other = engine.distances(seeds)
     assert np.array_equal(one[:101], other[:101])  # what stands at a tick is of the noise before it
     assert not np.any(one[101:] == other[101:])
 
 
-@given(
-    st.lists(st.tuples(st.floats(0.0, 1e3), st.floats(0.0, 1e3)), min_size=2, max_size=20),
-    st.one_of(st.floats(0.01, 100.0), st.just(np.inf)),
-)
-def test_danger_reaches_the_goal_where_it_happens_alone(pairs: list[tuple[float, float]], goal: float) -> None:
-    distances, errors = np.array(pairs).T
-    distances[0] = errors[0] = np.inf  # lost
-    found = danger(distances, errors, goal)
-    assert np.array_equal(found >= goal, distances >= goal)
-    larger, below = np.maximum(distances, errors), distances < goal
-    order = np.argsort(larger[below], kind="stable")
-    assert np.all(np.diff(found[below][order]) >= 0.0)
-
-
-def test_splitting_agrees_with_counting_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     corridor = 1.5
-    found = rare_flights(SCENARIO, corridor, 40, 4, tmp_path, 1, count=200)
+    found = rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 1, count=300)
     assert found.counted is not None
     assert 0.0 < found.probability < 1.0
     assert found.low < found.counted.high
     assert found.counted.low < found.high
     files = sorted(tmp_path.rglob("*.json"))
-    assert len(files) == 5
-    before = files[2].stat().st_mtime_ns
-    files[0].write_text("{", encoding="utf-8")  # damaged: flown again
-    files[1].unlink()
+    assert len(files) == 6  # with the plan and what was counted
+    plan, first, second, *_, counted = files
+    assert plan.stem.endswith("plan_0")
+    assert first.stem.endswith("seed_0")
+    assert "counted" in counted.stem
+    before = counted.stat().st_mtime_ns
+    first.write_text("{", encoding="utf-8")  # damaged: flown again
+    second.unlink()
+    plan.write_text("[1]", encoding="utf-8")
     calls: list[int] = []
-    assert rare_flights(SCENARIO, corridor, 40, 4, tmp_path, 2, 200, calls.append) == found
-    assert calls[0] == 2
-    assert files[2].stat().st_mtime_ns == before
+    assert rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 2, 300, calls.append) == found
+    assert calls[:3] == [0, 1, 2]  # no plan, the plan, two of four repetitions
+    assert counted.stat().st_mtime_ns == before
+
+
+def test_what_is_drawn_at_the_start_makes_a_flight_as_it_does_from_its_seed() -> None:
+    spread = ("truth.vehicle.mass_factor_sd=0.1", "truth.survey.anchors_sd=0.05", "truth.uwb.slow_sd=0.05")
+    engine = Engine(load_scenario("nominal_imu_uwb", (*SHORT, *spread)))
+    assert engine.drawn["truth/vehicle.mass_factor"] == 1
+    seeds = np.full((1, engine.ticks), 7)
+    own = np.concatenate([normals(7, stream_id(name), 0, n) for name, n in engine.drawn.items()])
+    assert np.array_equal(engine.distances(seeds, own[np.newaxis]), engine.distances(seeds))
+    names, heavier = list(engine.drawn), own.copy()
+    heavier[sum(engine.drawn[name] for name in names[: names.index("truth/vehicle.mass_factor")])] += 1.0
+    assert not np.array_equal(engine.distances(seeds, heavier[np.newaxis]), engine.distances(seeds))
+
+
+def test_a_node_of_the_cameras_slow_errors_is_of_its_ticks_seed_in_every_tick_about_it() -> None:
+    slow, seeds = np.array([[0.5, 4.0], [0.5, 3.0]]), np.arange(100, 110)
+    assert seeds_of_nodes(slow, seeds, 5).tolist() == [[104, 108], [103, 106]]
+    assert seeds_of_nodes(slow, seeds, 7).tolist() == [[104, 108], [106, 109]]
+    assert seeds_of_nodes(slow, seeds, 9).tolist() == [[108, 109], [109, 109]]  # the flight ends before the node
+
+
+def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
+    """In a tenth of a second a vehicle that starts off its reference comes no nearer: its distance has a chi law."""
+    settings = ("planner={kind: hover, duration: 0.1}", "truth.start.position_sd=0.1")
+    goal = 0.1 * float(chi(3).isf(1e-5))
+    found = rare_flights(load_scenario("nominal_imu_uwb", settings), goal, 200, 8, tmp_path, 1)
+    assert found.drawn > 0
+    assert found.low < 1e-5 < found.high
+    assert found.high < 3e-5
+    assert "What is drawn at the start is moved" in rare_text(SCENARIO, found)
 
 
 def test_what_is_not_compiled_is_refused_before_anything_is_kept(tmp_path: Path) -> None:
@@ -88,7 +110,24 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "strays 0.8 m" in (out / "rare.md").read_text(encoding="utf-8")
 
 
+def made(repetitions: list[Climb], probability: float = 0.0) -> Rare:
+    return Rare(None, probability, 0.0, 0.0, Plan((1.0, 2.0), (0.5, 0.2), 40), repetitions, 80, 0, None)
+
+
 def test_where_no_repetition_came_to_it_no_interval_is_claimed() -> None:
-    text = rare_text(SCENARIO, Rare(None, 0.0, 0.0, 0.0, [Split(0.0, 3, 40)] * 2, 80, None))
+    text = rare_text(SCENARIO, made([Climb(0.0, (0.1, 0.0), (0.3,), 40)] * 2))
     assert "no repetition came to a flight that loses its vehicle" in text
     assert "interval" not in text
+
+
+def test_repetitions_that_go_different_ways_are_told() -> None:
+    """As a flight that one wrong fix of a single tick throws off: nearly every step of it is taken."""
+    one, other = Climb(1e-6, (0.1, 0.1, 0.1), (0.3, 0.3), 40), Climb(1e-4, (0.1, 0.1, 0.1), (0.3, 0.8), 40)
+    assert level_apart(made([one, one])) is None
+    assert level_apart(made([one, other])) == 2.0
+    assert "From 2 m on the repetitions go different ways" in rare_text(SCENARIO, made([one, other], 1e-4))
+
+
+def test_paths_that_make_no_whole_chains_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="paths: 25: must be a multiple of 10"):
+        rare_flights(SCENARIO, None, 25, 2, tmp_path, 1)

@@ -1,0 +1,116 @@
+"""What theory says of a map whose axes are a link's rates and losses: lines to be drawn over what flew.
+
+The filter's error: the fixed point of the expected Riccati equation bounds the mean of P_k from above, for rates and
+for losses one by one or in bursts (studies/arrivals). The loss of vehicles: a flight of the duration D in which a share
+p of all messages is lost in bursts of the mean length L has about p D / L of them, and each is longer than T with the
+chance exp(-T / L). If a flight were lost when one is longer than T, and only then,
+
+    P(lost) = 1 - exp(-p D / L exp(-T / L)).
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.arrivals.arrival_map import diagonals
+from ortilo_drake.studies.arrivals.arrival_report import filter_model
+from ortilo_drake.studies.arrivals.link_chain import link_chain
+from ortilo_drake.studies.command_link.command_flights import hover_V
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
+from ortilo_drake.studies.maps.map_flights import Map
+from ortilo_drake.studies.maps.sweep import scenario_at
+
+_KNOWN = re.compile(r"(uwb|camera)\.link\.(rate|loss(\..+)?)")
+MOST_MODES = 128  # of a chain of arrivals; with more, as of rates that have no short common period, a point is left out
+_SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
+
+
+class MapTheory(NamedTuple):
+    """What theory says of each point of a map.
+
+    Attributes:
+        rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.
+        lost: share of lost flights [1] (n), of bursts alone; None for other axes.
+        longest: T that fits the map's own flights best [s]; None likewise.
+        silence: why it says nothing, in a line; None if it does.
+    """
+
+    rms: np.ndarray
+    lost: np.ndarray | None
+    longest: float | None
+    silence: str | None
+
+
+def lost_in_bursts(share: np.ndarray, length: np.ndarray, duration: np.ndarray | float, longest: float) -> np.ndarray:
+    """Return the chance that a flight has a burst that is longer than it stands.
+
+    Args:
+        share: of the messages that are lost, p [1].
+        length: mean of a burst, L [s].
+        duration: of the flight, D [s].
+        longest: that it stands, T [s].
+    """
+    return np.asarray(1.0 - np.exp(-share * duration / length * np.exp(-longest / length)))
+
+
+def theory_of(found: Map) -> MapTheory:
+    """Return what theory says of a map."""
+    nothing = np.full(len(found.rows), np.nan)
+    other = [key for key in found.sweep.axes if not _KNOWN.fullmatch(key)]
+    if other:
+        return MapTheory(nothing, None, None, f"theory has lines for rates and losses of links, not for {other[0]}")
+    try:
+        scenarios = [scenario_at(found.sweep, row.point, "map") for row in found.rows]
+        rms = np.array([expected_rms(scenario) for scenario in scenarios])
+    except InputError as error:
+        return MapTheory(nothing, None, None, f"theory says nothing of this scenario: {error}")
+    lost = _fitted(found, scenarios)
+    if np.isnan(rms).all() and lost is None:
+        return MapTheory(rms, None, None, f"the links' rates have no common period of {MOST_MODES} ticks or fewer")
+    return MapTheory(rms, *(lost or (None, None)), None)
+
+
+def expected_rms(scenario: Scenario) -> float:
+    """Return the root of the bound on the trace of E[P_k] of the position, hovering [m].
+
+    Infinity where position is never seen; NaN where the arrivals have more than MOST_MODES modes.
+
+    Raises:
+        InputError: if the scenario's filter has no such bound.
+    """
+    h = scenario.h
+    links = [scenario.link_of(name) if name in scenario.sensors else None for name in ("uwb", "camera")]
+    period = int(np.lcm.reduce([1 if link is None else link.every(h) for link in links]))
+    modes = period * int(np.prod([2 if link is not None and _has_two(link.loss.kind) else 1 for link in links]))
+    if modes > MOST_MODES:
+        return float("nan")
+    loop = hover_loop(scenario)
+    model = filter_model(loop, filter_V(scenario, hover_V(scenario)))
+    return float(np.sqrt(np.sum(diagonals(model, link_chain(links[0], links[1], h)).upper[:3])))
+
+
+def _has_two(kind: str) -> bool:
+    return kind in ("bursts", "gilbert_elliott")
+
+
+def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] | None:
+    """Return lost_in_bursts at each point and the T of the greatest likelihood; None where a point has no bursts."""
+    sensors = {key.split(".")[0] for key in found.sweep.axes}
+    losses = [scenario.link_of(next(iter(sensors))).loss for scenario in scenarios]
+    if len(sensors) != 1 or any(loss.kind != "bursts" for loss in losses):
+        return None
+    p, L = np.array([(loss.loss, loss.mean_length) for loss in losses if loss.kind == "bursts"]).T
+    D = np.array([flight_ticks(scenario) * scenario.h for scenario in scenarios])
+    lost, flights = np.array([(row.lost, row.flights) for row in found.rows]).T
+
+    def unlikely(log_T: float) -> float:
+        chance = np.clip(lost_in_bursts(p, L, D, float(np.exp(log_T))), 1e-12, 1.0 - 1e-12)
+        return -float(np.sum(lost * np.log(chance) + (flights - lost) * np.log(1.0 - chance)))
+
+    T = float(np.exp(minimize_scalar(unlikely, bounds=np.log([_SHORTEST, _LONGEST]), method="bounded").x))
+    return lost_in_bursts(p, L, D, T), T

@@ -1,0 +1,183 @@
+"""Subset simulation: the probability that a random path ever goes as high as a goal, however small it is.
+
+S. K. Au, J. L. Beck, "Estimation of small failure probabilities in high dimensions by subset simulation", Probabilistic
+Engineering Mechanics 16 (2001). Between nothing and the goal lie levels L_1 < L_2 < ...; of N paths those at L_j or
+above go on, each as the start of a Markov chain that leaves the law of paths above L_j as it is, and the chains' paths
+are the next N. With the share that is at the next level in each round,
+
+    p = share at L_1 x share at L_2 of those above L_1 x ... x share at the goal of those above the last.
+
+A path is made of independent parts: a seed for each tick, of which the noise of that tick is a pure function, and
+standard normal numbers z for what is drawn at its start. A step of a chain changes a little of all, by 0 < b <= 1:
+
+    the seed of each tick is drawn anew with the probability b,      z' = (1 - b) z + sqrt(1 - (1 - b)^2) v,  v normal,
+
+both reversible for the law of paths (Gibbs; S. L. Cotter et al., "MCMC methods for functions", Statistical Science 28,
+2013), and is taken if the new path is at the level or above. What depends on a sum of many ticks' noise keeps 1 - b of
+itself by either. A path runs from its start to its end, so a cause may be long before its effect.
+
+A first climb chooses levels and steps; its own estimate is thrown away. The climbs that follow take them as given, so
+that their estimates are without bias (waste-free sequential Monte Carlo: H.-D. Dau, N. Chopin, Journal of the Royal
+Statistical Society B 84, 2022, proposition 1), and independent of each other.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+KEPT = 0.1  # share of the paths that a chosen level keeps [1]
+CHAIN = 10  # paths of a chain, its start among them
+ACCEPTED = 0.4  # share of steps that are to be taken [1]
+SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
+_GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too seldom
+_MOST_LEVELS = 60
+
+
+class Paths(NamedTuple):
+    """Paths, by what they are made of.
+
+    Attributes:
+        seeds: of the noise of each tick (n, ticks).
+        start: standard normal numbers, for what is drawn at the start (n, m).
+    """
+
+    seeds: np.ndarray
+    start: np.ndarray
+
+    def at(self, numbers: np.ndarray) -> "Paths":
+        """Return some of them, by their numbers."""
+        return Paths(self.seeds[numbers], self.start[numbers])
+
+
+Heights = Callable[[Paths], np.ndarray]  # how high each path comes (n)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the first climb chose.
+
+    Attributes:
+        levels: below the goal, going up.
+        steps: b at each level, in (0, 1].
+        flights: how many paths it ran.
+    """
+
+    levels: tuple[float, ...]
+    steps: tuple[float, ...]
+    flights: int
+
+
+@dataclass(frozen=True)
+class Climb:
+    """What one climb found.
+
+    Attributes:
+        probability: of reaching the goal [1].
+        kept: share of the paths that were at each level, then at the goal [1].
+        accepted: share of the steps that were taken at each level [1].
+        flights: how many paths ran.
+    """
+
+    probability: float
+    kept: tuple[float, ...]
+    accepted: tuple[float, ...]
+    flights: int
+
+
+def fresh(n: int, ticks: int, drawn: int, random: np.random.Generator) -> Paths:
+    """Return n paths, with so many normal numbers at the start of each."""
+    return Paths(random.integers(2**62, size=(n, ticks)), random.standard_normal((n, drawn)))
+
+
+def moved(paths: Paths, step: np.ndarray, random: np.random.Generator) -> Paths:
+    """Return paths a step away, b of each (n)."""
+    (n, ticks), b = paths.seeds.shape, step[:, np.newaxis]
+    new = fresh(n, ticks, paths.start.shape[1], random)
+    seeds = np.where(random.random(paths.seeds.shape) < b, new.seeds, paths.seeds)
+    return Paths(seeds, (1.0 - b) * paths.start + np.sqrt(1.0 - (1.0 - b) ** 2) * new.start)
+
+
+class _Above(NamedTuple):
+    """Paths at a level or above, how high they come, b after each step and the share of each that was taken."""
+
+    paths: Paths
+    heights: np.ndarray
+    steps: list[float]
+    accepted: list[float]
+
+
+def _chains(
+    run: Heights, starts: Paths, heights: np.ndarray, level: float, b: float, fixed: bool, random: np.random.Generator
+) -> _Above:
+    """Return the paths of a chain from each start, at a level or above; unless it is fixed, b is adapted on the way."""
+    paths, found, steps, accepted = [starts], [heights], [], []
+    for _ in range(CHAIN - 1):
+        step = np.minimum(b * SPREAD ** random.uniform(-1.0, 1.0, len(heights)), 1.0)
+        proposed = moved(paths[-1], step, random)
+        its = run(proposed)
+        taken = its >= level
+        seeds = np.where(taken[:, np.newaxis], proposed.seeds, paths[-1].seeds)
+        paths.append(Paths(seeds, np.where(taken[:, np.newaxis], proposed.start, paths[-1].start)))
+        found.append(np.where(taken, its, found[-1]))
+        accepted.append(float(taken.mean()))
+        steps.append(b)
+        if not fixed:
+            b = min(b * float(np.exp(_GAIN * (accepted[-1] - ACCEPTED))), 1.0)
+    together = Paths(np.concatenate([p.seeds for p in paths]), np.concatenate([p.start for p in paths]))
+    return _Above(together, np.concatenate(found), steps, accepted)
+
+
+def plan_climb(run: Heights, ticks: int, drawn: int, goal: float, paths: int, seed: int) -> Plan:
+    """Return levels that keep KEPT of the paths each, and steps of which ACCEPTED are taken.
+
+    Args:
+        run: how high each path comes.
+        ticks: of a path.
+        drawn: normal numbers at the start of a path.
+        goal: how high a path must come, at least.
+        paths: N, a multiple of CHAIN.
+        seed: of all that is drawn.
+    """
+    random, b = np.random.default_rng((seed, 0)), ACCEPTED
+    pool, flights = fresh(paths, ticks, drawn, random), paths
+    heights = run(pool)
+    levels: list[float] = []
+    steps: list[float] = []
+    while len(levels) < _MOST_LEVELS:
+        level = float(np.sort(heights)[-max(int(KEPT * paths), 1)])
+        if level >= goal or (levels and level <= levels[-1]):  # there, or no path comes higher any more
+            break
+        chosen = _starts(np.flatnonzero(heights >= level), paths, random)
+        above = _chains(run, pool.at(chosen), heights[chosen], level, b, False, random)
+        b = float(np.exp(np.mean(np.log(above.steps[CHAIN // 2 :]))))
+        levels.append(level)
+        steps.append(b)
+        pool, heights, flights = above.paths, above.heights, flights + paths - paths // CHAIN
+    return Plan(tuple(levels), tuple(steps), flights)
+
+
+def climb(run: Heights, ticks: int, drawn: int, goal: float, plan: Plan, paths: int, seed: int) -> Climb:
+    """Return one estimate of the probability that a path reaches the goal, without bias; arguments as plan_climb's."""
+    random = np.random.default_rng((seed, 1))
+    pool, flights = fresh(paths, ticks, drawn, random), paths
+    heights = run(pool)
+    kept: list[float] = []
+    accepted: list[float] = []
+    for level, b in zip(plan.levels, plan.steps, strict=True):
+        there = np.flatnonzero(heights >= level)
+        kept.append(there.size / paths)
+        if not there.size:
+            return Climb(0.0, tuple(kept), tuple(accepted), flights)
+        chosen = _starts(there, paths, random)
+        above = _chains(run, pool.at(chosen), heights[chosen], level, b, True, random)
+        pool, heights, flights = above.paths, above.heights, flights + paths - paths // CHAIN
+        accepted.append(float(np.mean(above.accepted)))
+    kept.append(float(np.mean(heights >= goal)))
+    return Climb(float(np.prod(kept)), tuple(kept), tuple(accepted), flights)
+
+
+def _starts(there: np.ndarray, paths: int, random: np.random.Generator) -> np.ndarray:
+    """Return the numbers of the paths from which chains go on: each of those there as often as any, on average."""
+    return np.resize(random.permutation(there), paths // CHAIN)

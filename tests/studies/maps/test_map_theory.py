@@ -1,0 +1,108 @@
+"""Theory's lines over maps: against SciPy's Riccati equation, losses of a known law, and axes it cannot judge."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, solve_discrete_are
+
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.model.hover import disturbance_W
+from ortilo_drake.model.typed_yaml import validate
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.command_link.command_flights import hover_V
+from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.studies.maps.map_figure import map_figure
+from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_report import map_text
+from ortilo_drake.studies.maps.map_theory import expected_rms, lost_in_bursts, theory_of
+from ortilo_drake.studies.maps.sweep import Sweep, points_of
+
+BURSTS = {"uwb.link.blackouts": [], "uwb.link.loss": {"kind": "bursts", "loss": 0.5, "mean_length": 1.0}}
+LOSS, LENGTH = "uwb.link.loss.loss", "uwb.link.loss.mean_length"
+
+
+def made(axes: dict, lost: Callable[[dict], int], **fields: object) -> Map:
+    """A map in which so many flights of a thousand were lost at each point."""
+    base = {"scenario": "nominal_imu_uwb", "settings": BURSTS, "axes": axes, "flights": 1000}
+    of = validate(Sweep, base | fields, "sweep")
+    rows = [
+        Row(p, 1000, lost(p), 0.0, 1.0, 0.05 + 0.1 * i, 0.04, 0.2, 1.0, 3.0, {}) for i, p in enumerate(points_of(of))
+    ]
+    return Map(of, rows, None)
+
+
+def test_the_error_where_every_range_arrives_is_the_riccati_equations() -> None:
+    scenario = load_scenario("nominal_imu_uwb", ("uwb.link={}",))
+    loop, V = hover_loop(scenario), hover_V(scenario)
+    W = disturbance_W(scenario.vehicle, scenario.h, 0.27, 0.005)
+    seen = loop.C[[0, 1, 2, 6, 7, 8]]
+    noise = block_diag(V[:3, :3], V[-3:, -3:])
+    P = solve_discrete_are(loop.Phi.T, seen.T, W, noise)
+    assert math.isclose(expected_rms(scenario), float(np.sqrt(np.trace(P[:3, :3]))), rel_tol=1e-6)
+
+
+def test_the_error_grows_with_losses_and_bursts_and_is_unbounded_without_ranges() -> None:
+    def rms(*settings: str) -> float:
+        return expected_rms(load_scenario("nominal_imu_uwb", settings))
+
+    losses = [rms(f"uwb.link.loss={p}") for p in (0.0, 0.5, 0.9)]
+    bursts = [rms(f"uwb.link.loss={{kind: bursts, loss: 0.5, mean_length: {L}}}") for L in (0.2, 1.0, 4.0)]
+    assert losses == sorted(losses)
+    assert bursts == sorted(bursts)
+    assert bursts[-1] > losses[1]
+    assert rms("uwb.link.loss=1.0") == np.inf
+    assert math.isnan(rms("uwb.link.rate=0.1"))  # a chain of 300 modes
+
+
+def test_the_longest_burst_of_a_map_is_found_in_its_losses() -> None:
+    axes = {LOSS: [0.2, 0.5, 0.8], LENGTH: [1.0, 2.0, 4.0, 8.0]}
+    duration = flight_ticks(load_scenario("nominal_imu_uwb")) / 30.0
+
+    def lost(p: dict) -> int:
+        return round(1000 * float(lost_in_bursts(p[LOSS], p[LENGTH], duration, 7.0)))
+
+    theory = theory_of(made(axes, lost))
+    assert theory.longest is not None
+    assert abs(theory.longest - 7.0) < 0.2
+    assert theory.silence is None
+    assert np.all(np.isfinite(theory.rms))
+    assert theory_of(made(axes, lambda p: 0)).longest > 50.0  # nothing lost: it stands any
+
+
+def test_the_chance_of_a_long_burst_is_that_of_bursts_drawn() -> None:
+    """A bad state that is left at the rate 1 / L, entered so that a share p of the time is bad; many flights of it."""
+    random, p, L, D, T, flights = np.random.default_rng(0), 0.2, 2.0, 60.0, 6.0, 20_000
+    hits = 0
+    for _ in range(flights):
+        bursts = random.poisson(p * D / L)
+        hits += bool(np.any(random.exponential(L, bursts) > T))
+    expected = float(lost_in_bursts(np.array(p), np.array(L), D, T))
+    assert abs(hits / flights - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / flights)
+
+
+def test_what_is_drawn_by_theory_is_in_report_and_figure(tmp_path: Path) -> None:
+    found = made({LOSS: [0.2, 0.5, 0.8], LENGTH: [0.5, 2.0, 8.0]}, lambda p: int(100 * p[LENGTH]))
+    theory = theory_of(found)
+    assert "Dashed in the figure, by theory" in map_text(found, theory)
+    plain, with_lines = map_figure(found, tmp_path / "a.png"), map_figure(found, tmp_path / "b.png", theory)
+    assert plain is not None
+    assert with_lines is not None
+    assert plain.read_bytes() != with_lines.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("axes", "why"),
+    [
+        ({"uwb.link.delay": [0, 1]}, "theory has lines for rates and losses of links, not for uwb.link.delay"),
+        ({"uwb.link.rate": [0.1, 0.125]}, "no common period"),
+    ],
+)
+def test_where_theory_says_nothing_a_line_says_so(axes: dict, why: str) -> None:
+    found = made(axes, lambda p: 0, settings={"uwb.link.blackouts": []})
+    theory = theory_of(found)
+    assert np.isnan(theory.rms).all()
+    line = next(line for line in map_text(found, theory).splitlines() if "No lines of theory" in line)
+    assert why in line
