@@ -107,8 +107,8 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     delta = np.append(delta, np.repeat(delta[loop.measurement.sensors.index("imu")], len(own)))
     V = filter_V(ideal, np.zeros((0, 0)))
     V2 = np.append(V2, [V[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(own))])
-    integrator, extra = INTEGRATORS[loop.integrator], tuple(range(N_X, len(loop.names)))
-    K = filter_gain(P, delta, V2, loop.Phi, integrator, loop.measurement.layout, extra)[: len(loop.names)]
+    integrator = INTEGRATORS[loop.integrator]
+    K = filter_gain(P, delta, V2, loop.Phi, integrator, loop.measurement.layout)[: len(loop.names)]
     expected = closed_loop_matrix(loop, K, delta)
     gain_change = float(np.max(np.abs(P - P_before)) / np.max(np.abs(P)))
     return FlownTick(_matrix_of_tick(diagram, context, len(loop.world), n), expected, K, delta, gain_change)
