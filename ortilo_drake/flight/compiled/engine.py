@@ -68,7 +68,7 @@ class Engine:
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
         world = self._drawn(self._constants, of_seed(seed))
-        last, cause = self._fly_one(seeds, world, trace, arrived, log)
+        last, cause = self._fly_one(seeds, trace, arrived, log, *world)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
@@ -83,7 +83,7 @@ class Engine:
         scenario = with_seed(self._scenario, seed)
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self.ticks, seed, dtype=np.int64)
-        last, cause = self._fly_one(seeds, self._drawn(self._constants, of_seed(seed)), trace, arrived, NO_LOG)
+        last, cause = self._fly_one(seeds, trace, arrived, NO_LOG, *self._drawn(self._constants, of_seed(seed)))
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         return trace[: last + 1], lost
 
@@ -109,7 +109,7 @@ class Engine:
                 for i in part:
                     seeds_of_ticks = np.full(self.ticks, all_seeds[i])
                     world = self._drawn(own, of_seed(int(all_seeds[i])))
-                    last, cause = self._fly_one(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
+                    last, cause = self._fly_one(seeds_of_ticks, trace, arrived[i], NO_LOG, *world)
                     found[i, 0], found[i, 1] = last, cause
                     figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
                 progress(len(part))
@@ -153,7 +153,7 @@ class Engine:
             if start is not None:
                 parts = dict(zip(names, np.split(start[i], ends[:-1]), strict=True)) if names else {}
                 draw = _among(parts)
-            last, cause = self._fly_one(of_ticks, self._drawn(self._constants, draw), trace, arrived, NO_LOG)
+            last, cause = self._fly_one(of_ticks, trace, arrived, NO_LOG, *self._drawn(self._constants, draw))
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
             away = trace[flown, TRUE] - self._constants.reference[flown, :3]
             found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
@@ -182,7 +182,7 @@ def _among(parts: dict[str, np.ndarray]) -> AtStart:
 
 @lru_cache(maxsize=1)
 def _uncached_kernel() -> Any:
-    return njit(nogil=True)(fly_one.py_func)
+    return njit(nogil=True, error_model="numpy")(fly_one.py_func)
 
 
 def kernel_of(constants: FlightConstants) -> Any:

@@ -6,8 +6,14 @@ from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.borrowed import borrowed, kept
 from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, held_by_camera
-from ortilo_drake.flight.compiled.constants import FlightConstants, ImuConstants, UwbConstants, VehicleConstants
-from ortilo_drake.flight.compiled.constants_onboard import ServoConstants
+from ortilo_drake.flight.compiled.constants import (
+    CameraConstants,
+    ImuConstants,
+    OtherConstants,
+    UwbConstants,
+    VehicleConstants,
+)
+from ortilo_drake.flight.compiled.constants_onboard import FilterConstants, OwnConstants, ServoConstants, TightConstants
 from ortilo_drake.flight.compiled.estimators import first, force_of, go_on, handed_of, known_of
 from ortilo_drake.flight.compiled.faults import held_at_first, is_read_anyway, said_of
 from ortilo_drake.flight.compiled.figures import NEES, position_nees
@@ -15,7 +21,7 @@ from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, del
 from ortilo_drake.flight.compiled.others import first_others, read_others, step_others
 from ortilo_drake.flight.compiled.slow import SlowConstants, seen_by, slow_after, with_errors
 from ortilo_drake.flight.compiled.vehicle import Body, body_at_start, fly_tick, sample_of_imu
-from ortilo_drake.flight.lost import NOT_LOST, cause_of_loss
+from ortilo_drake.flight.lost import NOT_LOST, Bounds, cause_of_loss
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.servo.lq_servo import servo_control
@@ -119,25 +125,58 @@ def control_of(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fly_one(
-    seeds: np.ndarray, flight: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
+    seeds: np.ndarray,
+    trace: np.ndarray,
+    arrived: np.ndarray,
+    log: np.ndarray,
+    h: float,
+    reference: np.ndarray,
+    x_0: np.ndarray,
+    vehicle: VehicleConstants,
+    force: SlowConstants,
+    imu: ImuConstants,
+    imu_errors: SlowConstants,
+    uwb: UwbConstants,
+    uwb_errors: SlowConstants,
+    camera: CameraConstants | None,
+    others: tuple[OtherConstants, ...],
+    estimator: FilterConstants | TightConstants | OwnConstants,
+    servo: ServoConstants,
+    bounds: Bounds,
 ) -> tuple[int, int]:
     """Fly once and write what it leaves behind; return its last tick and the cause of its loss, see lost.CAUSES.
+
+    The constants are handed over one by one: numba passes a tuple by all it holds, at every name that is read of it.
 
     Args:
         seeds: of all noise, at each tick (ticks + 1): one and the same for a flight of a seed, another from some tick
             on for one that branches off it. What is drawn at the start is among the constants.
-        flight: what decides it beside.
         trace: a row for each tick, see figures.py (ticks + 1, TRACE_SIZE).
         arrived: in how many ticks each sensor's value reached the filter (s).
         log: a row for each tick, see Measurement.logged_sizes (ticks + 1, w); (0, w) for none.
+        h: as all that follow, of FlightConstants, in its order.
+        reference: likewise.
+        x_0: likewise.
+        vehicle: likewise.
+        force: likewise.
+        imu: likewise.
+        imu_errors: likewise.
+        uwb: likewise.
+        uwb_errors: likewise.
+        camera: likewise.
+        others: likewise.
+        estimator: likewise, its filter.
+        servo: likewise.
+        bounds: likewise.
     """
-    flight, trace, arrived, log = borrowed(flight), borrowed(trace), borrowed(arrived), borrowed(log)
-    h, vehicle, imu, uwb, camera = flight.h, flight.vehicle, flight.imu, flight.uwb, flight.camera
-    servo, estimator, others = flight.servo, flight.filter, flight.others
-    imu_errors, uwb_errors, force = flight.imu_errors, flight.uwb_errors, flight.force
+    vehicle, imu, uwb = borrowed(vehicle), borrowed(imu), borrowed(uwb)
+    camera, estimator = borrowed(camera), borrowed(estimator)
+    force, imu_errors, uwb_errors = borrowed(force), borrowed(imu_errors), borrowed(uwb_errors)
+    servo, bounds, reference, others = borrowed(servo), borrowed(bounds), borrowed(reference), borrowed(others)
+    trace, arrived, log = borrowed(trace), borrowed(arrived), borrowed(log)
     handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
-    own_body, own_memory = body_at_start(vehicle, force, flight.x_0), first(estimator)
+    own_body, own_memory = body_at_start(vehicle, force, x_0), first(estimator)
     body, memory = borrowed(own_body), borrowed(own_memory)
     imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
     others_kept = first_others(others)
@@ -148,10 +187,10 @@ def fly_one(
     uwb_held, camera_held = held_at_first(uwb.faults, 2 * uwb.anchors.shape[0]), held_by_camera(camera)
     imu_held, anchors = held_at_first(imu.faults, IMU_SIZE - PAYLOAD), uwb.anchors
     uwb_bad = imu_bad = camera_bad = False
-    last = flight.reference.shape[0] - 1
+    last = reference.shape[0] - 1
     fill(arrived, 0.0)
     for k in range(last + 1):
-        seed, r, x = seeds[k], flight.reference[k], body.x
+        seed, r, x = seeds[k], reference[k], body.x
         known = known_of(estimator, memory)
         felt = imu_of_tick(
             imu, imu_errors, vehicle, body, imu_slow, samples, k, h, seed, imu_bad, imu_flying, imu_held, anchors
@@ -173,7 +212,7 @@ def fly_one(
             put(handed[: p + s + q], log[k], N_X + N_U)
             put(known, log[k], at)
             put(r, log[k], at + known.size)
-        cause = cause_of_loss(x, flight.bounds)
+        cause = cause_of_loss(x, bounds)
         if cause != NOT_LOST:
             kept(own_body)
             kept(own_memory)

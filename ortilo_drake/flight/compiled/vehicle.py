@@ -128,6 +128,46 @@ def sample_of_imu(
     return said_of(message, imu.faults, held, body.x, time, anchors, seed, h)
 
 
+@register_jitable
+def fly_continuously(
+    vehicle: VehicleConstants,
+    imu: ImuConstants,
+    errors: SlowConstants,
+    body: Body,
+    slow: np.ndarray,
+    samples: np.ndarray,
+    commanded: np.ndarray,
+    k: int,
+    h: float,
+    seed: int,
+    held: np.ndarray,
+    anchors: np.ndarray,
+) -> None:
+    """Go through a tick by Drake's steps, from one sample of the imu to the next.
+
+    Args:
+        vehicle: the plant.
+        imu: the imu.
+        errors: of it that last.
+        body: of the vehicle; changed.
+        slow: slow part of the imu's errors.
+        samples: of the imu inside the tick, oldest first (n - 1, 11); changed.
+        commanded: speeds that the rotors are asked for; the control where they are ideal.
+        k: tick.
+        h: tick [s].
+        seed: of all noise.
+        held: what the imu holds, see said_of.
+        anchors: p_WA_i as they stand (n, 3).
+    """
+    n, start = samples.shape[0] + 1, k * h
+    for i in range(1, n):
+        time = h * (i / n) + k * h
+        integrate(vehicle, body, commanded, start, time)
+        put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n, held, anchors), samples[i - 1])
+        start = time
+    integrate(vehicle, body, commanded, start, (k + 1) * h)
+
+
 @register_jitable(forceinline=True, error_model="numpy")
 def fly_tick(
     vehicle: VehicleConstants,
@@ -172,11 +212,5 @@ def fly_tick(
         commanded = u
     if vehicle.longest_step == 0.0:
         put(step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
-        return
-    n, start = samples.shape[0] + 1, k * h
-    for i in range(1, n):
-        time = h * (i / n) + k * h
-        integrate(vehicle, body, commanded, start, time)
-        put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n, held, anchors), samples[i - 1])
-        start = time
-    integrate(vehicle, body, commanded, start, (k + 1) * h)
+    else:
+        fly_continuously(vehicle, imu, errors, body, slow, samples, commanded, k, h, seed, held, anchors)

@@ -72,7 +72,8 @@ def theory_of(found: Map) -> MapTheory:
     lost = _fitted(found, scenarios)
     if np.isnan(rms).all() and lost is None:
         return MapTheory(rms, None, None, f"the links' rates have no common period of {MOST_MODES} ticks or fewer")
-    return MapTheory(rms, *(lost or (None, None)), None)
+    share, longest = lost or (None, None)
+    return MapTheory(rms, share, longest, None)
 
 
 def expected_rms(scenario: Scenario) -> float:
