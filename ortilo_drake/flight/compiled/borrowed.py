@@ -28,20 +28,10 @@ def _without_counts(context: Any, builder: ir.IRBuilder, kind: types.Type, value
 def borrowed(typing_context: Any, value: Any) -> Any:
     """Return an array, or a tuple of arrays and tuples, whose references are not counted; for compiled code.
 
-    What it is made of must live longer: an argument of the compiled function does, or what is kept().
+    What it is made of must live longer: an argument of the function that was called from Python does, a local does not.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Any) -> ir.Value:
         return _without_counts(context, builder, signature.args[0], arguments[0])
 
     return value(value), codegen
-
-
-@intrinsic
-def kept(typing_context: Any, value: Any) -> Any:
-    """Do nothing, with something that so lives to here; for compiled code."""
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Any) -> ir.Value:
-        return context.get_dummy_value()
-
-    return types.none(value), codegen

@@ -12,7 +12,7 @@ from numba import njit
 from ortilo_drake.flight.compiled.constants import FlightConstants
 from ortilo_drake.flight.compiled.constants_onboard import OwnConstants
 from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE, TRUE, figures_of
-from ortilo_drake.flight.compiled.loop import fly_one
+from ortilo_drake.flight.compiled.loop import fly_one, start_one
 from ortilo_drake.flight.compiled.prepare import constants_of, why_not
 from ortilo_drake.flight.compiled.truth import constants_of_draw, normals_at_start
 from ortilo_drake.flight.flight import flight_dataset
@@ -47,7 +47,7 @@ class Engine:
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")
         self._scenario, self._room, self._constants = scenario, scenario.load_room(), constants_of(scenario)
-        self._fly_one = kernel_of(self._constants)
+        self._start_one, self._fly_one = kernels_of(self._constants)
         self._ticks = len(self._constants.reference) - 1
         self._sensors = scenario.measurement.sensors
         counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]
@@ -68,7 +68,7 @@ class Engine:
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
         world = self._drawn(self._constants, of_seed(seed))
-        last, cause = self._fly_one(seeds, trace, arrived, log, *world)
+        last, cause = self._fly(seeds, world, trace, arrived, log)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
@@ -83,7 +83,7 @@ class Engine:
         scenario = with_seed(self._scenario, seed)
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self.ticks, seed, dtype=np.int64)
-        last, cause = self._fly_one(seeds, trace, arrived, NO_LOG, *self._drawn(self._constants, of_seed(seed)))
+        last, cause = self._fly(seeds, self._drawn(self._constants, of_seed(seed)), trace, arrived, NO_LOG)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         return trace[: last + 1], lost
 
@@ -109,7 +109,7 @@ class Engine:
                 for i in part:
                     seeds_of_ticks = np.full(self.ticks, all_seeds[i])
                     world = self._drawn(own, of_seed(int(all_seeds[i])))
-                    last, cause = self._fly_one(seeds_of_ticks, trace, arrived[i], NO_LOG, *world)
+                    last, cause = self._fly(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
                     found[i, 0], found[i, 1] = last, cause
                     figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
                 progress(len(part))
@@ -121,6 +121,14 @@ class Engine:
                 for done in [pool.submit(work) for _ in range(threads)]:
                     done.result()
         return np.column_stack((found, *self._counts(found[:, 0], arrived)))
+
+    def _fly(
+        self, seeds: np.ndarray, world: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
+    ) -> tuple[int, int]:
+        """Fly once, see loop.fly_one."""
+        body, memory = self._start_one(world.vehicle, world.force, world.x_0, world.filter)
+        last, cause = self._fly_one(seeds, trace, arrived, log, body, memory, *world)
+        return int(last), int(cause)
 
     @property
     def ticks(self) -> int:
@@ -153,7 +161,7 @@ class Engine:
             if start is not None:
                 parts = dict(zip(names, np.split(start[i], ends[:-1]), strict=True)) if names else {}
                 draw = _among(parts)
-            last, cause = self._fly_one(of_ticks, trace, arrived, NO_LOG, *self._drawn(self._constants, draw))
+            last, cause = self._fly(of_ticks, self._drawn(self._constants, draw), trace, arrived, NO_LOG)
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
             away = trace[flown, TRUE] - self._constants.reference[flown, :3]
             found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
@@ -181,17 +189,17 @@ def _among(parts: dict[str, np.ndarray]) -> AtStart:
 
 
 @lru_cache(maxsize=1)
-def _uncached_kernel() -> Any:
-    return njit(nogil=True, error_model="numpy")(fly_one.py_func)
+def _uncached_kernels() -> tuple[Any, Any]:
+    return njit(start_one.py_func), njit(nogil=True, error_model="numpy")(fly_one.py_func)
 
 
-def kernel_of(constants: FlightConstants) -> Any:
-    """Return fly_one, or one compiled anew: numba's cache would not notice that a user's function has changed."""
+def kernels_of(constants: FlightConstants) -> tuple[Any, Any]:
+    """Return start_one and fly_one, or both anew: numba's cache would not notice that a user's function has changed."""
     numbers = [other.numbers for other in constants.others]
     if isinstance(constants.filter, OwnConstants):
         numbers.append(constants.filter.numbers)
     modules = {type(its).__module__.partition(".")[0] for its in numbers}
-    return fly_one if modules <= {"ortilo_drake"} else _uncached_kernel()
+    return (start_one, fly_one) if modules <= {"ortilo_drake"} else _uncached_kernels()
 
 
 @lru_cache(maxsize=1)

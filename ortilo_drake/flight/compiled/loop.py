@@ -1,10 +1,12 @@
 """One flight as one compiled loop; the order of a tick stands in the package's docstring."""
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.flight.compiled.borrowed import borrowed, kept
+from ortilo_drake.flight.compiled.borrowed import borrowed
 from ortilo_drake.flight.compiled.boxes import camera_chain, detections_of_tick, empty_camera_link, held_by_camera
 from ortilo_drake.flight.compiled.constants import (
     CameraConstants,
@@ -123,12 +125,25 @@ def control_of(
     return servo_control(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
 
 
+@njit(cache=True)
+def start_one(
+    vehicle: VehicleConstants,
+    force: SlowConstants,
+    x_0: np.ndarray,
+    estimator: FilterConstants | TightConstants | OwnConstants,
+) -> tuple[Body, Any]:
+    """Return the vehicle's body and what the estimator keeps, at the start of a flight; of FlightConstants."""
+    return body_at_start(vehicle, force, x_0), first(estimator)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def fly_one(
     seeds: np.ndarray,
     trace: np.ndarray,
     arrived: np.ndarray,
     log: np.ndarray,
+    body: Body,
+    memory: Any,
     h: float,
     reference: np.ndarray,
     x_0: np.ndarray,
@@ -154,6 +169,8 @@ def fly_one(
         trace: a row for each tick, see figures.py (ticks + 1, TRACE_SIZE).
         arrived: in how many ticks each sensor's value reached the filter (s).
         log: a row for each tick, see Measurement.logged_sizes (ticks + 1, w); (0, w) for none.
+        body: of the vehicle at the start, of start_one; changed.
+        memory: of the estimator, likewise.
         h: as all that follow, of FlightConstants, in its order.
         reference: likewise.
         x_0: likewise.
@@ -174,10 +191,9 @@ def fly_one(
     force, imu_errors, uwb_errors = borrowed(force), borrowed(imu_errors), borrowed(uwb_errors)
     servo, bounds, reference, others = borrowed(servo), borrowed(bounds), borrowed(reference), borrowed(others)
     trace, arrived, log = borrowed(trace), borrowed(arrived), borrowed(log)
+    body, memory = borrowed(body), borrowed(memory)
     handled = estimator.handled
     p, s, q = handled.first[-1], handled.first.size - 1, handled.block[-1]
-    own_body, own_memory = body_at_start(vehicle, force, x_0), first(estimator)
-    body, memory = borrowed(own_body), borrowed(own_memory)
     imu_slow, uwb_slow = imu_errors.start.copy(), uwb_errors.start.copy()
     others_kept = first_others(others)
     samples = np.zeros((imu.samples - 1, IMU_SIZE))
@@ -214,8 +230,6 @@ def fly_one(
             put(r, log[k], at + known.size)
         cause = cause_of_loss(x, bounds)
         if cause != NOT_LOST:
-            kept(own_body)
-            kept(own_memory)
             return k, cause
         if k == last:
             break
@@ -225,6 +239,4 @@ def fly_one(
         camera_bad = camera_chain(camera, k, camera_bad, seed)
         imu_slow, uwb_slow = slow_after(imu_slow, imu_errors, k, h, seed), slow_after(uwb_slow, uwb_errors, k, h, seed)
         fly_tick(vehicle, force, imu, imu_errors, body, imu_slow, samples, u, k, h, seed, imu_held, anchors)
-    kept(own_body)
-    kept(own_memory)
     return last, NOT_LOST
