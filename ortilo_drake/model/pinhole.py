@@ -22,6 +22,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 Point = tuple[float, float, float]
+Sines = tuple[float, float, float, float]
 
 R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
@@ -116,22 +117,28 @@ def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float,
     return g_x, 0.0, scale, -scale * p[1], scale * p[0] - g_x * p[2], g_x * p[1]
 
 
+@register_jitable
+def sines(rpy: np.ndarray) -> Sines:
+    """Return sin phi, cos phi, sin theta, cos theta of roll, pitch, yaw (3)."""
+    return np.sin(rpy[0]), np.cos(rpy[0]), np.sin(rpy[1]), np.cos(rpy[1])
+
+
 @njit(cache=True)
-def box_center(
+def box_and_jacobian(
     p_WL: np.ndarray,
     outline: np.ndarray,
     p_WB: np.ndarray,
-    rpy: np.ndarray,
+    of_rpy: Sines,
     R_WB: np.ndarray,
     camera: Camera,
-    z: np.ndarray,
+    box: np.ndarray,
     J: np.ndarray,
 ) -> bool:
-    """Write the centre of an outline's box to z (2) and d z / d(p_WB, rpy) to J (2 x 6).
+    """Write an outline's box to box (4), see extent_box, and its centre's d z / d(p_WB, rpy) to J (2 x 6).
 
     Each coordinate of the centre is the mean of two points' projections, and so is its derivative. A near
     outline's centre in the image is not where its centre in space is seen.
-    False if a point has no projection. Arguments as in extent_box, and rpy (3).
+    False if a point has no projection. Arguments as in extent_box, and of_rpy of sines.
     """
     u_low = v_low = np.inf
     u_high = v_high = -np.inf
@@ -148,9 +155,9 @@ def box_center(
             v_low, top = v, k
         if v > v_high:
             v_high, bottom = v, k
-    z[0], z[1] = 0.5 * (u_low + u_high), 0.5 * (v_low + v_high)
+    box[0], box[1], box[2], box[3] = u_low, v_low, u_high, v_high
     # d p_BL_B = -R_WB^T d p_WB + p_BL_B x E d rpy, and g . (p x e) = (g x p) . e; E(rpy) column by column.
-    s_phi, c_phi, s_theta, c_theta = np.sin(rpy[0]), np.cos(rpy[0]), np.sin(rpy[1]), np.cos(rpy[1])
+    s_phi, c_phi, s_theta, c_theta = of_rpy
     p_BC, f = (camera.p_BC[0], camera.p_BC[1], camera.p_BC[2]), camera.f
     for axis, low, high in ((0, left, right), (1, top, bottom)):
         a = _gradient(_outline_point(low, p_WL, outline, p_WB, R_WB), p_BC, f, axis)
@@ -162,6 +169,28 @@ def box_center(
         J[axis, 3] = h_x
         J[axis, 4] = c_phi * h_y - s_phi * h_z
         J[axis, 5] = -s_theta * h_x + s_phi * c_theta * h_y + c_phi * c_theta * h_z
+    return True
+
+
+@njit(cache=True)
+def box_center(
+    p_WL: np.ndarray,
+    outline: np.ndarray,
+    p_WB: np.ndarray,
+    rpy: np.ndarray,
+    R_WB: np.ndarray,
+    camera: Camera,
+    z: np.ndarray,
+    J: np.ndarray,
+) -> bool:
+    """Write the centre of an outline's box to z (2) and d z / d(p_WB, rpy) to J (2 x 6), see box_and_jacobian.
+
+    False if a point has no projection. Arguments as in extent_box, and rpy (3).
+    """
+    box = np.empty(4)
+    if not box_and_jacobian(p_WL, outline, p_WB, sines(rpy), R_WB, camera, box, J):
+        return False
+    z[0], z[1] = 0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3])
     return True
 
 

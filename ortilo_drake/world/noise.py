@@ -15,6 +15,7 @@ from numba.extending import register_jitable
 _M0, _M1 = uint64(0xD2E7470EE14C6C93), uint64(0xCA5A826395121157)
 _W0, _W1 = uint64(0x9E3779B97F4A7C15), uint64(0xBB67AE8584CAA73B)
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+Normals = tuple[float, float, float, float]
 
 _LOW, _32, _11 = uint64(0xFFFFFFFF), uint64(32), uint64(11)
 
@@ -59,6 +60,13 @@ def _normal_pair(word0: np.uint64, word1: np.uint64) -> tuple[float, float]:
     radius = np.sqrt(-2.0 * np.log(1.0 - _uniform(word0)))  # 1 - u is never 0
     angle = 2.0 * np.pi * _uniform(word1)
     return radius * np.cos(angle), radius * np.sin(angle)
+
+
+@register_jitable(forceinline=True)
+def four_normals(seed: int, stream: np.uint64, tick: int) -> Normals:
+    """Return the first four standard normal numbers that belong to this seed, stream and tick."""
+    word0, word1, word2, word3 = philox_words(seed, stream, 0, tick)
+    return *_normal_pair(word0, word1), *_normal_pair(word2, word3)
 
 
 @njit(cache=True)

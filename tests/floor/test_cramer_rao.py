@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
@@ -361,13 +362,8 @@ def test_the_slow_error_is_correlated_as_the_projected_camera_draws_it() -> None
     """What the recursion takes for granted: cov(z_t, z_t') = w (c c' over common nodes), c = (1 - a, a) / norm."""
     share, spacing, runs = 0.6, 10, 6000
     ticks = (3, 8, 14)
-    white, nodes = stream_id("a"), stream_id("b")
-    z = np.array(
-        [
-            [persistent_normals(n, np.full(2, n), white, nodes, t, 1, share, spacing)[0] for t in ticks]
-            for n in range(runs)
-        ]
-    )
+    drawn, streams = njit(persistent_normals), (stream_id("a"), stream_id("b"))
+    z = np.array([[drawn(n, np.full(2, n), *streams, t, share, spacing)[0] for t in ticks] for n in range(runs)])
 
     def weights(t: int) -> np.ndarray:
         a, w = (t % spacing) / spacing, np.zeros(3)

@@ -91,18 +91,19 @@ def test_the_pairing_that_contradicts_the_others_goes(bad: int) -> None:
     P, sds = covariance(0.3).reshape(15, 15)[:6, :6], np.ones((len(POINTS), 2))
     z = centers(EXACT)
     z[bad] += [14.0, 0.0]
-    J = jacobian(np.array(EXACT))[2 * bad : 2 * bad + 2]
+    of_all = jacobian(np.array(EXACT)).reshape(-1, 2, 6)
+    J = of_all[bad]
     alone = np.array([14.0, 0.0]) @ np.linalg.solve(J @ P @ J.T + np.eye(2), [14.0, 0.0])
     assert alone < GATE
-    kept = jointly_compatible(z, POINTS, OUTLINES, state(), P, CAMERA, sds, LIMITS)
+    kept = jointly_compatible(z - centers(EXACT), of_all, P, sds, LIMITS)
     assert kept.tolist() == [i for i in range(len(POINTS)) if i != bad]
-    assert len(jointly_compatible(centers(EXACT), POINTS, OUTLINES, state(), P, CAMERA, sds, LIMITS)) == len(POINTS)
+    assert len(jointly_compatible(np.zeros_like(z), of_all, P, sds, LIMITS)) == len(POINTS)
 
 
 def test_of_two_landmarks_given_each_others_boxes_there_is_no_fix_and_no_harm() -> None:
     P, sds, n = covariance(0.1).reshape(15, 15)[:6, :6], np.ones((2, 2)), [3, 5]
-    swapped = centers(EXACT)[n][::-1]
-    kept = jointly_compatible(swapped, POINTS[n], OUTLINES[n], state(), P, CAMERA, sds, LIMITS)
+    seen, J = centers(EXACT)[n], jacobian(np.array(EXACT)).reshape(-1, 2, 6)[n]
+    kept = jointly_compatible(seen[::-1] - seen, J, P, sds, LIMITS)
     assert len(kept) < 2
 
 

@@ -51,7 +51,7 @@ def run(rows, xhat, P, positions=ROW, labels=None, sd: float = 1.0):
     positions = np.asarray(positions, dtype=float)
     labels = np.full(len(positions), PERSON) if labels is None else labels
     outlines = np.tile(OUTLINE, (len(positions), 1, 1))
-    return associate(message(rows), xhat, P, positions, outlines, labels, CAMERA, sd, GATE)
+    return associate(message(rows), xhat, P, positions, outlines, labels, CAMERA, sd, GATE)[:2]
 
 
 def squared_distance(box, i: int, xhat, P, sd: float) -> float:

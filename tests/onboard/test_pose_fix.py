@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
-from seen_landmarks import CAMERA, EXACT, POINTS, centers, covariance, solve, state
+from seen_landmarks import CAMERA, EXACT, POINTS, boxes, centers, covariance, solve, state
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import ATTITUDE_CAMERA
 from ortilo_drake.model.measurement import CAMERA as CAMERA_ROWS
 from ortilo_drake.model.parts import measurement_of
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
 from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD, known_attitude, known_tilt, pose, scaled_inverse
-from ortilo_drake.onboard.landmarks.landmark_association import center_sd, center_sds
+from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
 from ortilo_drake.scenario import IntermittentFilter, load_scenario
 
 DOTS = np.zeros((len(POINTS), 1, 3))  # an outline of one point has no kinks: the projection is smooth
@@ -114,7 +115,11 @@ def test_the_error_of_a_centre_grows_with_the_box() -> None:
     p_W = np.array([[5.0, 0.0, 1.5]])
     near = 5.0 - 0.2 - CAMERA.p_BC[0]  # depth of the box's nearest face
     seen = np.array([CAMERA.f * 0.6 / near, CAMERA.f * 1.0 / near])
-    sds = center_sds(p_W, corners, state(pose_0), CAMERA, 0.6, 0.025)
+    message = np.zeros(DETECTIONS_SIZE)
+    message[PAYLOAD::DETECTION_SIZE] = -1.0
+    message[PAYLOAD : PAYLOAD + 6] = [0.0, 0.9, *boxes(np.array(pose_0), p_W, corners)[0]]
+    known = p_W, corners, np.zeros(1), CAMERA
+    sds = associate(message, state(pose_0), np.eye(15).ravel(), *known, 0.6, 13.8, 0.025)[2].sd
     np.testing.assert_allclose(sds[0], 0.6 * np.sqrt(1.0 + (0.025 * seen) ** 2), rtol=1e-2)
 
 

@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, MAX_DETECTIONS, N_XBAR, PAYLOAD, STAMP
 from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.onboard.landmarks.joint_compatibility import joint_limits, jointly_compatible
-from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sds, pose_covariance, whole_boxes
+from ortilo_drake.onboard.landmarks.landmark_association import associate, is_among, pose_covariance, whole_boxes
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 MAX_SD = 1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
@@ -75,6 +76,18 @@ def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
     return np.diag([position] * 3 + [angle] * 3 + [0.0] * (N_XBAR - 6)).ravel()
 
 
+@register_jitable
+def is_usable(xhat: np.ndarray, P: np.ndarray) -> bool:
+    """Return whether boxes can be associated by an estimate (15) of covariance P (225)."""
+    for value in xhat:
+        if not abs(value) < LOST:
+            return False
+    for value in P:  # noqa: SIM110 - numba compiles no generator expression in all()
+        if not np.isfinite(value):
+            return False
+    return True
+
+
 @njit(cache=True)
 def boxes_to_solve(
     detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, believed: BoxBelief, widened: float
@@ -95,9 +108,9 @@ def boxes_to_solve(
         believed.sd,
         believed.growth,
     )
-    if not (np.all(np.abs(xhat) < LOST) and np.all(np.isfinite(P))):
+    if not is_usable(xhat, P):
         return np.empty((0, 2)), positions[:0].copy(), outlines[:0].copy(), np.empty((0, 2))
-    chosen, centers = associate(
+    chosen, centers, predicted = associate(
         detections,
         xhat,
         widened**2 * P,
@@ -111,13 +124,12 @@ def boxes_to_solve(
         believed.margin,
         believed.inside,
     )
-    p_W, outline = positions[chosen], outlines[chosen]
-    sds = center_sds(p_W, outline, xhat, camera, sd, growth)
+    sds = predicted.sd
     if believed.limits.size > 0:
         P_pose = widened**2 * pose_covariance(P)
-        kept = jointly_compatible(centers, p_W, outline, xhat, P_pose, camera, sds, believed.limits)
-        centers, p_W, outline, sds = centers[kept], p_W[kept], outline[kept], sds[kept]
-    return centers, p_W, outline, sds
+        kept = jointly_compatible(centers - predicted.centers, predicted.J, P_pose, sds, believed.limits)
+        chosen, centers, sds = chosen[kept], centers[kept], sds[kept]
+    return centers, positions[chosen], outlines[chosen], sds
 
 
 @njit(cache=True)
@@ -159,6 +171,6 @@ def refused_after(refused: float, is_fix: bool, detections: np.ndarray, believed
         return max(refused - 1.0, 0.0)
     labels, known = whole_boxes(detections, believed.camera.image)[0], 0
     for label in labels:
-        if np.any(believed.labels == label):
+        if is_among(believed.labels, label):
             known += 1
     return min(refused + 1.0, DOUBLINGS) if known >= 2 else refused

@@ -13,8 +13,6 @@ large, the box goes whose absence makes it smallest.
 import numpy as np
 from numba import njit
 
-from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.gate import squared_gate
 
 
@@ -30,38 +28,17 @@ def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) 
 
 
 @njit(cache=True)
-def jointly_compatible(
-    centers: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    camera: Camera,
-    sd: np.ndarray,
-    limits: np.ndarray,
-) -> np.ndarray:
+def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """Return the boxes that are compatible, as indices in rising order.
 
     Args:
-        centers: centres of the boxes [px] (n, 2).
-        positions: p_W of the landmarks they are of (n, 3).
-        outlines: the landmarks' outlines, see pinhole.py (n, m, 3).
-        xhat: estimate; position and attitude come first.
+        e: differences of the boxes' centres from the predicted ones [px] (n, 2).
+        J: their Jacobians by position and attitude (n, 2, 6).
         P: covariance of position and attitude (6 x 6).
-        camera: the camera.
         sd: error of each box centre [px] (n, 2).
         limits: of joint_limits, at least of n boxes.
     """
-    n = len(centers)
-    e, J, z = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty(2)
-    R_WB = rotation_matrix(xhat[3:6])
-    kept, m = np.empty(n, dtype=np.int64), 0
-    for i in range(n):
-        if box_center(positions[i], outlines[i], xhat[0:3], xhat[3:6], R_WB, camera, z, J[i]):
-            e[i] = centers[i] - z
-            kept[m] = i
-            m += 1
-    kept = kept[:m]
+    kept = np.arange(len(e))
     distance = distance_of(kept, e, J, P, sd)
     while kept.size > 0 and distance > limits[kept.size]:
         best, distance = kept[:0], np.inf

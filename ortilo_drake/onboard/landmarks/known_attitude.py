@@ -31,7 +31,8 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import solve_in_place
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import Camera, box_center
+from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
+from ortilo_drake.model.placing import fill
 from ortilo_drake.onboard.landmarks.landmark_association import innovation_covariance, pose_covariance, squared_distance
 
 _ITERATIONS = 30
@@ -72,11 +73,11 @@ def scaled_inverse(N: np.ndarray) -> tuple[bool, np.ndarray]:
     for i in range(n):
         for j in range(n):
             scaled[i, j] = scale[i] * N[i, j] * scale[j]
-    L, inverse = scaled.copy(), np.eye(n)
-    solve_in_place(L, inverse)
+    inverse = np.eye(n)
+    solve_in_place(scaled, inverse)  # scaled is its L then
     determinant = 1.0
     for i in range(n):
-        determinant *= L[i, i] ** 2
+        determinant *= scaled[i, i] ** 2
     if not determinant > _REGULAR:  # NaN where N is not positive definite
         return False, np.zeros((n, n))
     for i in range(n):
@@ -125,21 +126,24 @@ def _pose_from_boxes(
             P_a[j, k] = P_pose[order[m + j], order[m + k]]
     kept, n_kept = np.ones(n, dtype=np.bool_), n
     least = np.min(sd) if n > 0 else 1.0
-    z, J, J_of, r = np.empty(2), np.empty((2, 6)), np.empty((n, 2, 6)), np.empty((n, 2))
-    Q = np.empty((6, 6))
+    box, J, J_of, r = np.empty(4), np.empty((2, 6)), np.empty((n, 2, 6)), np.empty((n, 2))
+    N, B, b, Q = np.empty((m, m)), np.empty((m, h)), np.empty(m), np.empty((6, 6))
+    p_WB, rpy = pose[0:3], pose[3:6]
     nothing = (False, pose[order[:m]], np.zeros((m, m)))
     while n_kept >= 2:
-        converged, N_inverse, B = False, np.zeros((m, m)), np.zeros((m, h))
+        converged, N_inverse = False, N
         for iteration in range(_ITERATIONS):
-            N, B, b = np.zeros((m, m)), np.zeros((m, h)), np.zeros(m)
-            R_WB = rotation_matrix(pose[3:6])
+            fill(b, 0.0)
+            fill(N.ravel(), 0.0)
+            fill(B.ravel(), 0.0)
+            R_WB, of_rpy = rotation_matrix(rpy), sines(rpy)
             for i in range(n):
                 if not kept[i]:
                     continue
-                if not box_center(positions[i], outlines[i], pose[0:3], pose[3:6], R_WB, camera, z, J):
+                if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J):
                     return nothing
                 for axis in range(2):
-                    r[i, axis] = centers[i, axis] - z[axis]
+                    r[i, axis] = centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
                     weight = (least / sd[i, axis]) ** 2
                     for j in range(6):
                         J_of[i, axis, j] = J[axis, order[j]]
@@ -159,11 +163,10 @@ def _pose_from_boxes(
                 return nothing
             if converged:
                 break
-            step = min(1.0, 2.0 ** (5 - iteration)) * times(N_inverse, b)
-            length = 0.0
+            step, shrunk, length = times(N_inverse, b), min(1.0, 2.0 ** (5 - iteration)), 0.0
             for j in range(m):
-                pose[order[j]] += step[j]
-                length += step[j] ** 2
+                pose[order[j]] += shrunk * step[j]
+                length += (shrunk * step[j]) ** 2
             converged = np.sqrt(length) < _CONVERGED
         if not converged:
             return nothing

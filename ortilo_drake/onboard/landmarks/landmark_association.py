@@ -13,18 +13,34 @@ The best of all ways may be hardly better than the next. A pairing is ambiguous 
 its place, of the landmark or of the box, costs less than a margin more; such pairings are left out.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import NEAR, Camera, box_center, extent_box, in_body_frame
+from ortilo_drake.model.pinhole import NEAR, Camera, box_and_jacobian, in_body_frame, sines
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.onboard.landmarks.assignment import assign
 
 BORDER = 1.5  # a box that comes nearer to the image's border is taken for cut [px]
 MAX_SCALE = 1.6  # a box this much larger or smaller than predicted belongs to a landmark nearer or farther away
 _FORBIDDEN = 1.0e6
+
+
+class Predicted(NamedTuple):
+    """What the estimate predicts of landmarks' boxes.
+
+    Attributes:
+        centers: z_i [px] (k, 2).
+        J: J_i (k, 2, 6).
+        sd: errors of the centres of boxes of the predicted size, see center_sd [px] (k, 2).
+    """
+
+    centers: np.ndarray
+    J: np.ndarray
+    sd: np.ndarray
 
 
 @njit(cache=True)
@@ -84,18 +100,13 @@ def center_sd(size: float, sd: float, growth: float) -> float:
     return float(sd * np.sqrt(1.0 + (growth * size) ** 2))
 
 
-@njit(cache=True)
-def center_sds(
-    positions: np.ndarray, outlines: np.ndarray, xhat: np.ndarray, camera: Camera, sd: float, growth: float
-) -> np.ndarray:
-    """Return the errors of landmarks' box centres (n, 2) [px], their sizes as the estimate predicts them."""
-    sds, box = np.empty((positions.shape[0], 2)), np.empty(4)
-    R_WB = rotation_matrix(xhat[3:6])
-    for i in range(positions.shape[0]):
-        extent_box(positions[i], outlines[i], xhat[0:3], R_WB, camera, box)
-        for axis in range(2):
-            sds[i, axis] = center_sd(box[2 + axis] - box[axis], sd, growth)
-    return sds
+@register_jitable
+def is_among(labels: np.ndarray, label: float) -> bool:
+    """Return whether a class is one of some (n)."""
+    for j in range(labels.size):  # noqa: SIM110 - numba compiles no generator expression in any()
+        if labels[j] == label:
+            return True
+    return False
 
 
 @njit(cache=True)
@@ -111,8 +122,8 @@ def association_costs(
     gate: float,
     growth: float = 0.0,
     inside: float = -np.inf,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return candidate landmarks (k), centres of whole boxes (m, 2) and the costs of pairing them (k, m + k).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Predicted]:
+    """Return candidate landmarks (k), whole boxes' centres (m, 2), costs of pairing (k, m + k) and what is predicted.
 
     Column m + i, at the cost of the gate, leaves landmark i without a box. Arguments as in associate.
     """
@@ -120,39 +131,41 @@ def association_costs(
     box_labels, centers, spans = whole_boxes(detections, camera.image)
     m, n = box_labels.size, positions.shape[0]
     p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
-    R_WB = rotation_matrix(rpy)
-    z, J, box, own_sd = np.empty(2), np.empty((2, 6)), np.empty(4), np.empty(2)
+    R_WB, of_rpy, box = rotation_matrix(rpy), sines(rpy), np.empty(4)
+    z, J, sds = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty((n, 2))
     candidates, k = np.empty(n, dtype=np.int64), 0
     d2 = np.full((n, m), _FORBIDDEN)
     for i in range(n):
         # Cheap first: a class that was seen, and a place in front, within half an image of the image.
-        if not np.any(box_labels == labels[i]):
+        if not is_among(box_labels, labels[i]):
             continue
         q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
         depth = q[0] - camera.p_BC[0]
         if depth < NEAR or f * abs(q[1]) > width * depth or f * abs(q[2]) > height * depth:
             continue
-        if not box_center(positions[i], outlines[i], p_WB, rpy, R_WB, camera, z, J):
+        if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J[k]):
             continue
-        extent_box(positions[i], outlines[i], p_WB, R_WB, camera, box)
         low, high = inside - 0.5, -inside - 0.5
         if box[0] < low or box[1] < low or box[2] > width + high or box[3] > height + high:
             continue
         span = box[2] - box[0] + box[3] - box[1]
-        own_sd[0], own_sd[1] = center_sd(box[2] - box[0], sd, growth), center_sd(box[3] - box[1], sd, growth)
-        S_uu, S_uv, S_vv = innovation_covariance(J, P_pose, own_sd)
+        for axis in range(2):
+            z[k, axis] = 0.5 * (box[axis] + box[2 + axis])
+            sds[k, axis] = center_sd(box[2 + axis] - box[axis], sd, growth)
+        S_uu, S_uv, S_vv = innovation_covariance(J[k], P_pose, sds[k])
         for j in range(m):
             if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
-                squared = squared_distance(centers[j, 0] - z[0], centers[j, 1] - z[1], S_uu, S_uv, S_vv)
+                squared = squared_distance(centers[j, 0] - z[k, 0], centers[j, 1] - z[k, 1], S_uu, S_uv, S_vv)
                 if squared <= gate:
                     d2[k, j] = squared
         candidates[k] = i
         k += 1
     costs = np.full((k, m + k), _FORBIDDEN)
-    costs[:, :m] = d2[:k]
     for i in range(k):
+        for j in range(m):
+            costs[i, j] = d2[i, j]
         costs[i, m + i] = gate
-    return candidates[:k], centers, costs
+    return candidates[:k], centers, costs, Predicted(z[:k], J[:k], sds[:k])
 
 
 @register_jitable
@@ -184,18 +197,21 @@ def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float
         n_boxes: m.
         margin: by which the best assignment with another pairing must cost more.
     """
-    rows = np.arange(len(costs))
-    best, doubtful = cost_of(costs, column), np.zeros(len(costs), dtype=np.bool_)
-    for i in range(len(costs)):
+    n = len(costs)
+    best, doubtful = cost_of(costs, column), np.zeros(n, dtype=np.bool_)
+    for i in range(n):
         for j in range(n_boxes):
             if not costs[i, j] < _FORBIDDEN or column[i] == j:
                 continue
-            concerned = (rows == i) & (column < n_boxes) | (column == j)
-            if not np.any(concerned & ~doubtful):
+            new = False
+            for row in range(n):
+                new |= ((row == i and column[row] < n_boxes) or column[row] == j) and not doubtful[row]
+            if not new:
                 continue
             rest = without(costs, i, j)
             if costs[i, j] + cost_of(rest, assign(rest)) - best < margin:
-                doubtful |= concerned
+                for row in range(n):
+                    doubtful[row] |= (row == i and column[row] < n_boxes) or column[row] == j
     return doubtful
 
 
@@ -213,8 +229,8 @@ def associate(
     growth: float = 0.0,
     margin: float = 0.0,
     inside: float = -np.inf,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the landmarks found, as indices in rising order (k), and their boxes' centres (k, 2).
+) -> tuple[np.ndarray, np.ndarray, Predicted]:
+    """Return the landmarks found, in rising order (k), their boxes' centres (k, 2) and what is predicted of these.
 
     The order of the message's rows does not matter.
 
@@ -233,11 +249,12 @@ def associate(
         inside: how far from the border a landmark's predicted box must end [px]. A box that the border cuts seems
             whole where the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
     """
-    candidates, centers, costs = association_costs(
+    candidates, centers, costs, predicted = association_costs(
         detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth, inside
     )
     column = assign(costs)
     paired = column < len(centers)
     if margin > 0.0:
         paired &= ~ambiguous(costs, column, len(centers), margin)
-    return candidates[paired], centers[column[paired]]
+    found = Predicted(predicted.centers[paired], predicted.J[paired], predicted.sd[paired])
+    return candidates[paired], centers[column[paired]], found

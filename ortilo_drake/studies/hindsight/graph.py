@@ -168,7 +168,7 @@ class FlightGraph:
             known = positions, outlines, room.landmark_labels, camera
             xhat = np.concatenate((x[:N_X], np.zeros(3)))
             noise = pixels.sd, gate, pixels.growth, fix.margin, inside
-            chosen, centers = associate(message, xhat, P.ravel(), *known, *noise)
+            chosen, centers, _ = associate(message, xhat, P.ravel(), *known, *noise)
             R = matrix_of(quaternion_of(x[3:6]))
             for i, center in zip(chosen, centers, strict=True):
                 if not extent_box(positions[i], outlines[i], x[:3], R, camera, box):

@@ -59,8 +59,10 @@ def surroundings(room: Room) -> Surroundings:
 def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
     """Return the share of landmark i's sample points that the camera at p_WC (3, in W) sees."""
     p_WL, size = room.positions[i], room.sizes[i]
-    points = p_WL + 0.5 * size * _SAMPLES
-    hidden, n_hidden = np.zeros(points.shape[0], dtype=np.bool_), 0
+    points, hidden, n_hidden = np.empty_like(_SAMPLES), np.zeros(len(_SAMPLES), dtype=np.bool_), 0
+    for k in range(len(_SAMPLES)):
+        for axis in range(3):
+            points[k, axis] = p_WL[axis] + 0.5 * size[axis] * _SAMPLES[k, axis]
     # Few obstacles stand near the line of sight, seen in plan: those alone are looked at closely.
     aside = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
     dx, dy = p_WL[0] - p_WC[0], p_WL[1] - p_WC[1]

@@ -18,13 +18,14 @@ from pydrake.systems.framework import BasicVector, Context
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.world.faults.scene_faults import scene_at
 from ortilo_drake.world.faults.table import FaultTable
-from ortilo_drake.world.noise import normals, stream_id, uniforms
+from ortilo_drake.world.noise import Normals, four_normals, stream_id, uniforms
 from ortilo_drake.world.seeded_system import SeededSystem
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
@@ -35,17 +36,19 @@ STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera erro
 
 
 @register_jitable
+def _mixed(new: float, before: float, after: float, share: float, a: float) -> float:
+    """Return a number whose slow part is a of the way from one node to the next."""
+    scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
+    return np.sqrt(1.0 - share) * new + scale * ((1.0 - a) * before + a * after)
+
+
+@register_jitable(forceinline=True)
 def persistent_normals(
-    seed: int,
-    of_nodes: np.ndarray,
-    white: np.uint64,
-    nodes: np.uint64,
-    tick: int,
-    n: int,
-    share: float,
-    spacing: int,
-) -> np.ndarray:
-    """Return n standard normal numbers that belong to a tick, a share of their variance changing slowly.
+    seed: int, of_nodes: np.ndarray, white: np.uint64, nodes: np.uint64, tick: int, share: float, spacing: int
+) -> Normals:
+    """Return four standard normal numbers that belong to a tick, a share of their variance changing slowly.
+
+    It is put in where it is called, so that numbers nobody takes are not drawn.
 
     Args:
         seed: seed of the tick's noise.
@@ -54,26 +57,28 @@ def persistent_normals(
         white: number of the stream of what is new every tick.
         nodes: number of the stream of the slow part's nodes.
         tick: the tick.
-        n: how many.
         share: of the variance.
         spacing: of the nodes [ticks].
     """
-    z = normals(seed, white, tick, n)
-    if share > 0.0:
-        a = (tick % spacing) / spacing
-        before = normals(of_nodes[0], nodes, tick // spacing, n)
-        after = normals(of_nodes[1], nodes, tick // spacing + 1, n)
-        scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
-        for j in range(n):
-            z[j] = np.sqrt(1.0 - share) * z[j] + scale * ((1.0 - a) * before[j] + a * after[j])
-    return z
+    z = four_normals(seed, white, tick)
+    if share <= 0.0:
+        return z
+    a = (tick % spacing) / spacing
+    before = four_normals(of_nodes[0], nodes, tick // spacing)
+    after = four_normals(of_nodes[1], nodes, tick // spacing + 1)
+    return (
+        _mixed(z[0], before[0], after[0], share, a),
+        _mixed(z[1], before[1], after[1], share, a),
+        _mixed(z[2], before[2], after[2], share, a),
+        _mixed(z[3], before[3], after[3], share, a),
+    )
 
 
 @register_jitable
 def _write_row(message: np.ndarray, row: int, label: float, score: float, box: np.ndarray) -> None:
     start = PAYLOAD + row * DETECTION_SIZE
     message[start], message[start + 1] = label, score
-    message[start + 2 : start + 6] = box
+    put(box, message, start + 2)
 
 
 @njit(cache=True)
@@ -133,7 +138,7 @@ def detections_message(
         if rate == 0.0:
             continue
         share, spacing = tables.slow[1, 0], int(tables.slow[1, 1])
-        z_miss = persistent_normals(seed, of_nodes[1], streams[i, 0], streams[i, 1], tick, 1, share, spacing)[0]
+        z_miss = persistent_normals(seed, of_nodes[1], streams[i, 0], streams[i, 1], tick, share, spacing)[0]
         chance = 0.5 * math.erfc(-z_miss / math.sqrt(2.0))
         if chance >= rate:
             continue
@@ -142,7 +147,7 @@ def detections_message(
         if chance >= rate or visible < tables.limits[2]:
             continue
         share, spacing = tables.slow[0, 0], int(tables.slow[0, 1])
-        z = persistent_normals(seed, of_nodes[0], streams[i, 2], streams[i, 3], tick, 4, share, spacing)
+        z = persistent_normals(seed, of_nodes[0], streams[i, 2], streams[i, 3], tick, share, spacing)
         at_border = look_up(tables.inside, 3, inside)
         growth = look_up(tables.visible, 2, visible) * look_up(tables.inside, 2, inside)
         for axis in range(2):

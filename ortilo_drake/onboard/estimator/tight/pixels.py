@@ -11,7 +11,7 @@ association, the covariance being that of the pose at the stamp.
 import numpy as np
 from numba import njit
 
-from ortilo_drake.model.pinhole import Camera, box_center, extent_box
+from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
@@ -94,7 +94,7 @@ def take_boxes(
     """
     PHt, first = np.empty(C.shape[0]), np.empty(C.shape[0])
     where, rows = np.zeros((2, 11), np.int64), np.zeros((2, 11))
-    z, J, box = np.empty(2), np.empty((2, 6)), np.empty(4)
+    J, box = np.empty((2, 6)), np.empty(4)
     taken = none_taken(2 * chosen.size, C.shape[0])
     used = refused = 0
     total = 0.0
@@ -108,15 +108,14 @@ def take_boxes(
         for pass_ in range(2):  # the second time after the first row has corrected the state
             p_WB, q_WB = pose_of(x, layout, clone)
             rpy, R = angles_of(q_WB), matrix_of(q_WB)
-            if not box_center(position, outlines[i], p_WB, rpy, R, camera, z, J):
+            if not box_and_jacobian(position, outlines[i], p_WB, sines(rpy), R, camera, box, J):
                 break
             if pass_ == 0:
-                extent_box(position, outlines[i], p_WB, R, camera, box)
                 for axis in range(2):
                     sd[axis] = center_sd(box[2 + axis] - box[axis], noise[0], noise[1])
             E = inverse_rate_matrix(rpy)
             for axis in range(2):
-                m, e[axis] = 6, centers[b, axis] - z[axis]
+                m, e[axis] = 6, centers[b, axis] - 0.5 * (box[axis] + box[2 + axis])
                 for k in range(3):
                     where[axis, k] = P + k if clone < 0 else layout.core + 6 * clone + k
                     where[axis, 3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k

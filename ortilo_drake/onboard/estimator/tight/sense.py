@@ -98,7 +98,7 @@ def take_messages(
     clone = clone_of(detections, now, motion.h, layout.clones)
     if clone != NOT_TAKEN and _is_news(detections, watched[boxes_at:], aids.watch):
         xhat, P_pose = pose_belief(x, C, layout, clone)
-        chosen, centers = associate(
+        chosen, centers, _ = associate(
             detections,
             xhat,
             P_pose,
