@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.placing import fill
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product
 
@@ -83,8 +83,8 @@ def distinct(path: np.ndarray) -> np.ndarray:
     """Return the points of a path (n, 3) that differ from the one before."""
     points, m = path.copy(), 1
     for k in range(1, len(path)):
-        if np.any(path[k] != path[k - 1]):
-            points[m] = path[k]
+        if path[k, 0] != path[k - 1, 0] or path[k, 1] != path[k - 1, 1] or path[k, 2] != path[k - 1, 2]:
+            put(path[k], points[m])
             m += 1
     return points[:m]
 
@@ -115,7 +115,7 @@ def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
     return total / n
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     """Write the errors of a flight, FIGURES but the first two, to out.
 
