@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ortilo_drake.flight.compiled.engine import AT_ONCE, Engine
-from ortilo_drake.flight.compiled.figures import nearest_on
+from ortilo_drake.flight.compiled.figures import TRACE_SIZE, TRUE, squared_path_distances
 from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.compiled.sameness import apart
 from ortilo_drake.flight.metrics import nis, summary
@@ -170,14 +170,18 @@ def test_figures_are_those_of_the_summary(name: str, flown: Flown) -> None:
     assert found["arrived_imu"] == len(nis(flight, "imu"))
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(0.0, 3.0))
-def test_the_nearest_point_is_found(seed: int, points: int, aside: float) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.floats(0.0, 3.0), st.floats(0.0, 2.0))
+def test_no_point_of_a_path_is_nearer_than_the_one_found(seed: int, points: int, aside: float, speed: float) -> None:
+    """Against all points, of paths that wait and cross themselves, along them, aside of them and after a leap."""
     random = np.random.default_rng(seed)
     path = np.cumsum(random.normal(size=(points, 3)) * random.choice([0.0, 1.0], points)[:, None], axis=0)
-    p = path[random.integers(points)] + aside * random.normal(size=3)
+    along = np.clip(np.cumsum(random.normal(speed, 1.0, size=80)), 0, points - 1).astype(int)
+    trace = np.zeros((80, TRACE_SIZE))
+    trace[:, TRUE] = path[along] + aside * np.cumsum(random.normal(size=(80, 3)), axis=0) / 9.0
+    trace[40:, TRUE] += random.normal(size=3) * random.choice([0.0, 20.0])
     longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0.0), 1e-12)
-    _, squared = nearest_on(path, longest, p, int(random.integers(points)))
-    assert squared == pytest.approx(np.min(np.sum((path - p) ** 2, axis=1)), rel=1e-12)
+    expected = np.min(np.sum((trace[:, None, TRUE] - path) ** 2, axis=2), axis=1)
+    np.testing.assert_allclose(squared_path_distances(trace, path, longest), expected, rtol=1e-12, atol=1e-24)
 
 
 @pytest.mark.parametrize(

@@ -136,6 +136,11 @@ class Engine:
         return self._ticks + 1
 
     @property
+    def reference(self) -> np.ndarray:
+        """The position r of the reference at each tick [m] (n, 3)."""
+        return self._constants.reference[:, :3]
+
+    @property
     def h(self) -> float:
         """The tick [s]."""
         return self._scenario.h
@@ -163,7 +168,7 @@ class Engine:
                 draw = _among(parts)
             last, cause = self._fly(of_ticks, self._drawn(self._constants, draw), trace, arrived, NO_LOG)
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
-            away = trace[flown, TRUE] - self._constants.reference[flown, :3]
+            away = trace[flown, TRUE] - self.reference[flown]
             found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
         return found
 

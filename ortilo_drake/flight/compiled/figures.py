@@ -11,6 +11,7 @@ from ortilo_drake.onboard.ranging.range_equations import inverse, product
 # What a flight leaves behind in every tick: p_WB, its estimate, and e^T P_pp^-1 e.
 TRUE, ESTIMATED, NEES = slice(0, 3), slice(3, 6), 6
 TRACE_SIZE = 7
+WINDOW = 32  # points of the path on either side that a position is compared with first
 # As in flight.summary.Summary, but of the ticks flown and the index of the loss's cause in lost.CAUSES, -1 for none.
 FIGURES = (
     "ticks",
@@ -52,9 +53,11 @@ def squared_distance_to(path: np.ndarray, i: int, p: np.ndarray) -> float:
     return (path[i, 0] - p[0]) ** 2 + (path[i, 1] - p[1]) ** 2 + (path[i, 2] - p[2]) ** 2
 
 
-@njit(cache=True)
-def nearest_on(path: np.ndarray, longest: float, p: np.ndarray, start: int) -> tuple[int, float]:
-    """Return the point of a path (n, 3) that is nearest to p (3), and its squared distance [m^2].
+@register_jitable
+def nearest_beside(
+    path: np.ndarray, longest: float, p: np.ndarray, start: int, direction: int, nearest: int, least: float
+) -> tuple[int, float]:
+    """Return the point on one side of a path (n, 3) that is nearest to p (3), and its squared distance [m^2].
 
     From a point at the distance D a nearer one than the best is at least (D - best) / longest points away: the search
     goes that far at once, and so looks at few points and misses none.
@@ -63,19 +66,53 @@ def nearest_on(path: np.ndarray, longest: float, p: np.ndarray, start: int) -> t
         path: its points.
         longest: distance between two neighbours [m].
         p: the position.
-        start: point to begin at, best a near one.
+        start: the point to begin at.
+        direction: 1 for it and those after it, -1 for it and those before it.
+        nearest: the point to return if none of these is nearer.
+        least: its squared distance.
     """
-    nearest, least = start, squared_distance_to(path, start, p)
-    best = np.sqrt(least)
-    for direction in (1, -1):
-        i = start + direction
-        while 0 <= i < path.shape[0]:
+    i, best = start, np.sqrt(least)
+    while 0 <= i < path.shape[0]:
+        squared = squared_distance_to(path, i, p)
+        if squared < least:
+            nearest, least, best = i, squared, np.sqrt(squared)
+        ahead = (np.sqrt(squared) - best) * (1.0 - 1e-9)  # rounding must not skip the nearest
+        i += direction * max(1, int(ahead / longest)) if ahead < longest * path.shape[0] else direction * len(path)
+    return nearest, least
+
+
+@njit(cache=True, nogil=True)
+def squared_path_distances(trace: np.ndarray, path: np.ndarray, longest: float) -> np.ndarray:
+    """Return the squared distance of each position of a trace (n, 7) from the nearest point of a path (m, 3) [m^2] (n).
+
+    Positions follow each other closely. So the points near the last one are looked at, a window of them; all others
+    were at least `clear` away when the window was laid, less what the vehicle has moved since. As long as that is more
+    than the least in the window, none of them is nearer.
+
+    Args:
+        trace: rows of a flight, see above.
+        path: its points.
+        longest: distance between two neighbours [m].
+    """
+    found = np.empty(trace.shape[0])
+    low, high, near, clear = 0, 1, 0, 0.0
+    last = trace[0, TRUE]
+    for k in range(trace.shape[0]):
+        p = trace[k, TRUE]
+        moved = (p[0] - last[0]) ** 2 + (p[1] - last[1]) ** 2 + (p[2] - last[2]) ** 2
+        clear, last, least = clear - np.sqrt(moved), p, np.inf
+        for i in range(low, high):
             squared = squared_distance_to(path, i, p)
             if squared < least:
-                nearest, least, best = i, squared, np.sqrt(squared)
-            ahead = (np.sqrt(squared) - best) * (1.0 - 1e-9)  # rounding must not skip the nearest
-            i += direction * max(1, int(ahead / longest)) if ahead < longest * path.shape[0] else direction * len(path)
-    return nearest, least
+                near, least = i, squared
+        if np.sqrt(least) >= clear - 1e-9:  # [m], far more than rounding
+            near, least = nearest_beside(path, longest, p, low - 1, -1, near, least)
+            near, least = nearest_beside(path, longest, p, high, 1, near, least)
+            low, high = max(near - WINDOW, 0), min(near + WINDOW + 1, path.shape[0])
+            _, outside = nearest_beside(path, longest, p, low - 1, -1, near, np.inf)
+            clear = np.sqrt(nearest_beside(path, longest, p, high, 1, near, outside)[1])
+        found[k] = least
+    return found
 
 
 @register_jitable
@@ -136,13 +173,12 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     for k in range(1, n):
         longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))
     out[5] = path_mse(trace, path)
-    points, near = distinct(path), 0  # a reference that waits at its goal has many that are the same
+    squared = squared_path_distances(trace, distinct(path), longest)  # one that waits at its goal has many the same
     for k in range(n):
         p = trace[k, TRUE]
         for i in range(3):
             out[2 + i] += (trace[k, 3 + i] - p[i]) ** 2 / n
-        near, squared = nearest_on(points, longest, p, near)
-        out[6] += squared / n
-        out[7] = max(out[7], np.sqrt(squared))
+        out[6] += squared[k] / n
+        out[7] = max(out[7], np.sqrt(squared[k]))
         out[8] = max(out[8], np.sqrt(squared_distance_to(path, k, p)))
         out[9] += trace[k, NEES] / n
