@@ -11,16 +11,17 @@ from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import boxes_to_solve, fix_of, refused_after
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
-from ortilo_drake.onboard.landmarks.known_attitude import known_attitude, known_tilt, pose
+from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 from ortilo_drake.world.radio.link import NOT_SENT
 from ortilo_drake.world.sensors.projected_camera import body_that_looks_ahead, detections_message
 
-METHODS = ("known_attitude", "known_tilt", "pose", "cosine_law")  # by their numbers; pnp is OpenCV's
+METHODS = ("known_attitude", "known_tilt", "pose", "cosine_law")  # pnp is OpenCV's
 
 
 @register_jitable
 def solve_boxes(
-    method: int,
+    by_cosines: bool | None,
+    rows: int,
     centers: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
@@ -30,13 +31,9 @@ def solve_boxes(
     sd: np.ndarray,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return what a method makes of boxes; arguments as theirs."""
-    if method == 0:
-        return known_attitude(centers, positions, outlines, xhat, P, camera, sd, max_residual)
-    if method == 1:
-        return known_tilt(centers, positions, outlines, xhat, P, camera, sd, max_residual)
-    if method == 2:
-        return pose(centers, positions, outlines, xhat, P, camera, sd, max_residual)
+    """Return what a method makes of boxes; arguments as its own, and of CameraConstants."""
+    if by_cosines is None:
+        return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, rows)
     return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)
 
 
@@ -115,7 +112,7 @@ def fix_of_boxes(
         P = camera.prior
     boxes = boxes_to_solve(detections, xhat, P, believed, 2.0**refused)
     found, value, covariance = solve_boxes(
-        camera.method, *boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual
+        camera.by_cosines, rows, *boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual
     )
     fix = fix_of(found, value, covariance, xhat, detections[STAMP], rows)
     if camera.joint:

@@ -48,7 +48,7 @@ class VehicleConstants(NamedTuple):
         inertia: I_x, I_y, I_z [kg m^2].
         kinematics: index in model.equations.KINEMATICS.
         hover_thrust: m g of the vehicle as it is believed to be [N].
-        longest_step: of the integration of a continuous plant [s]; 0 of a sampled one.
+        longest_step: of the integration of a continuous plant [s]; None of a sampled one.
         wrench: T of world/vehicle/wrench_error.py (4, 4).
         hover_speeds: of the rotors at the start [rad/s] (n); none where they are ideal.
         mixing: M of their squared speeds (4, n).
@@ -65,7 +65,7 @@ class VehicleConstants(NamedTuple):
     inertia: np.ndarray
     kinematics: int
     hover_thrust: float
-    longest_step: float
+    longest_step: float | None
     wrench: np.ndarray
     hover_speeds: np.ndarray
     mixing: np.ndarray
@@ -144,8 +144,8 @@ class CameraConstants(NamedTuple):
         clock: its offset [s] and drift [1] (2).
         link: how its messages are delivered, its latency among the delays.
         believed: of the boxes.
-        method: index in METHODS of the loop's solve_boxes.
-        rows: of a fix.
+        by_cosines: True where cosine_law solves the boxes, else None: numba compiles what is flown.
+        rows: of a fix: 3 of known_attitude and cosine_law, 4 of known_tilt, 6 of pose.
         prior: what stands in for P row by row (225); empty where P itself is taken.
         joint: whether refused images are counted.
         faults: of its messages; None where the whole flight has none.
@@ -162,7 +162,7 @@ class CameraConstants(NamedTuple):
     clock: np.ndarray
     link: LinkConstants
     believed: BoxBelief
-    method: int
+    by_cosines: bool | None
     rows: int
     prior: np.ndarray
     joint: bool

@@ -121,11 +121,11 @@ def control_of(
     xbar = xhat
     if servo.lent:
         xbar = xhat.copy()
-        xbar[6:N_X] = x[6:N_X]
+        put(x[6:N_X], xbar, 6)
     return servo_control(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def start_one(
     vehicle: VehicleConstants,
     force: SlowConstants,
@@ -136,7 +136,7 @@ def start_one(
     return body_at_start(vehicle, force, x_0), first(estimator)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 def fly_one(
     seeds: np.ndarray,
     trace: np.ndarray,

@@ -131,7 +131,7 @@ def _vehicle(scenario: Scenario) -> VehicleConstants:
         np.array(vehicle.inertia),
         KINEMATICS.index(world.kinematics),
         vehicle.hover_thrust,
-        0.0 if sampled else scenario.h / steps_a_tick(scenario),
+        None if sampled else scenario.h / steps_a_tick(scenario),
         np.eye(N_U),
         np.array(vehicle.hover_rotor_speeds, dtype=float) if has_rotors else np.zeros(0),
         mixing_matrix(vehicle),

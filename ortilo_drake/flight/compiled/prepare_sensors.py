@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ortilo_drake.flight.compiled.boxes import METHODS
 from ortilo_drake.flight.compiled.constants import (
     CameraConstants,
     ImuConstants,
@@ -94,7 +93,7 @@ def camera_of(scenario: Scenario, room: Room) -> CameraConstants:
         np.zeros(2),
         link_of(scenario, "camera", settings.latency),
         box_belief(fix, as_known(scenario, room), scenario.image_width),
-        METHODS.index(fix.method),
+        True if fix.method == "cosine_law" else None,
         len(fix.rows),
         np.zeros(0) if prior is None else prior,
         fix.joint is not None,

@@ -80,11 +80,13 @@ def _rates(
 
 
 @register_jitable
-def integrate(vehicle: VehicleConstants, body: Body, commanded: np.ndarray, start: float, end: float) -> None:
+def integrate(
+    longest_step: float, vehicle: VehicleConstants, body: Body, commanded: np.ndarray, start: float, end: float
+) -> None:
     """Go on from one time to another [s], by the steps and the arithmetic of Drake's RungeKutta3Integrator."""
     x, speeds, t = body.x, body.speeds, start
     while t < end:
-        target = t + vehicle.longest_step if t + _STRETCH * vehicle.longest_step < end else end
+        target = t + longest_step if t + _STRETCH * longest_step < end else end
         dt = target - t
         a, p = _rates(vehicle, x, speeds, commanded, body, t)
         b, q = _rates(vehicle, x + dt / 2.0 * a, speeds + dt / 2.0 * p, commanded, body, t + dt / 2.0)
@@ -130,13 +132,14 @@ def sample_of_imu(
 
 @register_jitable
 def fly_continuously(
+    longest_step: float | None,
     vehicle: VehicleConstants,
     imu: ImuConstants,
     errors: SlowConstants,
     body: Body,
     slow: np.ndarray,
     samples: np.ndarray,
-    commanded: np.ndarray,
+    u: np.ndarray,
     k: int,
     h: float,
     seed: int,
@@ -146,26 +149,30 @@ def fly_continuously(
     """Go through a tick by Drake's steps, from one sample of the imu to the next.
 
     Args:
+        longest_step: of the vehicle; numba compiles no more than its None where the plant is sampled.
         vehicle: the plant.
         imu: the imu.
         errors: of it that last.
         body: of the vehicle; changed.
         slow: slow part of the imu's errors.
         samples: of the imu inside the tick, oldest first (n - 1, 11); changed.
-        commanded: speeds that the rotors are asked for; the control where they are ideal.
+        u: control (4).
         k: tick.
         h: tick [s].
         seed: of all noise.
         held: what the imu holds, see said_of.
         anchors: p_WA_i as they stand (n, 3).
     """
+    if longest_step is None:
+        return
+    commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed) if vehicle.hover_speeds.size > 0 else u
     n, start = samples.shape[0] + 1, k * h
     for i in range(1, n):
         time = h * (i / n) + k * h
-        integrate(vehicle, body, commanded, start, time)
+        integrate(longest_step, vehicle, body, commanded, start, time)
         put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n, held, anchors), samples[i - 1])
         start = time
-    integrate(vehicle, body, commanded, start, (k + 1) * h)
+    integrate(longest_step, vehicle, body, commanded, start, (k + 1) * h)
 
 
 @register_jitable(forceinline=True, error_model="numpy")
@@ -205,12 +212,12 @@ def fly_tick(
     put(slow_after(body.lasting, force, k, h, seed), body.lasting)
     if vehicle.hover_speeds.size > 0:
         put(u, body.held)
-        commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed)
     else:
         product_into(body.held, vehicle.wrench, u)
         put(wrench_felt(body.held, vehicle.faults, k * h), body.held)
-        commanded = u
-    if vehicle.longest_step == 0.0:
+    if vehicle.longest_step is None:
         put(step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
     else:
-        fly_continuously(vehicle, imu, errors, body, slow, samples, commanded, k, h, seed, held, anchors)
+        fly_continuously(
+            vehicle.longest_step, vehicle, imu, errors, body, slow, samples, u, k, h, seed, held, anchors
+        )

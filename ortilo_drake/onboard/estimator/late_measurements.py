@@ -26,6 +26,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, N_I, N_U, N_XBAR, STAMP
 from ortilo_drake.onboard.commands.timeline import mean_control
 from ortilo_drake.onboard.estimator.belief import known_part
@@ -104,7 +105,7 @@ def run_again(history: np.ndarray, slot: Slot, first: int, k: int, model: Filter
             layout,
         )
         if j < k:
-            history[(j + 1) % N, slot.belief : slot.y] = out
+            put(out, history[(j + 1) % N], slot.belief)
     return out
 
 
@@ -141,7 +142,7 @@ def with_acted(
         u = mean_control(rows, j * h, (j + 1) * h) - hover
         row = history[j % N, slot.u : slot.r]
         if np.any(u != row):
-            row[:] = u
+            put(u, row)
             first = j
         j -= 1
     return run_again(history, slot, first, k - 1, model, layout) if first < k else belief
@@ -185,11 +186,11 @@ def replay_step(
     """
     N = history.shape[0]
     now = history[k % N]
-    now[:] = 0.0
+    fill(now, 0.0)
     now[slot.tick] = k
-    now[slot.belief : slot.y] = belief
-    now[slot.u : slot.r] = u
-    now[slot.r : slot.size] = r[:3]
+    put(belief, now, slot.belief)
+    put(u, now, slot.u)
+    put(r[:3], now, slot.r)
     first = k
     for sensor in range(delta.size):
         j = tick_of(stamps[sensor], h)

@@ -99,7 +99,7 @@ def times(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
-def _pose_from_boxes(
+def pose_from_boxes(
     centers: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
@@ -108,15 +108,16 @@ def _pose_from_boxes(
     camera: Camera,
     sd: np.ndarray,
     max_residual: float,
-    order: np.ndarray,
     m: int,
-    free_sd: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, the first m entries of the pose in that order, and their covariance (m x m).
+    """Return whether there is a fix, the part of the pose that is sought (m), and its covariance (m x m).
 
-    The angles sought begin as the filter's, with the error free_sd; inf if they are to count for nothing.
+    Sought are p_WB (m = 3), [p_WB, psi] (4) or [p_WB, rpy] (6). Of the whole pose the angles begin as the filter's with
+    the error FREE_SD; a yaw that is sought alone begins as the filter's, which counts for nothing.
     In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
     """
+    order = TILT_HELD if m == 4 else ATTITUDE_HELD
+    free_sd = FREE_SD if m == 6 else np.inf
     n = centers.shape[0]
     pose, h = xhat[0:6].copy(), 6 - m
     P_pose = pose_covariance(P)
@@ -173,8 +174,14 @@ def _pose_from_boxes(
         G = N_inverse @ B
         G_P_a = G @ P_a
         G_P_a_G = G_P_a @ np.ascontiguousarray(G.T)
-        Q[0:m, 0:m], Q[0:m, m:6] = G_P_a_G - least**2 * N_inverse, -G_P_a
-        Q[m:6, 0:m], Q[m:6, m:6] = -G_P_a.T, P_a
+        for j in range(m):
+            for k in range(m):
+                Q[j, k] = G_P_a_G[j, k] - least**2 * N_inverse[j, k]
+            for k in range(h):
+                Q[j, m + k] = Q[m + k, j] = -G_P_a[j, k]
+        for j in range(h):
+            for k in range(h):
+                Q[m + j, m + k] = P_a[j, k]
         worst, farthest = -1, max_residual**2
         for i in range(n):
             if kept[i]:
@@ -216,7 +223,7 @@ def known_attitude(
         sd: error of each box centre [px] (n, 2).
         max_residual: in standard deviations.
     """
-    return _pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, ATTITUDE_HELD, 3, np.inf)
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 3)
 
 
 @njit(cache=True)
@@ -235,7 +242,7 @@ def known_tilt(
     The yaw comes from the boxes alone, so that a compass that is off does not turn the position about the vehicle.
     Boxes are dropped and arguments are as in known_attitude.
     """
-    return _pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, TILT_HELD, 4, np.inf)
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 4)
 
 
 @njit(cache=True)
@@ -253,4 +260,4 @@ def pose(
 
     Boxes are dropped and arguments are as in known_attitude; P is not used.
     """
-    return _pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, ATTITUDE_HELD, 6, FREE_SD)
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 6)

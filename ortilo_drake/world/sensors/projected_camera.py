@@ -187,7 +187,9 @@ def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> n
     R_WB = rotation_matrix(x[3:6])
     R_WA = R_WB @ rotation_matrix(rpy)
     ahead = x.copy()
-    ahead[0:3] += (R_WB - R_WA) @ p_BC
+    moved = (R_WB - R_WA) @ p_BC
+    for i in range(3):
+        ahead[i] += moved[i]
     ahead[3] = np.arctan2(R_WA[2, 1], R_WA[2, 2])
     ahead[4] = np.arctan2(-R_WA[2, 0], np.sqrt(R_WA[0, 0] ** 2 + R_WA[1, 0] ** 2))
     ahead[5] = np.arctan2(R_WA[1, 0], R_WA[0, 0])

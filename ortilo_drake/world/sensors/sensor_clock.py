@@ -23,7 +23,8 @@ from ortilo_drake.model.signals import N_X
 def state_before(x: np.ndarray, delta: float) -> np.ndarray:
     """Return x (12) as it was delta [s] before, its velocities as they are."""
     before = x.copy()
-    before[0:6] -= delta * x[6:12]
+    for i in range(6):
+        before[i] -= delta * x[6 + i]
     return before
 
 
