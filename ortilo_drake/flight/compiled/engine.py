@@ -21,7 +21,6 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.world.drawn_truth import AtStart, of_seed
 
-AT_ONCE = 16  # flights that a thread takes at a time
 NO_LOG = np.zeros((0, 0))
 
 
@@ -95,24 +94,22 @@ class Engine:
         Args:
             seeds: of all noise.
             threads: that fly.
-            progress: called with the number of flights flown since it was called last, from any thread.
+            progress: called with the number of flights flown since it was called last, 1, from any thread.
         """
         all_seeds = np.asarray(seeds, dtype=np.int64)
         found, arrived = np.empty((all_seeds.size, len(FIGURES))), np.empty((all_seeds.size, len(self._sensors)))
-        starts = iter(range(0, all_seeds.size, AT_ONCE))
+        to_fly = iter(range(all_seeds.size))
 
         def work() -> None:
             own = _copied(self._constants)  # threads that share arrays wait for each other's reference counts
             trace, reference = np.zeros((self.ticks, TRACE_SIZE)), own.reference
-            for start in starts:
-                part = range(start, min(start + AT_ONCE, all_seeds.size))
-                for i in part:
-                    seeds_of_ticks = np.full(self.ticks, all_seeds[i])
-                    world = self._drawn(own, of_seed(int(all_seeds[i])))
-                    last, cause = self._fly(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
-                    found[i, 0], found[i, 1] = last, cause
-                    figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
-                progress(len(part))
+            for i in to_fly:
+                seeds_of_ticks = np.full(self.ticks, all_seeds[i])
+                world = self._drawn(own, of_seed(int(all_seeds[i])))
+                last, cause = self._fly(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
+                found[i, 0], found[i, 1] = last, cause
+                figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
+                progress(1)
 
         if threads == 1:
             work()

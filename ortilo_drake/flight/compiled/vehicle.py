@@ -218,6 +218,4 @@ def fly_tick(
     if vehicle.longest_step is None:
         put(step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
     else:
-        fly_continuously(
-            vehicle.longest_step, vehicle, imu, errors, body, slow, samples, u, k, h, seed, held, anchors
-        )
+        fly_continuously(vehicle.longest_step, vehicle, imu, errors, body, slow, samples, u, k, h, seed, held, anchors)

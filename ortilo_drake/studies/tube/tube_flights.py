@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.compiled.engine import AT_ONCE, engine_of
+from ortilo_drake.flight.compiled.engine import engine_of
 from ortilo_drake.flight.compiled.figures import TRUE
 from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.ensemble import flight_file, fly_many
@@ -52,6 +52,7 @@ BURSTS: tuple[Point, ...] = ((0.3, 0.5), (0.3, 2.0), (0.6, 1.0), (0.6, 3.0), (0.
 SEEDS = tuple(range(1, 21))
 SHARE = 0.99
 STRETCHES = 8
+COMPILED_AT_ONCE = 16  # flights in one job of a worker
 OTHER_SEEDS = tuple(range(1001, 1041))  # arrivals that the mixture's radius is drawn from
 
 
@@ -158,7 +159,7 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
     seeds = list(seeds)
     if why_not(lossy) is None:
         text, found = lossy.model_dump_json(), dict[int, list[Flown]]()
-        jobs = [(text, seeds[at : at + AT_ONCE]) for at in range(0, len(seeds), AT_ONCE)]
+        jobs = [(text, seeds[at : at + COMPILED_AT_ONCE]) for at in range(0, len(seeds), COMPILED_AT_ONCE)]
         run_all(fly_compiled, jobs, workers, found.__setitem__)
         return [one for number in sorted(found) for one in found[number]]
     fly_many(lossy, seeds, out, workers)
