@@ -33,8 +33,8 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import Scenario, Uwb, load_scenario
 from ortilo_drake.scenario.sensors import MeasuredErrors
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.persistent_noise import persistent_normals
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
-from ortilo_drake.world.sensors.projected_camera import persistent_normals
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
 
 H = 1.0 / 30.0

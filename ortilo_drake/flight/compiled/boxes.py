@@ -31,7 +31,7 @@ def solve_boxes(
     sd: np.ndarray,
     max_residual: float,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return what a method makes of boxes; arguments as its own, and of CameraConstants."""
+    """Return what a method makes of boxes; the first two arguments are of CameraConstants, the others the method's."""
     if by_cosines is None:
         return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, rows)
     return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)

@@ -144,7 +144,7 @@ class CameraConstants(NamedTuple):
         clock: its offset [s] and drift [1] (2).
         link: how its messages are delivered, its latency among the delays.
         believed: of the boxes.
-        by_cosines: True where cosine_law solves the boxes, else None: numba compiles what is flown.
+        by_cosines: True where cosine_law solves the boxes; else None, and numba does not compile it.
         rows: of a fix: 3 of known_attitude and cosine_law, 4 of known_tilt, 6 of pose.
         prior: what stands in for P row by row (225); empty where P itself is taken.
         joint: whether refused images are counted.

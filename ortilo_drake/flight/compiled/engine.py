@@ -1,6 +1,6 @@
 """The engine: a scenario's flights, compiled, any number of them on any number of threads."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, lru_cache
 from typing import Any
@@ -86,15 +86,12 @@ class Engine:
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         return trace[: last + 1], lost
 
-    def figures(
-        self, seeds: Sequence[int], threads: int = 1, progress: Callable[[int], None] = lambda flown: None
-    ) -> np.ndarray:
+    def figures(self, seeds: Sequence[int], threads: int = 1) -> np.ndarray:
         """Fly seeds and return the figures of each (n, columns).
 
         Args:
             seeds: of all noise.
             threads: that fly.
-            progress: called with the number of flights flown since it was called last, 1, from any thread.
         """
         all_seeds = np.asarray(seeds, dtype=np.int64)
         found, arrived = np.empty((all_seeds.size, len(FIGURES))), np.empty((all_seeds.size, len(self._sensors)))
@@ -109,7 +106,6 @@ class Engine:
                 last, cause = self._fly(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
                 found[i, 0], found[i, 1] = last, cause
                 figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
-                progress(1)
 
         if threads == 1:
             work()

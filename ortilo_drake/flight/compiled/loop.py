@@ -125,7 +125,7 @@ def control_of(
     return servo_control(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@njit(cache=True)
 def start_one(
     vehicle: VehicleConstants,
     force: SlowConstants,
@@ -136,7 +136,7 @@ def start_one(
     return body_at_start(vehicle, force, x_0), first(estimator)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fly_one(
     seeds: np.ndarray,
     trace: np.ndarray,

@@ -149,7 +149,7 @@ def fly_continuously(
     """Go through a tick by Drake's steps, from one sample of the imu to the next.
 
     Args:
-        longest_step: of the vehicle; numba compiles no more than its None where the plant is sampled.
+        longest_step: of the vehicle. It is None where the plant is sampled, and numba then compiles nothing of this.
         vehicle: the plant.
         imu: the imu.
         errors: of it that last.

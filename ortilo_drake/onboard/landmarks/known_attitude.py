@@ -112,8 +112,8 @@ def pose_from_boxes(
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, the part of the pose that is sought (m), and its covariance (m x m).
 
-    Sought are p_WB (m = 3), [p_WB, psi] (4) or [p_WB, rpy] (6). Of the whole pose the angles begin as the filter's with
-    the error FREE_SD; a yaw that is sought alone begins as the filter's, which counts for nothing.
+    Sought are p_WB (m = 3), [p_WB, psi] (4) or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with
+    the error FREE_SD.
     In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
     """
     order = TILT_HELD if m == 4 else ATTITUDE_HELD

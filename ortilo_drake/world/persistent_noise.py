@@ -1,0 +1,52 @@
+"""Noise of which a share changes slowly, and which is a pure function of the tick all the same.
+
+A slow noise number of tick t, between nodes N ticks apart, is
+
+    ((1 - a) n_k + a n_{k+1}) / sqrt((1 - a)^2 + a^2),   k = t div N,   a = (t mod N) / N,
+
+standard normal in every tick.
+"""
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.world.noise import Normals, four_normals
+
+
+@register_jitable
+def _mixed(new: float, before: float, after: float, share: float, a: float) -> float:
+    """Return a number whose slow part is a of the way from one node to the next."""
+    scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
+    return np.sqrt(1.0 - share) * new + scale * ((1.0 - a) * before + a * after)
+
+
+@register_jitable(forceinline=True)
+def persistent_normals(
+    seed: int, of_nodes: np.ndarray, white: np.uint64, nodes: np.uint64, tick: int, share: float, spacing: int
+) -> Normals:
+    """Return four standard normal numbers that belong to a tick, a share of their variance changing slowly.
+
+    It is put in where it is called, so that numbers nobody takes are not drawn.
+
+    Args:
+        seed: seed of the tick's noise.
+        of_nodes: seeds of the node before and of the one after (2); the same, but for flights whose ticks have seeds
+            of their own.
+        white: number of the stream of what is new every tick.
+        nodes: number of the stream of the slow part's nodes.
+        tick: the tick.
+        share: of the variance.
+        spacing: of the nodes [ticks].
+    """
+    z = four_normals(seed, white, tick)
+    if share <= 0.0:
+        return z
+    a = (tick % spacing) / spacing
+    before = four_normals(of_nodes[0], nodes, tick // spacing)
+    after = four_normals(of_nodes[1], nodes, tick // spacing + 1)
+    return (
+        _mixed(z[0], before[0], after[0], share, a),
+        _mixed(z[1], before[1], after[1], share, a),
+        _mixed(z[2], before[2], after[2], share, a),
+        _mixed(z[3], before[3], after[3], share, a),
+    )
