@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
+from numba.core.dispatcher import Dispatcher
 from pydantic import BaseModel
 from pydrake.systems.framework import LeafSystem
 
@@ -122,7 +124,11 @@ def test_another_world_leaves_the_onboard_half_and_its_answers_as_they_are() -> 
 
 
 def reached(root: Any) -> list[Any]:
-    """Return every Python object that can be reached from one, but through modules, classes and functions' globals."""
+    """Return every Python object that can be reached from one, but through modules, classes and functions' globals.
+
+    A compiled function counts as the function that it was compiled from: through its compiler all others of the
+    process can be reached, with the frames and the errors that any of them keeps.
+    """
     found: dict[int, Any] = {}
     pending = [root]
     while pending:
@@ -130,12 +136,21 @@ def reached(root: Any) -> list[Any]:
         if id(thing) in found or isinstance(thing, type | ModuleType):
             continue
         found[id(thing)] = thing
-        if isinstance(thing, FunctionType):
+        if isinstance(thing, Dispatcher):
+            pending.append(thing.py_func)
+        elif isinstance(thing, FunctionType):
             cells = [cell.cell_contents for cell in thing.__closure__ or ()]
             pending += [*cells, thing.__defaults__, thing.__kwdefaults__]
         else:
             pending += gc.get_referents(thing)
     return list(found.values())
+
+
+def test_what_a_compiler_keeps_is_not_searched() -> None:
+    compiled = njit(lambda x: x)
+    compiled.kept = load_scenario("nominal_imu_uwb")  # as numba keeps the frames of a compilation that failed
+    assert not [thing for thing in reached([compiled]) if isinstance(thing, Belief)]
+    assert compiled.py_func in reached([compiled])
 
 
 def systems_in(diagram: Any) -> list[Any]:
