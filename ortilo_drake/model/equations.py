@@ -2,7 +2,7 @@
 
 Every function here is compiled by numba for floats; its ``.py_func`` is the same source as plain Python and
 runs on arrays of Drake's AutoDiffXd and Expression. For that they use ``np.`` functions only, build arrays by
-``np.array([...])`` and have no branches.
+``np.array((...))`` and have no branches: numba makes a list of a list, and arrays of nested lists ten times slower.
 
 State x = [p_WB, rpy, v_WB, rpy rates] (12), control u = [f_T, tau_x, tau_y, tau_z] with f_T absolute, and the
 disturbance d = [force in W [N], torque in B [N m]] (6). Angles are roll phi, pitch theta, yaw psi with
@@ -13,10 +13,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.triples import Triple
+from ortilo_drake.model.triples import Six, Triple, Twelve
 from ortilo_drake.model.vehicle import GRAVITY
-
-Six = tuple[float, float, float, float, float, float]
 
 
 @register_jitable
@@ -30,26 +28,22 @@ def thrust_direction(phi: float, theta: float, psi: float) -> Triple:
 
 
 @register_jitable
-def rotation(rpy: np.ndarray) -> np.ndarray:
-    """Return R_WB = R_z(psi) R_y(theta) R_x(phi) from roll, pitch, yaw."""
+def rotation_rows(rpy: np.ndarray) -> tuple[Triple, Triple, Triple]:
+    """Return the rows of R_WB = R_z(psi) R_y(theta) R_x(phi) from roll, pitch, yaw."""
     c_phi, s_phi = np.cos(rpy[0]), np.sin(rpy[0])
     c_theta, s_theta = np.cos(rpy[1]), np.sin(rpy[1])
     c_psi, s_psi = np.cos(rpy[2]), np.sin(rpy[2])
-    return np.array(
-        [
-            [
-                c_theta * c_psi,
-                s_phi * s_theta * c_psi - c_phi * s_psi,
-                c_phi * s_theta * c_psi + s_phi * s_psi,
-            ],
-            [
-                c_theta * s_psi,
-                s_phi * s_theta * s_psi + c_phi * c_psi,
-                c_phi * s_theta * s_psi - s_phi * c_psi,
-            ],
-            [-s_theta, s_phi * c_theta, c_phi * c_theta],
-        ]
+    return (
+        (c_theta * c_psi, s_phi * s_theta * c_psi - c_phi * s_psi, c_phi * s_theta * c_psi + s_phi * s_psi),
+        (c_theta * s_psi, s_phi * s_theta * s_psi + c_phi * c_psi, c_phi * s_theta * s_psi - s_phi * c_psi),
+        (-s_theta, s_phi * c_theta, c_phi * c_theta),
     )
+
+
+@register_jitable
+def rotation(rpy: np.ndarray) -> np.ndarray:
+    """Return R_WB (3, 3), see rotation_rows."""
+    return np.array(rotation_rows(rpy))
 
 
 rotation_matrix = njit(cache=True)(rotation)
@@ -92,17 +86,21 @@ def small_angle_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass:
 
 
 @register_jitable
-def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
+def rates_about_axes(rpy: np.ndarray, rpy_dot: np.ndarray) -> Triple:
     """Return w_WB_B = E(rpy) rpy_dot, the body rates that go with Euler-angle rates."""
     s_phi, c_phi = np.sin(rpy[0]), np.cos(rpy[0])
     s_theta, c_theta = np.sin(rpy[1]), np.cos(rpy[1])
-    return np.array(
-        [
-            rpy_dot[0] - s_theta * rpy_dot[2],
-            c_phi * rpy_dot[1] + s_phi * c_theta * rpy_dot[2],
-            -s_phi * rpy_dot[1] + c_phi * c_theta * rpy_dot[2],
-        ]
+    return (
+        rpy_dot[0] - s_theta * rpy_dot[2],
+        c_phi * rpy_dot[1] + s_phi * c_theta * rpy_dot[2],
+        -s_phi * rpy_dot[1] + c_phi * c_theta * rpy_dot[2],
     )
+
+
+@register_jitable
+def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
+    """Return rates_about_axes as an array (3)."""
+    return np.array(rates_about_axes(rpy, rpy_dot))
 
 
 @register_jitable
@@ -110,7 +108,7 @@ def euler_rates(rpy: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Return rpy_dot = E(rpy)^-1 w, the Euler-angle rates that go with body rates; singular at theta = +-pi/2."""
     s_phi, c_phi = np.sin(rpy[0]), np.cos(rpy[0])
     psi_dot = (s_phi * w[1] + c_phi * w[2]) / np.cos(rpy[1])
-    return np.array([w[0] + np.sin(rpy[1]) * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot])
+    return np.array((w[0] + np.sin(rpy[1]) * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot))
 
 
 @register_jitable
@@ -133,7 +131,7 @@ def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: 
     s_phi, c_phi = np.sin(x[3]), np.cos(x[3])
     s_theta, c_theta = np.sin(x[4]), np.cos(x[4])
     a = translational_acceleration(x, u, d, mass)
-    w_dot = angular_acceleration(body_rates(x[3:6], x[9:12]), u, d, inertia)
+    w_dot = angular_acceleration(rates_about_axes(x[3:6], x[9:12]), u, d, inertia)
     # b = w_dot - E_dot rpy_dot
     b_x = w_dot[0] + c_theta * theta_dot * psi_dot
     b_y = w_dot[1] + s_phi * phi_dot * theta_dot - (c_phi * c_theta * phi_dot - s_phi * s_theta * theta_dot) * psi_dot
@@ -161,7 +159,7 @@ def linear_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: floa
 @register_jitable
 def rates_of(x: np.ndarray, a: Six) -> np.ndarray:
     """Return x_dot (12) of a state and its accelerations."""
-    return np.array([x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], a[3], a[4], a[5]])
+    return np.array((x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], a[3], a[4], a[5]))
 
 
 def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
@@ -210,24 +208,51 @@ def derivative(
 
 
 @register_jitable
-def moved(x: np.ndarray, t: float, at: np.ndarray, a: Six) -> np.ndarray:
-    """Return x + t x_dot (12), x_dot of the state `at` and of accelerations a."""
-    return np.array(
-        [
-            x[0] + t * at[6],
-            x[1] + t * at[7],
-            x[2] + t * at[8],
-            x[3] + t * at[9],
-            x[4] + t * at[10],
-            x[5] + t * at[11],
-            x[6] + t * a[0],
-            x[7] + t * a[1],
-            x[8] + t * a[2],
-            x[9] + t * a[3],
-            x[10] + t * a[4],
-            x[11] + t * a[5],
-        ]
+def moved(x: Twelve, t: float, v: Six, a: Six) -> Twelve:
+    """Return x + t x_dot, x_dot = [v, a]."""
+    return (
+        x[0] + t * v[0],
+        x[1] + t * v[1],
+        x[2] + t * v[2],
+        x[3] + t * v[3],
+        x[4] + t * v[4],
+        x[5] + t * v[5],
+        x[6] + t * a[0],
+        x[7] + t * a[1],
+        x[8] + t * a[2],
+        x[9] + t * a[3],
+        x[10] + t * a[4],
+        x[11] + t * a[5],
     )
+
+
+@register_jitable
+def weighed(k_1: Six, k_2: Six, k_3: Six, k_4: Six) -> Six:
+    """Return k_1 + 2 k_2 + 2 k_3 + k_4."""
+    return (
+        k_1[0] + 2.0 * k_2[0] + 2.0 * k_3[0] + k_4[0],
+        k_1[1] + 2.0 * k_2[1] + 2.0 * k_3[1] + k_4[1],
+        k_1[2] + 2.0 * k_2[2] + 2.0 * k_3[2] + k_4[2],
+        k_1[3] + 2.0 * k_2[3] + 2.0 * k_3[3] + k_4[3],
+        k_1[4] + 2.0 * k_2[4] + 2.0 * k_3[4] + k_4[4],
+        k_1[5] + 2.0 * k_2[5] + 2.0 * k_3[5] + k_4[5],
+    )
+
+
+@register_jitable
+def stepped(
+    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int, h: float
+) -> Twelve:
+    """Return x after h [s] under held u and d, see step."""
+    x_1 = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11])
+    a_1 = accelerations(x_1, u, d, mass, inertia, kinematics)
+    x_2 = moved(x_1, h / 2.0, x_1[6:], a_1)
+    a_2 = accelerations(x_2, u, d, mass, inertia, kinematics)
+    x_3 = moved(x_1, h / 2.0, x_2[6:], a_2)
+    a_3 = accelerations(x_3, u, d, mass, inertia, kinematics)
+    x_4 = moved(x_1, h, x_3[6:], a_3)
+    a_4 = accelerations(x_4, u, d, mass, inertia, kinematics)
+    return moved(x_1, h / 6.0, weighed(x_1[6:], x_2[6:], x_3[6:], x_4[6:]), weighed(a_1, a_2, a_3, a_4))
 
 
 @njit(cache=True)
@@ -245,19 +270,4 @@ def step(
         kinematics: index in KINEMATICS.
         h: step [s].
     """
-    a_1 = accelerations(x, u, d, mass, inertia, kinematics)
-    x_2 = moved(x, h / 2.0, x, a_1)
-    a_2 = accelerations(x_2, u, d, mass, inertia, kinematics)
-    x_3 = moved(x, h / 2.0, x_2, a_2)
-    a_3 = accelerations(x_3, u, d, mass, inertia, kinematics)
-    x_4 = moved(x, h, x_3, a_3)
-    a_4 = accelerations(x_4, u, d, mass, inertia, kinematics)
-    a = (
-        a_1[0] + 2.0 * a_2[0] + 2.0 * a_3[0] + a_4[0],
-        a_1[1] + 2.0 * a_2[1] + 2.0 * a_3[1] + a_4[1],
-        a_1[2] + 2.0 * a_2[2] + 2.0 * a_3[2] + a_4[2],
-        a_1[3] + 2.0 * a_2[3] + 2.0 * a_3[3] + a_4[3],
-        a_1[4] + 2.0 * a_2[4] + 2.0 * a_3[4] + a_4[4],
-        a_1[5] + 2.0 * a_2[5] + 2.0 * a_3[5] + a_4[5],
-    )
-    return moved(x, h / 6.0, x + 2.0 * x_2 + 2.0 * x_3 + x_4, a)
+    return np.array(stepped(x, u, d, mass, inertia, kinematics, h))

@@ -1,9 +1,12 @@
-"""Vectors of three numbers as tuples, for compiled functions: an array costs more than the arithmetic."""
+"""Vectors of a few numbers as tuples, for compiled functions: an array costs more than the arithmetic."""
 
 import numpy as np
 from numba.extending import register_jitable
 
-Triple = tuple[float, float, float]  # of any scalar
+Triple = tuple[float, float, float]  # of any scalar, as the others
+Four = tuple[float, float, float, float]
+Six = tuple[float, float, float, float, float, float]
+Twelve = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 
 
 @register_jitable

@@ -12,10 +12,11 @@ import numpy as np
 from numba import njit, uint64
 from numba.extending import register_jitable
 
+from ortilo_drake.model.triples import Four
+
 _M0, _M1 = uint64(0xD2E7470EE14C6C93), uint64(0xCA5A826395121157)
 _W0, _W1 = uint64(0x9E3779B97F4A7C15), uint64(0xBB67AE8584CAA73B)
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
-Normals = tuple[float, float, float, float]
 
 _LOW, _32, _11 = uint64(0xFFFFFFFF), uint64(32), uint64(11)
 
@@ -63,10 +64,17 @@ def _normal_pair(word0: np.uint64, word1: np.uint64) -> tuple[float, float]:
 
 
 @register_jitable(forceinline=True)
-def four_normals(seed: int, stream: np.uint64, tick: int) -> Normals:
+def four_normals(seed: int, stream: np.uint64, tick: int) -> Four:
     """Return the first four standard normal numbers that belong to this seed, stream and tick."""
     word0, word1, word2, word3 = philox_words(seed, stream, 0, tick)
     return *_normal_pair(word0, word1), *_normal_pair(word2, word3)
+
+
+@register_jitable(forceinline=True)
+def four_uniforms(seed: int, stream: np.uint64, tick: int) -> Four:
+    """Return the first four numbers uniform on [0, 1) that belong to this seed, stream and tick."""
+    word0, word1, word2, word3 = philox_words(seed, stream, 0, tick)
+    return _uniform(word0), _uniform(word1), _uniform(word2), _uniform(word3)
 
 
 @njit(cache=True)
@@ -80,10 +88,10 @@ def uniforms(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     return values
 
 
-@njit(cache=True)
-def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
-    """Return n standard normal numbers that belong to this seed, stream and tick."""
-    values = np.empty(n)
+@register_jitable
+def put_normals(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> None:
+    """Write the standard normal numbers that belong to this seed, stream and tick to values (n)."""
+    n = values.size
     for at in range(0, n, 4):
         word0, word1, word2, word3 = philox_words(seed, stream, at // 4, tick)
         values[at], second = _normal_pair(word0, word1)
@@ -93,4 +101,11 @@ def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
             values[at + 2], fourth = _normal_pair(word2, word3)
             if at + 3 < n:
                 values[at + 3] = fourth
+
+
+@njit(cache=True)
+def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
+    """Return n standard normal numbers that belong to this seed, stream and tick."""
+    values = np.empty(n)
+    put_normals(values, seed, stream, tick)
     return values

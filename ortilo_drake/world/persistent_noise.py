@@ -10,7 +10,8 @@ standard normal in every tick.
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.world.noise import Normals, four_normals
+from ortilo_drake.model.triples import Four
+from ortilo_drake.world.noise import four_normals
 
 
 @register_jitable
@@ -23,7 +24,7 @@ def _mixed(new: float, before: float, after: float, share: float, a: float) -> f
 @register_jitable(forceinline=True)
 def persistent_normals(
     seed: int, of_nodes: np.ndarray, white: np.uint64, nodes: np.uint64, tick: int, share: float, spacing: int
-) -> Normals:
+) -> Four:
     """Return four standard normal numbers that belong to a tick, a share of their variance changing slowly.
 
     It is put in where it is called, so that numbers nobody takes are not drawn.

@@ -4,11 +4,13 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import CameraConstants
-from ortilo_drake.flight.compiled.faults import held_at_first, is_read_anyway, of_those, said_of, scene_of_tick
-from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.flight.compiled.faults import is_read_anyway, of_those, scene_of_tick, spoil
+from ortilo_drake.flight.compiled.kept import SensorMemory
+from ortilo_drake.flight.compiled.links import delay_through, deliver, step_chain
 from ortilo_drake.flight.compiled.slow import seen_by
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, PAYLOAD, STAMP
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import boxes_to_solve, fix_of, refused_after
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
@@ -57,25 +59,20 @@ def seeds_of_nodes(slow: np.ndarray, seeds: np.ndarray, k: int) -> np.ndarray:
 @register_jitable(forceinline=True, error_model="numpy")
 def detections_of_tick(
     camera: CameraConstants | None,
+    kept: SensorMemory,
     x: np.ndarray,
     k: int,
     h: float,
     seeds: np.ndarray,
-    bad: bool,
-    flying: np.ndarray,
-    held: np.ndarray,
     anchors: np.ndarray,
-) -> np.ndarray:
-    """Return the detections message that lands at tick k, zeros if none does; arguments as imu_of_tick's."""
+) -> None:
+    """Set the detections message that lands at tick k, zeros if none does; arguments as uwb_of_tick's."""
     if camera is None:
-        return np.zeros(PAYLOAD)
-    seed = seeds[k]
-    delay = delay_through(camera.link, k, x, bad, seed)
-    if delay == NOT_SENT and not is_read_anyway(camera.faults, k * h):
-        if flying.shape[0] == 0 or flying[k % flying.shape[0], 0] != k:
-            return np.zeros(PAYLOAD)
-        message = np.zeros(DETECTIONS_SIZE)
-    else:
+        return
+    seed, message = seeds[k], kept.message
+    fill(message, 0.0)
+    delay = delay_through(camera.link, k, x, kept.bad[0], seed)
+    if delay != NOT_SENT or is_read_anyway(camera.faults, k * h):
         scene = scene_of_tick(camera.room, camera.scene, k * h)
         streams, false_stream = of_those(camera.streams, camera.scene, scene.there), camera.false_stream
         looks = of_those(camera.labels, camera.scene, scene.there), camera.camera, camera.tables
@@ -83,10 +80,9 @@ def detections_of_tick(
         if np.any(camera.turned):
             seen = body_that_looks_ahead(seen, camera.camera.p_BC, camera.turned)
         of_nodes = seeds_of_nodes(camera.tables.slow, seeds, k)
-        message = detections_message(seen, scene.room, *looks, seed, of_nodes, streams, false_stream, k * h, h)
-        message = said_of(message, camera.faults, held, x, k * h, anchors, seed, h)
-    deliver(message, delay, flying, k)
-    return message
+        put(detections_message(seen, scene.room, *looks, seed, of_nodes, streams, false_stream, k * h, h), message)
+        spoil(message, camera.faults, kept.held, x, k * h, anchors, seed, h)
+    deliver(message, delay, kept.flying, k)
 
 
 @register_jitable
@@ -120,25 +116,9 @@ def fix_of_boxes(
     return fix, refused
 
 
-@register_jitable
-def empty_camera_link(camera: CameraConstants | None) -> np.ndarray:
-    """Return what the camera's link has in flight at first, see empty_link."""
-    if camera is None:
-        return np.zeros((0, 1 + PAYLOAD))
-    return empty_link(camera.link, DETECTIONS_SIZE)
-
-
-@register_jitable
-def held_by_camera(camera: CameraConstants | None) -> np.ndarray:
-    """Return what the camera holds at first, see held_at_first."""
-    if camera is None:
-        return np.zeros((0, 0))
-    return held_at_first(camera.faults, DETECTIONS_SIZE - PAYLOAD)
-
-
 @register_jitable(forceinline=True, error_model="numpy")
-def camera_chain(camera: CameraConstants | None, k: int, bad: bool, seed: int) -> bool:
-    """Return whether the chain of the camera's link is bad at tick k + 1."""
+def step_camera(camera: CameraConstants | None, kept: SensorMemory, k: int, seed: int) -> None:
+    """Go on to the next tick: the chain of the camera's link."""
     if camera is None:
-        return False
-    return chain_of_tick(camera.link, k, bad, seed)
+        return
+    step_chain(camera.link, k, kept.bad, seed)

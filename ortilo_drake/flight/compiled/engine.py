@@ -119,8 +119,9 @@ class Engine:
         self, seeds: np.ndarray, world: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
     ) -> tuple[int, int]:
         """Fly once, see loop.fly_one."""
-        body, memory = self._start_one(world.vehicle, world.force, world.x_0, world.filter)
-        last, cause = self._fly_one(seeds, trace, arrived, log, body, memory, *world)
+        h, reference, x_0, *parts = world
+        kept = self._start_one(x_0, *parts[:-2])  # all but servo and bounds
+        last, cause = self._fly_one(seeds, trace, arrived, log, *kept, h, reference, *parts)
         return int(last), int(cause)
 
     @property

@@ -8,16 +8,18 @@ from numba.extending import register_jitable
 from ortilo_drake.flight.compiled.boxes import fix_of_boxes
 from ortilo_drake.flight.compiled.constants import CameraConstants, OtherConstants, UwbConstants
 from ortilo_drake.flight.compiled.constants_onboard import FilterConstants
-from ortilo_drake.flight.compiled.others import OtherMemory, solve_others
+from ortilo_drake.flight.compiled.kept import Sensed, SensorMemory
+from ortilo_drake.flight.compiled.others import solve_others
 from ortilo_drake.flight.compiled.past import belief_about
-from ortilo_drake.flight.compiled.robust import RobustMemory, first_robust_memory, heard, open_beliefs, used_of
+from ortilo_drake.flight.compiled.robust import RobustMemory, first_robust_memory, hear, open_beliefs, used_of
 from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.signals import ARRIVED, N_I, N_X, N_XBAR, PAYLOAD
-from ortilo_drake.onboard.estimator.belief import known_part
-from ortilo_drake.onboard.estimator.filter_loops import step_in_place
-from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
+from ortilo_drake.model.signals import ARRIVED, N_I, N_U, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.triples import Triple, triple
+from ortilo_drake.onboard.estimator.belief import put_known_part
+from ortilo_drake.onboard.estimator.filter_loops import step_in_place, to_work_in
+from ortilo_drake.onboard.estimator.imu_rows import put_imu_rows
 from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step
-from ortilo_drake.onboard.estimator.measurement_handler import NEVER, stack_measurements
+from ortilo_drake.onboard.estimator.measurement_handler import NEVER, put_measurements
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency
 from ortilo_drake.onboard.ranging.multilateration import fix_message, tested_fix_message
 
@@ -27,7 +29,14 @@ class Memory(NamedTuple):
 
     Attributes:
         belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
+        known: the belief of [x; i] alone (240), where the filter has other states besides.
         messages: of a tick, and fixes, as FilterConstants.incoming has them.
+        handed: the handler's [y, delta, V2, stamps].
+        rows: [y, delta, V2] with the rows made of the imu's message.
+        less: control less hover (4).
+        seen: arrived and stamp of each sensor that is judged by the belief of its stamp (s, 2).
+        work: see filter_loops.to_work_in.
+        S: likewise.
         history: of the last ticks.
         refused: images that were refused in a row (1).
         clock: what is known of the clock of the ranges, see onboard/ranging/fault_exclusion.py (3).
@@ -35,7 +44,14 @@ class Memory(NamedTuple):
     """
 
     belief: np.ndarray
+    known: np.ndarray
     messages: np.ndarray
+    handed: np.ndarray
+    rows: np.ndarray
+    less: np.ndarray
+    seen: np.ndarray
+    work: np.ndarray
+    S: np.ndarray
     history: np.ndarray
     refused: np.ndarray
     clock: np.ndarray
@@ -45,24 +61,43 @@ class Memory(NamedTuple):
 @register_jitable
 def first_memory(estimator: FilterConstants) -> Memory:
     """Return what is kept at first."""
+    first, all_first, n = estimator.handled.first, estimator.layout.first, N_I + estimator.model.Phi.shape[0]
+    s = first.size - 1
+    handed = np.zeros(first[-1] + 2 * s + estimator.handled.block[-1])
+    rows = np.zeros(all_first[-1] + all_first.size - 1 + estimator.layout.block[-1])
+    work, S = to_work_in(n, all_first[-1])
     history, robust = first_history(estimator.slot, estimator.history), first_robust_memory(estimator.robust)
-    return Memory(estimator.belief_0.copy(), np.zeros(estimator.size), history, np.zeros(1), np.zeros(3), robust)
+    return Memory(
+        estimator.belief_0.copy(),
+        np.zeros(N_XBAR + N_XBAR * N_XBAR),
+        np.zeros(estimator.size),
+        handed,
+        rows,
+        np.zeros(N_U),
+        np.zeros((s, PAYLOAD)),
+        work,
+        S,
+        history,
+        np.zeros(1),
+        np.zeros(3),
+        robust,
+    )
 
 
 @register_jitable(forceinline=True, error_model="numpy")
 def known_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
     """Return the belief of [x; i] (240) that was predicted for this tick."""
     n = N_I + estimator.model.Phi.shape[0]
-    return memory.belief if n == N_XBAR else known_part(memory.belief, n)
+    if n == N_XBAR:
+        return memory.belief
+    put_known_part(memory.known, memory.belief, n)
+    return memory.known
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def force_of(estimator: FilterConstants, memory: Memory) -> np.ndarray:
-    """Return the force that is believed to act (3) [N], 0 where it is not estimated."""
-    force = np.zeros(3)
-    if estimator.knows_force:
-        put(memory.belief[N_X : N_X + 3], force)
-    return force
+def force_of(estimator: FilterConstants, memory: Memory) -> Triple:
+    """Return the force that is believed to act [N], 0 where it is not estimated."""
+    return triple(memory.belief[N_X:]) if estimator.knows_force else (0.0, 0.0, 0.0)
 
 
 @register_jitable
@@ -89,14 +124,12 @@ def handed_of(
     memory: Memory,
     uwb: UwbConstants,
     camera: CameraConstants | None,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    detections: np.ndarray,
+    sensed: Sensed,
     known: np.ndarray,
     k: int,
     h: float,
     others: tuple[OtherConstants, ...],
-    kept: tuple[OtherMemory, ...],
+    kept: tuple[SensorMemory, ...],
 ) -> np.ndarray:
     """Return the handler's [y, delta, V2, stamps] of tick k.
 
@@ -105,9 +138,7 @@ def handed_of(
         memory: what is kept.
         uwb: ranging.
         camera: the camera.
-        ranges: the uwb message.
-        imu: the imu's message.
-        detections: the detections message.
+        sensed: the messages of uwb, imu and camera.
         known: belief of [x; i] (240).
         k: tick.
         h: tick [s].
@@ -115,25 +146,29 @@ def handed_of(
         kept: of them.
     """
     slot, n, robust, own = estimator.slot, N_I + estimator.model.Phi.shape[0], estimator.robust, memory.robust
-    ranges, detections = heard(robust, ranges, own.uwb), heard(robust, detections, own.camera)
+    hear(robust, sensed.uwb.message, sensed.uwb.said)
+    hear(robust, sensed.imu.message, sensed.imu.said)
+    hear(robust, sensed.camera.message, sensed.camera.said)
+    ranges, detections = sensed.uwb.message, sensed.camera.message
     about = belief_about(slot, memory.history, n, ranges, known, h)
     messages = memory.messages
     fill(messages, 0.0)
     if ranges[ARRIVED] != 0.0:
         place(fix_of_ranges(uwb, estimator.consistency, memory.clock, ranges, about), estimator.first[0], messages)
-    place(heard(robust, imu, own.imu), estimator.first[1], messages)
+    place(sensed.imu.message, estimator.first[1], messages)
     if detections[ARRIVED] != 0.0:
         about = belief_about(slot, memory.history, n, detections, known, h)
         by_boxes, refused = fix_of_boxes(camera, detections, about[:N_XBAR], about[N_XBAR:], memory.refused[0])
         memory.refused[0] = refused
         place(by_boxes, estimator.first[2], messages)
-    seen = np.zeros((estimator.handled.first.size - 1 if len(others) > 0 else 0, PAYLOAD))
-    solve_others(others, kept, (robust, slot, memory.history, n, known, h, messages, seen))
+    memory.seen[:, ARRIVED] = 0.0
+    solve_others(others, kept, (robust, slot, memory.history, n, known, h, messages, memory.seen))
     judged = k if estimator.drops else NEVER
     xhat, P = known[:N_XBAR], known[N_XBAR:]
-    handed = stack_measurements(messages, xhat, P, judged, h, estimator.incoming, estimator.handled)
-    layout, history = estimator.handled, memory.history
-    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, seen, k, h)
+    handed, layout, history = memory.handed, estimator.handled, memory.history
+    fill(handed, 0.0)
+    put_measurements(handed, messages, xhat, P, judged, h, estimator.incoming, layout)
+    return used_of(robust, own, slot, history, memory.belief, layout, handed, ranges, detections, memory.seen, k, h)
 
 
 @register_jitable(forceinline=True, error_model="numpy")
@@ -141,9 +176,7 @@ def take(
     estimator: FilterConstants,
     memory: Memory,
     handed: np.ndarray,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    detections: np.ndarray,
+    sensed: Sensed,
     k: int,
     h: float,
     u: np.ndarray,
@@ -156,19 +189,17 @@ def take(
         estimator: handler and filter.
         memory: what is kept.
         handed: of handed_of.
-        ranges: the uwb message.
-        imu: the imu's message.
-        detections: the detections message.
+        sensed: the messages of uwb, imu and camera.
         k: tick.
         h: tick [s].
         u: control of tick k (4).
         hover: thrust about which the filter is linear [N].
         r: reference of tick k (9).
     """
-    less = u.copy()
-    less[0] -= hover
+    put(u, memory.less)
+    memory.less[0] -= hover
     open_beliefs(estimator.robust, memory.robust, estimator.slot, memory.history, memory.belief)
-    go_on_with(estimator.slot, memory.history, memory.belief, estimator, handed, imu, k, h, less, r)
+    go_on_with(estimator.slot, memory, estimator, handed, sensed.imu.message, k, h, r)
 
 
 @register_jitable
@@ -189,39 +220,39 @@ def place(message: np.ndarray, at: int, messages: np.ndarray) -> None:
 @register_jitable(forceinline=True, error_model="numpy")
 def go_on_with(
     slot: Slot | None,
-    history: np.ndarray,
-    belief: np.ndarray,
+    memory: Memory,
     estimator: FilterConstants,
     handed: np.ndarray,
     imu: np.ndarray,
     k: int,
     h: float,
-    u: np.ndarray,
     r: np.ndarray,
 ) -> None:
     """Change the belief to that after tick k, and the history.
 
     Args:
         slot: of the estimator.
-        history: of the last ticks.
-        belief: [xhat_{k|k-1}, P_k row by row].
+        memory: what is kept, with the control less hover.
         estimator: handler and filter.
         handed: what the handler handed over.
         imu: the imu's message.
         k: tick.
         h: tick [s].
-        u: control of tick k less hover (4).
         r: reference of tick k (9).
     """
-    first, block = estimator.handled.first, estimator.handled.block
+    first, block, j = estimator.handled.first, estimator.handled.block, estimator.imu_number
     p, s, q = first[-1], first.size - 1, block[-1]
-    j, variances = estimator.imu_number, estimator.imu_variances
-    y, delta, V2 = with_imu_rows(handed[:p], handed[p : p + s], handed[p + s : p + s + q], imu, j, variances)
+    y, delta, V2, stamped = handed[:p], handed[p : p + s], handed[p + s : p + s + q], handed[p + s + q :]
+    if estimator.imu_variances.size > 0:
+        p, s, rows = estimator.layout.first[-1], estimator.layout.first.size - 1, memory.rows
+        all_y, all_delta, all_V2 = rows[:p], rows[p : p + s], rows[p + s :]
+        put_imu_rows(all_y, all_delta, all_V2, y, delta, V2, imu, j, estimator.imu_variances)
+        y, delta, V2 = all_y, all_delta, all_V2
+    belief, u, model, layout = memory.belief, memory.less, estimator.model, estimator.layout
     if slot is None:
-        step_in_place(belief, y, delta, V2, u, r, estimator.model, estimator.layout)
+        step_in_place(memory.work, memory.S, belief, y, delta, V2, u, r, model, layout)
         return
     stamps = np.empty(delta.size)
-    fill(stamps, handed[p + s + q + j])
-    put(handed[p + s + q :], stamps)
-    after = replay_step(history, slot, belief, k, y, delta, V2, stamps, h, u, r, estimator.model, estimator.layout)
-    put(after, belief)
+    fill(stamps, stamped[j])
+    put(stamped, stamps)
+    put(replay_step(memory.history, slot, belief, k, y, delta, V2, stamps, h, u, r, model, layout), belief)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
+from ortilo_drake.model.placing import put
 from ortilo_drake.world.faults.message_fault import held_after, stuck_says, with_fault
 from ortilo_drake.world.faults.range_faults import Moment
 from ortilo_drake.world.faults.scene_faults import Scene, scene_at
@@ -46,7 +47,7 @@ def is_read_anyway(faults: FaultTable | None, t: float) -> bool:
 
 
 @register_jitable
-def said_of(
+def spoil(
     message: np.ndarray,
     faults: FaultTable | None,
     held: np.ndarray,
@@ -55,8 +56,8 @@ def said_of(
     anchors: np.ndarray,
     seed: int,
     h: float,
-) -> np.ndarray:
-    """Return what a sensor says of its message at t; changes what is held.
+) -> None:
+    """Change a sensor's message to what it says at t, and what is held.
 
     Args:
         message: what it would say without faults.
@@ -69,16 +70,15 @@ def said_of(
         h: time from one message to the next [s].
     """
     if faults is None:
-        return message
+        return
     for i in range(faults.kinds.size):
         if faults.kinds[i] == STUCK:
             active = is_active(faults, i, t)
             said = stuck_says(message, held[i], active)
-            held[i] = held_after(message, held[i], active)
-            message = said
+            put(held_after(message, held[i], active), held[i])
         else:
-            message = with_fault(message, faults, i, Moment(x, t, anchors, seed, h))
-    return message
+            said = with_fault(message, faults, i, Moment(x, t, anchors, seed, h))
+        put(said, message)
 
 
 @register_jitable
@@ -98,16 +98,16 @@ def of_those(values: np.ndarray, faults: FaultTable | None, there: np.ndarray) -
 
 
 @register_jitable
-def wrench_felt(u: np.ndarray, faults: VehicleFaults | None, t: float) -> np.ndarray:
-    """Return u as it acts on the body at t [s]; not a copy where there are no faults."""
+def spoil_wrench(u: np.ndarray, faults: VehicleFaults | None, t: float) -> None:
+    """Change u to what acts on the body at t [s]."""
     if faults is None:
-        return u
-    return wrench_at(u, faults.wrench, t)
+        return
+    put(wrench_at(u, faults.wrench, t), u)
 
 
 @register_jitable
-def force_felt(d: np.ndarray, faults: VehicleFaults | None, t: float) -> np.ndarray:
-    """Return a disturbance as it acts on the body at t [s]; not a copy where there are no faults."""
+def spoil_force(d: np.ndarray, faults: VehicleFaults | None, t: float) -> None:
+    """Change a disturbance to what acts on the body at t [s]."""
     if faults is None:
-        return d
-    return force_at(d, faults.force, t)
+        return
+    put(force_at(d, faults.force, t), d)

@@ -50,6 +50,7 @@ def deliver(message: np.ndarray, delay: int, flying: np.ndarray, k: int) -> None
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def chain_of_tick(link: LinkConstants, k: int, bad: bool, seed: int) -> bool:
-    """Return whether the link's chain is bad at tick k + 1, from what it is at tick k."""
-    return chain_after(k, bad, link.loss, seed, link.stream) if link.has_chain else False
+def step_chain(link: LinkConstants, k: int, bad: np.ndarray, seed: int) -> None:
+    """Change whether the link's chain is bad (1) from what it is at tick k to what it is at tick k + 1."""
+    if link.has_chain:
+        bad[0] = chain_after(k, bad[0], link.loss, seed, link.stream)

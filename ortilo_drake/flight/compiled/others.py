@@ -5,45 +5,27 @@ the class of the numbers that they are given. Sensors and what they keep stand i
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba.extending import overload, register_jitable
 
 from ortilo_drake.flight.compiled.constants import OtherConstants
-from ortilo_drake.flight.compiled.faults import held_at_first, is_read_anyway, said_of
-from ortilo_drake.flight.compiled.links import chain_of_tick, delay_through, deliver, empty_link
+from ortilo_drake.flight.compiled.faults import is_read_anyway, spoil
+from ortilo_drake.flight.compiled.kept import SensorMemory, first_of_sensor
+from ortilo_drake.flight.compiled.links import delay_through, deliver, step_chain
 from ortilo_drake.flight.compiled.past import belief_about
-from ortilo_drake.flight.compiled.robust import RobustConstants, heard
-from ortilo_drake.flight.compiled.slow import seen_by, slow_after, with_errors
+from ortilo_drake.flight.compiled.robust import RobustConstants, hear
+from ortilo_drake.flight.compiled.slow import add_errors, seen_by, step_slow
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.parts import Compiled
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
 from ortilo_drake.onboard.estimator.late_measurements import Slot
-from ortilo_drake.world.noise import normals
+from ortilo_drake.world.noise import put_normals
 from ortilo_drake.world.radio.link import NOT_SENT
 
 _SHARES: dict[type, Compiled] = {}  # by the class of their numbers
-
-
-class OtherMemory(NamedTuple):
-    """What is kept of a sensor from tick to tick, changed in place.
-
-    Attributes:
-        message: that landed in this tick.
-        flying: messages in flight.
-        bad: whether the link's chain is bad (1).
-        slow: slow part of its errors.
-        held: what it holds if it is to be stuck, see faults.py.
-        said: what it said last, see robust.heard.
-    """
-
-    message: np.ndarray
-    flying: np.ndarray
-    bad: np.ndarray
-    slow: np.ndarray
-    held: np.ndarray
-    said: np.ndarray
 
 
 def remember(numbers: Any, share: Compiled) -> None:
@@ -78,20 +60,13 @@ overload(solved, strict=False)(_choose_solve)
 
 
 @register_jitable
-def first_of_other(other: OtherConstants) -> OtherMemory:
+def first_of_other(other: OtherConstants) -> SensorMemory:
     """Return what is kept of a sensor at first."""
     size = PAYLOAD + other.payload
-    return OtherMemory(
-        np.zeros(size),
-        empty_link(other.link, size),
-        np.zeros(1, dtype=np.bool_),
-        other.errors.start.copy(),
-        held_at_first(other.faults, other.payload),
-        np.zeros(1 + other.payload),
-    )
+    return first_of_sensor(other.link, other.faults, other.errors.start, size, other.noises, other.payload)
 
 
-def first_others(others: tuple[OtherConstants, ...]) -> tuple[OtherMemory, ...]:
+def first_others(others: tuple[OtherConstants, ...]) -> tuple[SensorMemory, ...]:
     """Return what is kept of all sensors at first; for compiled functions alone."""
     raise TypeError("first_others: for compiled functions alone")
 
@@ -127,29 +102,29 @@ def _for_each(do: Callable[..., None]) -> Callable[..., None]:
 
 @register_jitable
 def read_other(
-    other: OtherConstants, memory: OtherMemory, x: np.ndarray, k: int, h: float, seed: int, anchors: np.ndarray
+    other: OtherConstants, kept: SensorMemory, x: np.ndarray, k: int, h: float, seed: int, anchors: np.ndarray
 ) -> None:
     """Set the message that lands at tick k; arguments as uwb_of_tick's in loop.py."""
-    time, delay = k * h, delay_through(other.link, k, x, memory.bad[0], seed)
-    message = np.zeros(memory.message.size)
+    time, delay, message = k * h, delay_through(other.link, k, x, kept.bad[0], seed), kept.message
+    fill(message, 0.0)
     if delay != NOT_SENT or is_read_anyway(other.faults, time):
         seen = seen_by(other.clock, x, time)
-        v = normals(seed, other.stream, tick_of(time, h), other.noises)
-        payload = measured(other.numbers, seen, v, time)
+        put_normals(kept.noise, seed, other.stream, tick_of(time, h))
+        payload = measured(other.numbers, seen, kept.noise, time)
         if payload.size > 0:
-            message[ARRIVED], message[STAMP], message[PAYLOAD:] = 1.0, time, payload
-        message = with_errors(message, other.errors, memory.slow, False)
-        message = said_of(message, other.faults, memory.held, seen, time, anchors, seed, h)
+            message[ARRIVED], message[STAMP] = 1.0, time
+            put(payload, message, PAYLOAD)
+        add_errors(message, other.errors, kept.slow, False)
+        spoil(message, other.faults, kept.held, seen, time, anchors, seed, h)
         if message[ARRIVED] == 0.0:
             delay = NOT_SENT  # nothing to send
-    deliver(message, delay, memory.flying, k)
-    memory.message[:] = message
+    deliver(message, delay, kept.flying, k)
 
 
 @register_jitable
 def solve_other(
     other: OtherConstants,
-    memory: OtherMemory,
+    kept: SensorMemory,
     robust: RobustConstants | None,
     slot: Slot | None,
     history: np.ndarray,
@@ -163,7 +138,7 @@ def solve_other(
 
     Args:
         other: the sensor.
-        memory: of it.
+        kept: of it.
         robust: what refuses a sensor that is stuck.
         slot: of the filter's history.
         history: of the filter.
@@ -173,7 +148,8 @@ def solve_other(
         handed: that vector.
         seen: arrived and stamp of each sensor that is judged by the belief of its stamp (s, 2).
     """
-    message = heard(robust, memory.message, memory.said)
+    message = kept.message
+    hear(robust, message, kept.said)
     if message[ARRIVED] == 0.0:
         return
     about = belief_about(slot, history, n, message, known, h)
@@ -188,10 +164,10 @@ def solve_other(
 
 
 @register_jitable
-def step_other(other: OtherConstants, memory: OtherMemory, k: int, h: float, seed: int) -> None:
+def step_other(other: OtherConstants, kept: SensorMemory, k: int, h: float, seed: int) -> None:
     """Go on to the next tick."""
-    memory.bad[0] = chain_of_tick(other.link, k, memory.bad[0], seed)
-    memory.slow[:] = slow_after(memory.slow, other.errors, k, h, seed)
+    step_chain(other.link, k, kept.bad, seed)
+    step_slow(kept.slow, other.errors, k, h, seed)
 
 
 read_others = _for_each(read_other)

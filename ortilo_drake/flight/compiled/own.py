@@ -8,9 +8,10 @@ from numba.extending import overload, register_jitable
 
 from ortilo_drake.flight.compiled.constants import CameraConstants, OtherConstants, UwbConstants
 from ortilo_drake.flight.compiled.constants_onboard import OwnConstants
-from ortilo_drake.flight.compiled.others import OtherMemory
+from ortilo_drake.flight.compiled.kept import Sensed, SensorMemory
 from ortilo_drake.model.parts import CompiledEstimator
 from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.triples import Triple
 
 _SHARES: dict[type, CompiledEstimator] = {}  # by the class of their numbers
 
@@ -74,9 +75,9 @@ def own_known_of(estimator: OwnConstants, memory: OwnMemory) -> np.ndarray:
 
 
 @register_jitable
-def own_force_of(estimator: OwnConstants, memory: OwnMemory) -> np.ndarray:
+def own_force_of(estimator: OwnConstants, memory: OwnMemory) -> Triple:
     """Return zeros: the force is not estimated."""
-    return np.zeros(3)
+    return 0.0, 0.0, 0.0
 
 
 @register_jitable
@@ -85,14 +86,12 @@ def own_handed_of(
     memory: OwnMemory,
     uwb: UwbConstants,
     camera: CameraConstants | None,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    detections: np.ndarray,
+    sensed: Sensed,
     known: np.ndarray,
     k: int,
     h: float,
     others: tuple[OtherConstants, ...],
-    kept: tuple[OtherMemory, ...],
+    kept: tuple[SensorMemory, ...],
 ) -> np.ndarray:
     """Return [y, delta, V2], zeros: it does not tell. Arguments as handed_of's."""
     first, block = estimator.handled.first, estimator.handled.block
@@ -104,9 +103,7 @@ def own_take(
     estimator: OwnConstants,
     memory: OwnMemory,
     handed: np.ndarray,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    detections: np.ndarray,
+    sensed: Sensed,
     k: int,
     h: float,
     u: np.ndarray,
@@ -115,4 +112,6 @@ def own_take(
 ) -> None:
     """Go on to the belief of the next tick; arguments as take's."""
     memory.i[:] += r[:3] - said_by(estimator.numbers, memory.state)[:3]
-    memory.state[:] = state_after(estimator.numbers, memory.state.copy(), ranges, detections, imu, u, r)
+    # Copies: a user's function may change what it is given.
+    ranges, boxes, imu = sensed.uwb.message.copy(), sensed.camera.message.copy(), sensed.imu.message.copy()
+    memory.state[:] = state_after(estimator.numbers, memory.state.copy(), ranges, boxes, imu, u.copy(), r)

@@ -193,13 +193,11 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
         slot_of(augmented, len(P_0)) if settings.delay == "replay" else None,
         history_ticks(settings.horizon, h),
         None if exclude is None else consistency_of(exclude, len(room.anchors)),
-        _robust(settings.robust, augmented, names_of(extras), len(measurement.sensors), room),
+        _robust(settings.robust, augmented, names_of(extras), len(measurement.sensors)),
     )
 
 
-def _robust(
-    settings: Robust | None, seen: Measurement, extra: tuple[str, ...], sensors: int, room: Room
-) -> RobustConstants | None:
+def _robust(settings: Robust | None, seen: Measurement, extra: tuple[str, ...], sensors: int) -> RobustConstants | None:
     if settings is None:
         return None
     late = [seen.sensors.index(name) for name in ("uwb", "camera")]
@@ -211,7 +209,6 @@ def _robust(
         (late[0], late[1]),
         state,
         last_seen,
-        (2 * len(room.anchors), IMU_SIZE - PAYLOAD, DETECTIONS_SIZE - PAYLOAD),
     )
 
 

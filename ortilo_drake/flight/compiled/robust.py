@@ -7,6 +7,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 from ortilo_drake.onboard.estimator.late_measurements import Slot, row_of_past
 from ortilo_drake.onboard.estimator.robust.stuck_gate import repeats
@@ -23,7 +24,6 @@ class RobustConstants(NamedTuple):
         late: numbers of the sensors of ranges and boxes, judged by the belief of their stamp; -1 of none (2).
         state: of each sensor at first (s, 3).
         seen: when each state was seen, at first (12).
-        said: how many numbers uwb, imu and camera say in a message (3).
     """
 
     weighing: Weighing
@@ -32,7 +32,6 @@ class RobustConstants(NamedTuple):
     late: tuple[int, int]
     state: np.ndarray
     seen: np.ndarray
-    said: tuple[int, int, int]
 
 
 class RobustMemory(NamedTuple):
@@ -43,18 +42,12 @@ class RobustMemory(NamedTuple):
         seen: when each state was seen (12).
         mean: average innovation (3).
         opening: what is added to the diagonal of P in this tick (n).
-        uwb: what its messages said last, see stuck_gate.repeats (1 + n).
-        imu: likewise.
-        camera: likewise.
     """
 
     state: np.ndarray
     seen: np.ndarray
     mean: np.ndarray
     opening: np.ndarray
-    uwb: np.ndarray
-    imu: np.ndarray
-    camera: np.ndarray
 
 
 @register_jitable
@@ -62,26 +55,20 @@ def first_robust_memory(robust: RobustConstants | None) -> RobustMemory:
     """Return what is kept at first."""
     if robust is None:
         none = np.zeros(0)
-        return RobustMemory(np.zeros((0, 3)), none, none, none, none, none, none)
-    return RobustMemory(
-        robust.state.copy(),
-        robust.seen.copy(),
-        np.zeros(3),
-        np.zeros(robust.opening.shape[1]),
-        np.zeros(1 + robust.said[0]),
-        np.zeros(1 + robust.said[1]),
-        np.zeros(1 + robust.said[2]),
-    )
+        return RobustMemory(np.zeros((0, 3)), none, none, none)
+    return RobustMemory(robust.state.copy(), robust.seen.copy(), np.zeros(3), np.zeros(robust.opening.shape[1]))
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def heard(robust: RobustConstants | None, message: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return a message, zeros where its sensor is stuck; changes what it said last."""
+def hear(robust: RobustConstants | None, message: np.ndarray, last: np.ndarray) -> None:
+    """Change a message that landed to zeros where its sensor is stuck, and what it said last."""
     if robust is None or message[ARRIVED] == 0.0:
-        return message
-    count = repeats(message[PAYLOAD:], last)
-    last[0], last[1:] = count, message[PAYLOAD:]
-    return message if count < robust.stuck else np.zeros(message.size)
+        return
+    said = message[PAYLOAD:]
+    last[0] = repeats(said, last)
+    put(said, last, 1)
+    if last[0] >= robust.stuck:
+        fill(message, 0.0)
 
 
 @register_jitable

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
+from ortilo_drake.model.placing import put
 from ortilo_drake.world.sensors.message_error import message_with_error
 from ortilo_drake.world.sensors.sensor_clock import state_before
 from ortilo_drake.world.slow_error import slow_noise_after
@@ -35,19 +36,17 @@ NO_ERRORS = SlowConstants(_NOTHING, _NOTHING, _NOTHING, _NOTHING, np.uint64(0), 
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def slow_after(x: np.ndarray, errors: SlowConstants, k: int, h: float, seed: int) -> np.ndarray:
-    """Return x_{k+1} from x_k."""
-    if errors.a.size == 0:
-        return x
-    return slow_noise_after(x, errors.a, errors.q, seed, errors.stream, k * h, h)
+def step_slow(x: np.ndarray, errors: SlowConstants, k: int, h: float, seed: int) -> None:
+    """Change x_k to x_{k+1}."""
+    if errors.a.size > 0:
+        put(slow_noise_after(x, errors.a, errors.q, seed, errors.stream, k * h, h), x)
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def with_errors(message: np.ndarray, errors: SlowConstants, x: np.ndarray, flagged: bool) -> np.ndarray:
-    """Return a message with what lasts of its errors."""
-    if errors.a.size == 0:
-        return message
-    return message_with_error(message, errors.factor, errors.bias + x, flagged)
+def add_errors(message: np.ndarray, errors: SlowConstants, x: np.ndarray, flagged: bool) -> None:
+    """Add to a message what lasts of its errors."""
+    if errors.a.size > 0:
+        put(message_with_error(message, errors.factor, errors.bias + x, flagged), message)
 
 
 @register_jitable(forceinline=True, error_model="numpy")

@@ -7,9 +7,10 @@ from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import CameraConstants, OtherConstants, UwbConstants
 from ortilo_drake.flight.compiled.constants_onboard import TightConstants
-from ortilo_drake.flight.compiled.others import OtherMemory
-from ortilo_drake.model.placing import put
+from ortilo_drake.flight.compiled.kept import Sensed, SensorMemory
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.triples import Triple
 from ortilo_drake.onboard.estimator.tight.sense import take_messages
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose, one_ahead
 
@@ -24,6 +25,8 @@ class TightMemory(NamedTuple):
         ahead: the prediction for this tick (156).
         watched: what the watch keeps.
         i: integral of the position error (3).
+        known: the belief of [x; i] (240).
+        handed: [y, delta, V2].
     """
 
     x: np.ndarray
@@ -32,11 +35,14 @@ class TightMemory(NamedTuple):
     ahead: np.ndarray
     watched: np.ndarray
     i: np.ndarray
+    known: np.ndarray
+    handed: np.ndarray
 
 
 @register_jitable
 def first_tight_memory(estimator: TightConstants) -> TightMemory:
     """Return what is kept at first."""
+    first, block = estimator.handled.first, estimator.handled.block
     return TightMemory(
         estimator.x_0.copy(),
         estimator.C_0.copy(),
@@ -44,13 +50,15 @@ def first_tight_memory(estimator: TightConstants) -> TightMemory:
         estimator.ahead_0.copy(),
         np.zeros(estimator.watched),
         np.zeros(3),
+        np.zeros(N_XBAR + N_XBAR * N_XBAR),
+        np.zeros(first[-1] + first.size - 1 + block[-1]),
     )
 
 
 @register_jitable(forceinline=True, error_model="numpy")
 def tight_known_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
     """Return the belief of [x; i] (240) that was predicted for this tick; i is known."""
-    known = np.zeros(N_XBAR + N_XBAR * N_XBAR)
+    known = memory.known
     put(memory.ahead[:N_X], known)
     put(memory.i, known, N_X)
     for row in range(N_X):
@@ -59,9 +67,9 @@ def tight_known_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def tight_force_of(estimator: TightConstants, memory: TightMemory) -> np.ndarray:
+def tight_force_of(estimator: TightConstants, memory: TightMemory) -> Triple:
     """Return zeros: the force is not estimated."""
-    return np.zeros(3)
+    return 0.0, 0.0, 0.0
 
 
 @register_jitable
@@ -78,20 +86,19 @@ def tight_handed_of(
     memory: TightMemory,
     uwb: UwbConstants,
     camera: CameraConstants | None,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    detections: np.ndarray,
+    sensed: Sensed,
     known: np.ndarray,
     k: int,
     h: float,
     others: tuple[OtherConstants, ...],
-    kept: tuple[OtherMemory, ...],
+    kept: tuple[SensorMemory, ...],
 ) -> np.ndarray:
     """Return [y, delta, V2] of tick k: what arrived, y NaN of ranges and boxes. Arguments as handed_of's."""
     first, block = estimator.handled.first, estimator.handled.block
-    p, s, q = first[-1], first.size - 1, block[-1]
-    handed = np.zeros(p + s + q)
-    for j, message in ((estimator.numbers[0], ranges), (estimator.numbers[2], detections)):
+    p, s = first[-1], first.size - 1
+    handed, imu = memory.handed, sensed.imu.message
+    fill(handed, 0.0)
+    for j, message in ((estimator.numbers[0], sensed.uwb.message), (estimator.numbers[2], sensed.camera.message)):
         if j >= 0 and message[ARRIVED] != 0.0:
             handed[first[j] : first[j + 1]] = np.nan
             handed[p + j] = 1.0
@@ -122,9 +129,7 @@ def tight_take(
     estimator: TightConstants,
     memory: TightMemory,
     handed: np.ndarray,
-    ranges: np.ndarray,
-    imu: np.ndarray,
-    detections: np.ndarray,
+    sensed: Sensed,
     k: int,
     h: float,
     u: np.ndarray,
@@ -134,8 +139,8 @@ def tight_take(
     """Go on to the belief of the next tick; arguments as take's."""
     layout, motion = estimator.layout, estimator.motion
     add_error(memory.i, r, memory.ahead)
-    samples = samples_of(imu, estimator.samples)
-    x, C, kept = memory.x, memory.C, memory.kept
-    take_messages(x, C, kept, memory.watched, samples, ranges, detections, k * h, layout, motion, estimator.aids)
+    samples, ranges = samples_of(sensed.imu.message, estimator.samples), sensed.uwb.message
+    x, C, kept, boxes = memory.x, memory.C, memory.kept, sensed.camera.message
+    take_messages(x, C, kept, memory.watched, samples, ranges, boxes, k * h, layout, motion, estimator.aids)
     one_ahead(x, C, kept, u, motion, memory.ahead)
     keep_pose(x, C, layout)

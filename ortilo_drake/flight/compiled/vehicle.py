@@ -11,13 +11,16 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.flight.compiled.constants import ImuConstants, VehicleConstants
-from ortilo_drake.flight.compiled.faults import force_felt, said_of, wrench_felt
-from ortilo_drake.flight.compiled.slow import SlowConstants, slow_after, with_errors
-from ortilo_drake.model.equations import derivative, step
+from ortilo_drake.flight.compiled.faults import spoil, spoil_force, spoil_wrench
+from ortilo_drake.flight.compiled.kept import SensorMemory
+from ortilo_drake.flight.compiled.slow import SlowConstants, add_errors, step_slow
+from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.equations import derivative, stepped
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
-from ortilo_drake.world.sensors.imu import imu_message
-from ortilo_drake.world.vehicle.disturbance import disturbance_at
+from ortilo_drake.world.noise import put_normals
+from ortilo_drake.world.sensors.imu import put_imu_message
+from ortilo_drake.world.vehicle.disturbance import put_disturbance
 from ortilo_drake.world.vehicle.rotors import commanded_speeds, rotor_acceleration, times, wrench_of
 
 _STRETCH = 1.01  # by which Drake lengthens a step that would end just before an event [1]
@@ -29,6 +32,7 @@ class Body(NamedTuple):
     Attributes:
         x: state (12).
         speeds: of the rotors [rad/s] (n); none where they are ideal.
+        u: control of the tick (4).
         held: control that is held over the tick, as it leaves the hold (4).
         d: disturbance that is held (6).
         lasting: slow part of the lasting force, x_k of world/slow_error.py (6 or 0).
@@ -36,6 +40,7 @@ class Body(NamedTuple):
 
     x: np.ndarray
     speeds: np.ndarray
+    u: np.ndarray
     held: np.ndarray
     d: np.ndarray
     lasting: np.ndarray
@@ -46,7 +51,7 @@ def body_at_start(vehicle: VehicleConstants, force: SlowConstants, x_0: np.ndarr
     """Return the vehicle hovering at x_0 (12)."""
     held = np.zeros(N_U)
     held[0] = vehicle.hover_thrust
-    return Body(x_0.copy(), vehicle.hover_speeds.copy(), held, np.zeros(6), force.start.copy())
+    return Body(x_0.copy(), vehicle.hover_speeds.copy(), np.zeros(N_U), held, np.zeros(6), force.start.copy())
 
 
 @register_jitable
@@ -64,7 +69,9 @@ def control_felt(vehicle: VehicleConstants, speeds: np.ndarray, held: np.ndarray
     """Return u as it acts on the body (4) at t [s]: what is held, or what the rotors make at these speeds."""
     if speeds.size == 0:
         return held
-    return wrench_felt(times(vehicle.wrench, wrench_of(speeds, vehicle.mixing)), vehicle.faults, t)
+    u = times(vehicle.wrench, wrench_of(speeds, vehicle.mixing))
+    spoil_wrench(u, vehicle.faults, t)
+    return u
 
 
 @register_jitable
@@ -100,34 +107,34 @@ def integrate(
 
 
 @register_jitable(forceinline=True, error_model="numpy")
-def disturbance_of_tick(
-    vehicle: VehicleConstants, lasting: np.ndarray, force: SlowConstants, k: int, h: float, seed: int
-) -> np.ndarray:
-    """Return d_k (6): white, with the force that lasts, and with the faults."""
-    d = disturbance_at(vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
-    if force.a.size > 0:
-        d += force.bias + lasting
-    return force_felt(d, vehicle.faults, k * h)
+def disturb(vehicle: VehicleConstants, body: Body, force: SlowConstants, k: int, h: float, seed: int) -> None:
+    """Write d_k: white, with the force that lasts, and with the faults."""
+    d = body.d
+    put_disturbance(d, vehicle.force_sd, vehicle.torque_sd, seed, vehicle.stream, k * h, h)
+    for i in range(force.a.size):
+        d[i] += force.bias[i] + body.lasting[i]
+    spoil_force(d, vehicle.faults, k * h)
 
 
 @register_jitable
-def sample_of_imu(
+def put_sample(
+    message: np.ndarray,
     imu: ImuConstants,
     errors: SlowConstants,
     body: Body,
-    slow: np.ndarray,
+    kept: SensorMemory,
     vehicle: VehicleConstants,
     seed: int,
     time: float,
     h: float,
-    held: np.ndarray,
     anchors: np.ndarray,
-) -> np.ndarray:
-    """Return the imu's whole message of an instant, with what lasts of its errors; h is its own period [s]."""
+) -> None:
+    """Write the imu's whole message of an instant (11), with what lasts of its errors; h is its own period [s]."""
     u = control_felt(vehicle, body.speeds, body.held, time)
-    message = imu_message(body.x, u, body.d, vehicle.mass, imu.bias, imu.sd, seed, imu.stream, time, h)
-    message = with_errors(message, errors, slow, False)
-    return said_of(message, imu.faults, held, body.x, time, anchors, seed, h)
+    put_normals(kept.noise, seed, imu.stream, tick_of(time, h))
+    put_imu_message(message, kept.noise, body.x, u, body.d, vehicle.mass, imu.bias, imu.sd, time)
+    add_errors(message, errors, kept.slow, False)
+    spoil(message, imu.faults, kept.held, body.x, time, anchors, seed, h)
 
 
 @register_jitable
@@ -137,13 +144,11 @@ def fly_continuously(
     imu: ImuConstants,
     errors: SlowConstants,
     body: Body,
-    slow: np.ndarray,
+    kept: SensorMemory,
     samples: np.ndarray,
-    u: np.ndarray,
     k: int,
     h: float,
     seed: int,
-    held: np.ndarray,
     anchors: np.ndarray,
 ) -> None:
     """Go through a tick by Drake's steps, from one sample of the imu to the next.
@@ -154,23 +159,22 @@ def fly_continuously(
         imu: the imu.
         errors: of it that last.
         body: of the vehicle; changed.
-        slow: slow part of the imu's errors.
+        kept: of the imu, its slow errors those of tick k + 1; changed.
         samples: of the imu inside the tick, oldest first (n - 1, 11); changed.
-        u: control (4).
         k: tick.
         h: tick [s].
         seed: of all noise.
-        held: what the imu holds, see said_of.
         anchors: p_WA_i as they stand (n, 3).
     """
     if longest_step is None:
         return
-    commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed) if vehicle.hover_speeds.size > 0 else u
+    u, has_rotors = body.u, vehicle.hover_speeds.size > 0
+    commanded = commanded_speeds(u, vehicle.unmixing, vehicle.max_speed) if has_rotors else u
     n, start = samples.shape[0] + 1, k * h
     for i in range(1, n):
         time = h * (i / n) + k * h
         integrate(longest_step, vehicle, body, commanded, start, time)
-        put(sample_of_imu(imu, errors, body, slow, vehicle, seed, time, h / n, held, anchors), samples[i - 1])
+        put_sample(samples[i - 1], imu, errors, body, kept, vehicle, seed, time, h / n, anchors)
         start = time
     integrate(longest_step, vehicle, body, commanded, start, (k + 1) * h)
 
@@ -182,16 +186,14 @@ def fly_tick(
     imu: ImuConstants,
     errors: SlowConstants,
     body: Body,
-    slow: np.ndarray,
+    kept: SensorMemory,
     samples: np.ndarray,
-    u: np.ndarray,
     k: int,
     h: float,
     seed: int,
-    held: np.ndarray,
     anchors: np.ndarray,
 ) -> None:
-    """Go on from tick k to the next under u; changes body, and samples if the imu is faster than the tick.
+    """Go on from tick k to the next under body.u; changes body, and samples if the imu is faster than the tick.
 
     Args:
         vehicle: the plant.
@@ -199,23 +201,21 @@ def fly_tick(
         imu: the imu.
         errors: of it that last.
         body: of the vehicle.
-        slow: slow part of the imu's errors over the tick, already that of tick k + 1.
+        kept: of the imu, its slow errors already those of tick k + 1.
         samples: of the imu inside the tick, oldest first (n - 1, 11).
-        u: control (4).
         k: tick.
         h: tick [s].
         seed: of all noise.
-        held: what the imu holds, see said_of.
         anchors: p_WA_i as they stand (n, 3).
     """
-    put(disturbance_of_tick(vehicle, body.lasting, force, k, h, seed), body.d)
-    put(slow_after(body.lasting, force, k, h, seed), body.lasting)
+    disturb(vehicle, body, force, k, h, seed)
+    step_slow(body.lasting, force, k, h, seed)
     if vehicle.hover_speeds.size > 0:
-        put(u, body.held)
+        put(body.u, body.held)
     else:
-        product_into(body.held, vehicle.wrench, u)
-        put(wrench_felt(body.held, vehicle.faults, k * h), body.held)
+        product_into(body.held, vehicle.wrench, body.u)
+        spoil_wrench(body.held, vehicle.faults, k * h)
     if vehicle.longest_step is None:
-        put(step(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
+        put(stepped(body.x, body.held, body.d, vehicle.mass, vehicle.inertia, vehicle.kinematics, h), body.x)
     else:
-        fly_continuously(vehicle.longest_step, vehicle, imu, errors, body, slow, samples, u, k, h, seed, held, anchors)
+        fly_continuously(vehicle.longest_step, vehicle, imu, errors, body, kept, samples, k, h, seed, anchors)

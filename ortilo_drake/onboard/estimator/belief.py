@@ -5,19 +5,26 @@ A filter of xbar = [x; e; i], e the states between (extra_states.py), shows the 
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR
+
+
+@register_jitable
+def put_known_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
+    """Write [xhat, P row by row] of [x; i] alone to out (240), from that of [x; e; i] (n + n^2)."""
+    for i in range(N_XBAR):
+        row = i if i < N_X else n - N_XBAR + i
+        out[i] = belief[row]
+        for j in range(N_XBAR):
+            out[N_XBAR * (i + 1) + j] = belief[n * (row + 1) + (j if j < N_X else n - N_XBAR + j)]
 
 
 @njit(cache=True)
 def known_part(belief: np.ndarray, n: int) -> np.ndarray:
     """Return [xhat, P row by row] (240) of [x; i] alone from that of [x; e; i] (n + n^2)."""
     out = np.empty(N_XBAR + N_XBAR * N_XBAR, belief.dtype)
-    for i in range(N_XBAR):
-        row = i if i < N_X else n - N_XBAR + i
-        out[i] = belief[row]
-        for j in range(N_XBAR):
-            out[N_XBAR * (i + 1) + j] = belief[n * (row + 1) + (j if j < N_X else n - N_XBAR + j)]
+    put_known_part(out, belief, n)
     return out
 
 

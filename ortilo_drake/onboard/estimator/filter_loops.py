@@ -133,8 +133,16 @@ def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarr
             P[i, j] = kept * keeps[j] * P[i, j] + W[i, j]
 
 
+@register_jitable
+def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what step_in_place works in: of n states, the integral among them, and p values."""
+    return np.empty((max(n - N_I, p), n - N_I + 1)), np.empty((p, p))
+
+
 @njit(cache=True)
 def step_in_place(
+    work: np.ndarray,
+    S: np.ndarray,
     belief: np.ndarray,
     y: np.ndarray,
     delta: np.ndarray,
@@ -146,7 +154,7 @@ def step_in_place(
 ) -> None:
     """Change [xhat_{k|k-1}, P_k row by row] (n + n^2), in which P_ii = 0, to the same of tick k + 1.
 
-    Arguments as intermittent_step.
+    Arguments as intermittent_step, after those of to_work_in.
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, known = model
     _, _, _, first, block, is_position = layout
@@ -155,8 +163,6 @@ def step_in_place(
     structure = known_structure(known, Phi)
     columns, values, counts, _, _ = structure
     P = belief[n:].reshape((n, n))
-    p = first[-1]
-    work, S = np.empty((max(N, p), N + 1)), np.empty((p, p))
     lift = tilted_lift(belief, u, mass) if N > N_X else (0.0, 0.0, 0.0)
     chosen = integrated_sensor(delta, is_position, integrator)
     for i in range(N_I):
@@ -202,5 +208,6 @@ def filter_step(
     Arguments as intermittent_step.
     """
     after = belief.copy()
-    step_in_place(after, y, delta, V2, u, r, model, layout)
+    work, S = to_work_in(model[0].shape[0] + N_I, layout[3][-1])
+    step_in_place(work, S, after, y, delta, V2, u, r, model, layout)
     return after

@@ -18,9 +18,10 @@ with c the gyroscope's bias, to first order in the tilt.
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import euler_rates
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Belief
@@ -39,27 +40,37 @@ def imu_variances(scenario: Belief) -> np.ndarray | None:
     return np.array([*settings.V.specific_force, *rates]) / scenario.samples("imu")
 
 
-@njit(cache=True)
-def with_imu_rows(
-    y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return y, delta and V2 with the accelerometer's rows after them, and the gyroscope's after those.
+@register_jitable
+def put_imu_rows(
+    y_all: np.ndarray,
+    delta_all: np.ndarray,
+    V2_all: np.ndarray,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    imu: np.ndarray,
+    j: int,
+    variance: np.ndarray,
+) -> None:
+    """Write y, delta and V2 with the accelerometer's rows after them, and the gyroscope's after those.
 
     They arrive with the imu's angles.
 
     Args:
+        y_all: to write y to (p + 3 or p + 6).
+        delta_all: likewise (s + 1 or s + 2).
+        V2_all: likewise (q + 9 or q + 18).
         y: values (p).
         delta: arrivals (s).
         V2: covariances, each row by row (q).
         imu: the imu message.
         j: number of the imu among the sensors.
-        variance: of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2] if it is taken (3 or 6); empty for none.
+        variance: of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2] if it is taken (3 or 6).
     """
     p, s, q, m = y.size, delta.size, V2.size, variance.size // 3
-    if m == 0:
-        return y, delta, V2
-    y_all, delta_all = np.zeros(p + 3 * m, y.dtype), np.zeros(s + m, y.dtype)
-    V2_all = np.zeros(q + 9 * m, y.dtype)
+    fill(y_all, 0.0)
+    fill(delta_all, 0.0)
+    fill(V2_all, 0.0)
     put(y, y_all)
     put(delta, delta_all)
     put(V2, V2_all)
@@ -74,4 +85,17 @@ def with_imu_rows(
             delta_all[s + i] = 1.0
     for i in range(3 * m):
         V2_all[q + 9 * (i // 3) + 4 * (i % 3)] = variance[i]
+
+
+@njit(cache=True)
+def with_imu_rows(
+    y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return y, delta and V2 of put_imu_rows, as they are if variance is empty; arguments as there."""
+    m = variance.size // 3
+    if m == 0:
+        return y, delta, V2
+    y_all, delta_all = np.empty(y.size + 3 * m, y.dtype), np.empty(delta.size + m, y.dtype)
+    V2_all = np.empty(V2.size + 9 * m, y.dtype)
+    put_imu_rows(y_all, delta_all, V2_all, y, delta, V2, imu, j, variance)
     return y_all, delta_all, V2_all

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer
@@ -78,16 +79,24 @@ def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray)
     return squared if np.isfinite(squared) else np.inf
 
 
-@njit(cache=True)
-def stack_measurements(
-    messages: np.ndarray, xhat: np.ndarray, P: np.ndarray, k: int, h: float, incoming: Incoming, layout: Layout
-) -> np.ndarray:
-    """Return [y, delta, V2, stamps] of tick k (p + 2 s + q).
+@register_jitable
+def put_measurements(
+    out: np.ndarray,
+    messages: np.ndarray,
+    xhat: np.ndarray,
+    P: np.ndarray,
+    k: int,
+    h: float,
+    incoming: Incoming,
+    layout: Layout,
+) -> None:
+    """Write [y, delta, V2, stamps] of tick k.
 
     delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0,
     and so do their stamps.
 
     Args:
+        out: zeros, to write to (p + 2 s + q).
         messages: the messages of the sensors that fly, one after the other.
         xhat: prediction (15), for the gates.
         P: its covariance, row by row (225).
@@ -99,7 +108,6 @@ def stack_measurements(
     C, _, _, first, block, _ = layout
     start, V2, with_message, gates = incoming
     s, p, q = start.size, first[-1], block[-1]
-    out = np.zeros(p + s + q + s, messages.dtype)
     delta, stamps = out[p : p + s], out[p + s + q :]
     put(V2, out, p + s)
     for j in range(s):
@@ -125,6 +133,16 @@ def stack_measurements(
             continue
         put(message[2 : 2 + m], out, first[j])
         delta[j] = 1.0
+
+
+@njit(cache=True)
+def stack_measurements(
+    messages: np.ndarray, xhat: np.ndarray, P: np.ndarray, k: int, h: float, incoming: Incoming, layout: Layout
+) -> np.ndarray:
+    """Return [y, delta, V2, stamps] of tick k (p + 2 s + q); arguments as put_measurements'."""
+    _, _, _, first, block, _ = layout
+    out = np.zeros(first[-1] + block[-1] + 2 * (first.size - 1), messages.dtype)
+    put_measurements(out, messages, xhat, P, k, h, incoming, layout)
     return out
 
 

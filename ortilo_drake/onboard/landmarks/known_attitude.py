@@ -55,7 +55,7 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
         return False, np.zeros((3, 3))
     d, e = N[0, 0] * N[2, 2] - N[0, 2] ** 2, N[0, 1] * N[0, 2] - N[0, 0] * N[1, 2]
     g = N[0, 0] * N[1, 1] - N[0, 1] ** 2
-    return True, np.array([[a, b, c], [b, d, e], [c, e, g]]) / determinant
+    return True, np.array(((a, b, c), (b, d, e), (c, e, g))) / determinant
 
 
 @njit(cache=True)

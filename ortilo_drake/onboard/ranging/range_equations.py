@@ -106,4 +106,4 @@ def fix_with_covariance(
         C = covariance_of_the_new(p, ranges, there, anchors, noise, C)
     if not (definite and C[0] + C[3] + C[5] <= MAX_SD**2):
         return False, p, np.zeros((3, 3))
-    return True, p, np.array([[C[0], C[1], C[2]], [C[1], C[3], C[4]], [C[2], C[4], C[5]]])
+    return True, p, np.array(((C[0], C[1], C[2]), (C[1], C[3], C[4]), (C[2], C[4], C[5])))

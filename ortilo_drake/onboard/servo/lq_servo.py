@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
+from ortilo_drake.model.triples import Four, Triple, triple
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo as ServoSettings
@@ -28,17 +29,17 @@ def less_product(u_0: float, row: np.ndarray, xbar: np.ndarray, x_ref: Reference
     return u
 
 
-@njit(cache=True)
-def servo_control(
+@register_jitable
+def command(
     xbar: np.ndarray,
     reference: np.ndarray,
     L: np.ndarray,
     mass: float,
     yaw: float,
     error_form: bool,
-    force: np.ndarray | None = None,  # an array by default is a new type to numba's cache in every process
-) -> np.ndarray:
-    """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i] (4).
+    force: np.ndarray | Triple | None,
+) -> Four:
+    """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i].
 
     Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0]
     with the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0]. In either
@@ -53,23 +54,37 @@ def servo_control(
         error_form: whether to fly the error form.
         force: d in W [N] (3); None for none.
     """
-    aim = reference if error_form else np.zeros(9)
-    a_x, a_y, a_z = aim[6], aim[7], aim[8]
+    a_x = a_y = a_z = psi_r = 0.0
+    p_r = v_r = (0.0, 0.0, 0.0)
+    if error_form:
+        p_r, v_r = triple(reference), triple(reference[3:])
+        a_x, a_y, a_z, psi_r = reference[6], reference[7], reference[8], yaw
     if force is not None:
         a_x, a_y, a_z = a_x - force[0] / mass, a_y - force[1] / mass, a_z - force[2] / mass
     phi_r = (a_x * np.sin(yaw) - a_y * np.cos(yaw)) / GRAVITY
     theta_r = (a_x * np.cos(yaw) + a_y * np.sin(yaw)) / GRAVITY
-    psi_r = yaw if error_form else 0.0
-    x_ref = (aim[0], aim[1], aim[2], phi_r, theta_r, psi_r, aim[3], aim[4], aim[5])
+    x_ref = (*p_r, phi_r, theta_r, psi_r, *v_r)
     u_0 = mass * GRAVITY + mass * a_z
-    return np.array(
-        [
-            less_product(u_0, L[0], xbar, x_ref),
-            less_product(0.0, L[1], xbar, x_ref),
-            less_product(0.0, L[2], xbar, x_ref),
-            less_product(0.0, L[3], xbar, x_ref),
-        ]
+    return (
+        less_product(u_0, L[0], xbar, x_ref),
+        less_product(0.0, L[1], xbar, x_ref),
+        less_product(0.0, L[2], xbar, x_ref),
+        less_product(0.0, L[3], xbar, x_ref),
     )
+
+
+@njit(cache=True)
+def servo_control(
+    xbar: np.ndarray,
+    reference: np.ndarray,
+    L: np.ndarray,
+    mass: float,
+    yaw: float,
+    error_form: bool,
+    force: np.ndarray | None = None,  # an array by default is a new type to numba's cache in every process
+) -> np.ndarray:
+    """Return u of command (4); arguments as there."""
+    return np.array(command(xbar, reference, L, mass, yaw, error_form, force))
 
 
 def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:

@@ -23,7 +23,7 @@ from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import ARRIVED, N_X, STAMP
 from ortilo_drake.scenario import Link
 from ortilo_drake.scenario.loss_chain import loss_parameters
-from ortilo_drake.world.noise import stream_id, uniforms
+from ortilo_drake.world.noise import four_uniforms, stream_id
 from ortilo_drake.world.seeded_system import Seeded
 
 NOT_SENT = -1
@@ -62,7 +62,7 @@ def delay_of_message(
     lost = loss[3 if bad else 2]
     if lost == 0.0 and delays[1] == 0:
         return delays[0]
-    u = uniforms(seed, stream, k, 2)
+    u = four_uniforms(seed, stream, k)
     if u[_LOST] < lost:
         return NOT_SENT
     return delays[0] + int(u[_DELAY] * (delays[1] + 1))
@@ -89,7 +89,7 @@ def delay_of_tick(
 @njit(cache=True)
 def chain_after(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
     """Return whether the chain is bad at tick k + 1, from what it is at tick k."""
-    u = uniforms(seed, stream, k, 3)[_CHAIN]
+    u = four_uniforms(seed, stream, k)[_CHAIN]
     return u >= loss[1] if bad else u < loss[0]
 
 

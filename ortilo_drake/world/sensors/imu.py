@@ -11,13 +11,51 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.equations import body_rates, rotation
+from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
+from ortilo_drake.model.triples import Four
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
+
+
+@register_jitable
+def put_imu_message(
+    message: np.ndarray,
+    v: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray,
+    d: np.ndarray,
+    mass: float,
+    bias: np.ndarray,
+    sd: np.ndarray,
+    time: float,
+) -> None:
+    """Write the imu message: [rpy, w_WB_B, f_B] + b + sd v, with f_B = (f_T e_z + R_WB^T force_W) / m.
+
+    Args:
+        message: to write to (11).
+        v: standard normal numbers (9).
+        x: state (12).
+        u: control as it acts on the body (4).
+        d: disturbance (6).
+        mass: m [kg].
+        bias: b (9).
+        sd: standard deviations for the angles, rates and specific force (3).
+        time: t_k [s].
+    """
+    message[0] = 1.0
+    message[1] = time
+    put(x[3:6], message, 2)
+    put(rates_about_axes(x[3:6], x[9:12]), message, 5)
+    R_WB = rotation_rows(x[3:6])
+    for i in range(3):
+        f = R_WB[0][i] * d[0] + R_WB[1][i] * d[1] + R_WB[2][i] * d[2]
+        message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
+    for i in range(9):
+        message[2 + i] += bias[i] + sd[i // 3] * v[i]
 
 
 @njit(cache=True)
@@ -33,7 +71,7 @@ def imu_message(
     time: float,
     h: float,
 ) -> np.ndarray:
-    """Return the imu message: [rpy, w_WB_B, f_B] + b + v, with f_B = (f_T e_z + R_WB^T force_W) / m.
+    """Return the imu message (11), see put_imu_message.
 
     Args:
         x: state (12).
@@ -41,38 +79,23 @@ def imu_message(
         d: disturbance (6).
         mass: m [kg].
         bias: b (9).
-        sd: standard deviations of v for the angles, rates and specific force (3).
+        sd: standard deviations for the angles, rates and specific force (3).
         seed: seed of all noise.
         stream: number of this noise stream.
         time: t_k [s].
         h: tick [s].
     """
     message = np.empty(11, x.dtype)
-    message[0] = 1.0
-    message[1] = time
-    put(x[3:6], message, 2)
-    put(body_rates(x[3:6], x[9:12]), message, 5)
-    R_WB = rotation(x[3:6])
-    for i in range(3):
-        f = R_WB[0, i] * d[0] + R_WB[1, i] * d[1] + R_WB[2, i] * d[2]
-        message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
-    v = normals(seed, stream, tick_of(time, h), 9)
-    for i in range(9):
-        message[2 + i] += bias[i] + sd[i // 3] * v[i]
+    put_imu_message(message, normals(seed, stream, tick_of(time, h), 9), x, u, d, mass, bias, sd, time)
     return message
 
 
 @register_jitable
-def attitude_message(
-    x: np.ndarray, bias: np.ndarray, sd: np.ndarray, seed: int, stream: np.uint64, time: float, h: float
-) -> np.ndarray:
-    """Return imu_message with its angles alone, all else 0: for readers of nothing else. Arguments as there."""
-    message = np.zeros(11)
+def put_angles(message: np.ndarray, v: Four, x: np.ndarray, bias: np.ndarray, sd: np.ndarray, time: float) -> None:
+    """Write the imu message but for its rates and specific force; v are the first of its noise's numbers."""
     message[0], message[1] = 1.0, time
-    v = normals(seed, stream, tick_of(time, h), 3)  # the first of the nine
     for i in range(3):
         message[2 + i] = x[3 + i] + (bias[i] + sd[0] * v[i])
-    return message
 
 
 # Without a scope Drake reads the sources of all frames to find it.

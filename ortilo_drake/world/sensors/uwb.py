@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
@@ -19,6 +20,48 @@ from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
 
 
+@register_jitable
+def put_uwb_message(
+    message: np.ndarray,
+    v: np.ndarray,
+    x: np.ndarray,
+    anchors: np.ndarray,
+    bias: np.ndarray,
+    boxes: np.ndarray,
+    settings: np.ndarray,
+    time: float,
+) -> None:
+    """Write the uwb message: ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
+
+    d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal. A range is there if d_i is
+    within the greatest distance and w_i within the greatest number of walls; else it is 0. None is below 0.
+
+    Args:
+        message: zeros, to write to (2 + 2 n).
+        v: standard normal numbers, one of each anchor, also where no range is there (n).
+        x: state (12); the antenna is B's origin.
+        anchors: p_WA_i (n, 3).
+        bias: b_i of each anchor [m] (n).
+        boxes: the walls that act on a range (m, 7).
+        settings: s_0 [m], s_1, bias b of each wall [m], greatest number of walls, greatest distance [m].
+        time: t_k [s].
+    """
+    n = anchors.shape[0]
+    message[0] = 1.0
+    message[1] = time
+    p_WB = x[:3]
+    for i in range(n):
+        a = anchors[i]
+        d = np.sqrt((p_WB[0] - a[0]) ** 2 + (p_WB[1] - a[1]) ** 2 + (p_WB[2] - a[2]) ** 2)
+        if d > settings[4]:
+            continue
+        w = walls_crossed(values_of(p_WB), values_of(a), boxes)
+        if w > settings[3]:
+            continue
+        message[2 + i] = max(d + bias[i] + settings[2] * w + (settings[0] + settings[1] * d) * v[i], 0.0)
+        message[2 + n + i] = 1.0
+
+
 @njit(cache=True)
 def uwb_message(
     x: np.ndarray,
@@ -31,17 +74,14 @@ def uwb_message(
     time: float,
     h: float,
 ) -> np.ndarray:
-    """Return the uwb message: ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
-
-    d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal. A range is there if d_i is
-    within the greatest distance and w_i within the greatest number of walls; else it is 0. None is below 0.
+    """Return the uwb message (2 + 2 n), see put_uwb_message.
 
     Args:
         x: state (12); the antenna is B's origin.
         anchors: p_WA_i (n, 3).
         bias: b_i of each anchor [m] (n).
         boxes: the walls that act on a range (m, 7).
-        settings: s_0 [m], s_1, bias b of each wall [m], greatest number of walls, greatest distance [m].
+        settings: as there.
         seed: seed of all noise.
         stream: number of this noise stream.
         time: t_k [s].
@@ -49,20 +89,7 @@ def uwb_message(
     """
     n = anchors.shape[0]
     message = np.zeros(2 + 2 * n, x.dtype)
-    message[0] = 1.0
-    message[1] = time
-    p_WB = x[:3]
-    v = normals(seed, stream, tick_of(time, h), n)  # each anchor has its own, also where no range is there
-    for i in range(n):
-        a = anchors[i]
-        d = np.sqrt((p_WB[0] - a[0]) ** 2 + (p_WB[1] - a[1]) ** 2 + (p_WB[2] - a[2]) ** 2)
-        if d > settings[4]:
-            continue
-        w = walls_crossed(values_of(p_WB), values_of(a), boxes)
-        if w > settings[3]:
-            continue
-        message[2 + i] = max(d + bias[i] + settings[2] * w + (settings[0] + settings[1] * d) * v[i], 0.0)
-        message[2 + n + i] = 1.0
+    put_uwb_message(message, normals(seed, stream, tick_of(time, h), n), x, anchors, bias, boxes, settings, time)
     return message
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
@@ -12,19 +13,28 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.scalars import time_in
 from ortilo_drake.scenario import Disturbance
-from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.noise import put_normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
+
+
+@register_jitable
+def put_disturbance(
+    d: np.ndarray, force_sd: float, torque_sd: float, seed: int, stream: np.uint64, time: float, h: float
+) -> None:
+    """Write d = [force in W [N], torque in B [N m]] (6), Gaussian with these sd per axis, of one tick."""
+    put_normals(d, seed, stream, tick_of(time, h))
+    for i in range(3):
+        d[i] *= force_sd
+        d[3 + i] *= torque_sd
 
 
 @njit(cache=True)
 def disturbance_at(
     force_sd: float, torque_sd: float, seed: int, stream: np.uint64, time: float, h: float
 ) -> np.ndarray:
-    """Return d = [force in W [N], torque in B [N m]] (6), Gaussian with these sd per axis, of one tick."""
-    d = normals(seed, stream, tick_of(time, h), 6)
-    for i in range(3):
-        d[i] *= force_sd
-        d[3 + i] *= torque_sd
+    """Return d of put_disturbance (6)."""
+    d = np.empty(6)
+    put_disturbance(d, force_sd, torque_sd, seed, stream, time, h)
     return d
 
 

@@ -18,7 +18,7 @@ def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
     """Return E(rpy)^-1 (3, 3): body rates to Euler rates; singular at theta = +-pi/2."""
     s, c, t = np.sin(rpy[0]), np.cos(rpy[0]), np.tan(rpy[1])
     k = 1.0 / np.cos(rpy[1])
-    return np.array([[1.0, s * t, c * t], [0.0, c, -s], [0.0, s * k, c * k]])
+    return np.array(((1.0, s * t, c * t), (0.0, c, -s), (0.0, s * k, c * k)))
 
 
 @register_jitable

@@ -61,11 +61,11 @@ def matrix_of(q: np.ndarray) -> np.ndarray:
     """Return R_WB (3, 3) of a unit quaternion."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
+        (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+        )
     )
 
 
@@ -129,11 +129,11 @@ def inertial_step(
     tx, ty, tz = dt * wx, dt * wy, dt * wz
     s = 0.5 * (tx * tx + ty * ty + tz * tz)
     D = np.array(
-        [
-            [1.0 - s + 0.5 * tx * tx, tz + 0.5 * tx * ty, -ty + 0.5 * tx * tz],
-            [-tz + 0.5 * tx * ty, 1.0 - s + 0.5 * ty * ty, tx + 0.5 * ty * tz],
-            [ty + 0.5 * tx * tz, -tx + 0.5 * ty * tz, 1.0 - s + 0.5 * tz * tz],
-        ]
+        (
+            (1.0 - s + 0.5 * tx * tx, tz + 0.5 * tx * ty, -ty + 0.5 * tx * tz),
+            (-tz + 0.5 * tx * ty, 1.0 - s + 0.5 * ty * ty, tx + 0.5 * ty * tz),
+            (ty + 0.5 * tx * tz, -tx + 0.5 * ty * tz, 1.0 - s + 0.5 * tz * tz),
+        )
     )
     half = np.array([0.5 * tx, 0.5 * ty, 0.5 * tz])
     _advance(A, B, D, R, half, dt, True)
