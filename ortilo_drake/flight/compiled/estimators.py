@@ -30,7 +30,7 @@ def _by_estimator(
     def choose(*types: Any) -> Callable[..., Any]:
         return others.get(types[0].instance_class, paper)
 
-    overload(chosen, strict=False, inline="always")(choose)
+    overload(chosen, jit_options={"forceinline": True, "error_model": "numpy"}, strict=False)(choose)
     return chosen
 
 

@@ -108,7 +108,7 @@ def control_of(servo: ServoConstants, force: Triple, xhat: np.ndarray, x: np.nda
     return command(xbar, reference, servo.L, servo.mass, servo.yaw, servo.error_form, force)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def start_one(
     x_0: np.ndarray,
     vehicle: VehicleConstants,
