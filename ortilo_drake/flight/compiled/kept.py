@@ -1,7 +1,6 @@
 """What a compiled flight keeps of its sensors: made once, written anew in every tick.
 
-Nothing that a tick needs is allocated in it: an array costs as much as a noise number, and is counted besides, see
-borrowed.py.
+A new array in every tick would cost as much as a noise number, and be counted besides, see borrowed.py.
 """
 
 from typing import NamedTuple
