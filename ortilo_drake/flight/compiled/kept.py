@@ -74,7 +74,7 @@ def first_of_sensor(
 
 @register_jitable
 def first_of_camera(camera: CameraConstants | None) -> SensorMemory:
-    """Return what is kept of the camera at first, of the same shapes but sizes where there is none."""
+    """Return what is kept of the camera at first: arrays as empty as can be where there is none."""
     none = np.zeros(0)
     if camera is None:
         rows = np.zeros((0, PAYLOAD))
