@@ -38,3 +38,16 @@ def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
                 X[i, c] -= S[k, i] * X[k, c]
         for c in range(n):
             X[i, c] /= S[i, i]
+
+
+@register_jitable(error_model="numpy")
+def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
+    """Return e^T S^-1 e = |L^-1 e|^2 of e (n); L overwrites S's lower half and L^-1 e overwrites e.
+
+    NaN if S is not positive definite.
+    """
+    n, squared = e.size, 0.0
+    forward_in_place(S, e.reshape((n, 1)), n)
+    for i in range(n):
+        squared += e[i] * e[i]
+    return squared

@@ -160,3 +160,8 @@ def test_a_box_that_the_border_must_cut_is_left_out_though_it_seems_whole() -> N
     message[PAYLOAD : PAYLOAD + 6] = [0.0, 0.9, *boxes(x[:6], up, outlines)[0]]
     found = associate(message, x, covariance(0.1), up, outlines, np.zeros(1), CAMERA, 3.0, GATE, inside=1.5)
     assert found[0].tolist() == [0]
+
+
+def test_nothing_is_compatible_with_what_is_no_covariance() -> None:
+    of_all, sds = jacobian(np.array(EXACT)).reshape(-1, 2, 6), np.ones((len(POINTS), 2))
+    assert jointly_compatible(np.zeros((len(POINTS), 2)), of_all, -np.eye(6), sds, LIMITS).size == 0

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.gate import squared_gate
@@ -104,12 +105,12 @@ def first_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @njit(cache=True)
 def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: float) -> tuple[float, float]:
     """Return d^2 with V as it is, and with V scaled; inf where the prediction is no longer finite."""
-    if not (np.all(np.isfinite(CPCt)) and np.all(np.isfinite(V)) and np.all(np.isfinite(e))):  # solve would raise
+    if not (np.all(np.isfinite(CPCt)) and np.all(np.isfinite(V)) and np.all(np.isfinite(e))):  # by inf d^2 would be 0
         return np.inf, np.inf
-    plain = float(e @ np.linalg.solve(CPCt + V, e))
+    plain = squared_norm_in_place(CPCt + V, e.copy())
     if scale == 1.0:
         return plain, plain
-    return plain, float(e @ np.linalg.solve(CPCt + scale * V, e))
+    return plain, squared_norm_in_place(CPCt + scale * V, e.copy())
 
 
 @njit(cache=True)
@@ -171,7 +172,7 @@ def judge(
             if j == watched and since > 0.0:
                 alpha = 1.0 - np.exp(-since / drift)
                 mean += alpha * (e - mean)
-                if mean @ np.linalg.solve(CPCt + scale * V, mean) * (2.0 - alpha) / alpha > gates[j]:
+                if squared_norm_in_place(CPCt + scale * V, mean.copy()) * (2.0 - alpha) / alpha > gates[j]:
                     mean, opens = np.zeros(3), OPEN_RATES
     for j in range(s):
         if delta[j] == 0.0 or factors[j] > 0.0:
