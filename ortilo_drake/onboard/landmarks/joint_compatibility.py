@@ -24,17 +24,20 @@ def joint_limits(probability: float, most: int) -> np.ndarray:
 
 @njit(cache=True)
 def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
-    """Return d^2 of the differences e (2 n), of Jacobian J (2 n, 6), P (6 x 6) and the boxes' errors sd (2 n)."""
-    n, row, S = e.size, np.empty(6), np.empty((e.size, e.size))
-    for i in range(n):
+    """Return d^2 of the differences e (2 n), of Jacobian J (2 n, 6), P (6 x 6) and the boxes' errors sd (2 n).
+
+    NaN where P is no covariance.
+    """
+    n, J_P, S = e.size, np.empty(6), np.empty((e.size, e.size))
+    for i in range(n):  # J P J^T + R, summed in order: BLAS takes another order on another processor
         for a in range(6):
-            row[a] = 0.0
+            J_P[a] = 0.0
             for b in range(6):
-                row[a] += J[i, b] * P[b, a]
+                J_P[a] += J[i, b] * P[b, a]
         for j in range(i + 1):  # the lower half is what is used
             S[i, j] = 0.0
             for a in range(6):
-                S[i, j] += row[a] * J[j, a]
+                S[i, j] += J_P[a] * J[j, a]
         S[i, i] += sd[i] ** 2
     return squared_norm_in_place(S, e.copy())
 
@@ -52,7 +55,7 @@ def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarr
     """
     kept = np.arange(len(e))
     distance = distance_of(kept, e, J, P, sd)
-    while kept.size > 0 and not distance <= limits[kept.size]:  # NaN where P is no covariance: none is
+    while kept.size > 0 and not distance <= limits[kept.size]:  # nor where it is NaN
         best, distance = kept[:0], np.inf
         for a in range(kept.size):
             rest = np.concatenate((kept[:a], kept[a + 1 :]))

@@ -246,3 +246,9 @@ def test_white_innovations_open_nothing() -> None:
         y[9:12] = L @ RNG.normal(size=3)
         gate(y, [0.0, 0.0, 1.0], k * H, belief)
         assert gate.opens == SHUT
+
+
+def test_a_prediction_that_is_none_refuses_what_arrives() -> None:
+    """P is negative definite: the squared distance, below 0, would lie within any gate."""
+    belief = np.concatenate((X, -P.ravel() - np.eye(N).ravel()))
+    assert not Gate(settings())(value_at(0, 1.0), [1.0, 1.0, 1.0], belief=belief).any()

@@ -104,8 +104,10 @@ def first_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return d^2 with V as it is, and with V scaled; inf where the prediction is no longer finite."""
-    if not (np.all(np.isfinite(CPCt)) and np.all(np.isfinite(V)) and np.all(np.isfinite(e))):  # by inf d^2 would be 0
+    """Return d^2 with V as it is, and with V scaled; inf or NaN, which no gate lets pass, where there is none."""
+    if not (
+        np.all(np.isfinite(CPCt)) and np.all(np.isfinite(V)) and np.all(np.isfinite(e))
+    ):  # an infinite S would make d^2 0
         return np.inf, np.inf
     plain = squared_norm_in_place(CPCt + V, e.copy())
     if scale == 1.0:
