@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from ortilo_drake.interop.recorded.map_file import Column, Source
 from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.interop.ros.ros_types import typestore
 from ortilo_drake.model.input_files import check_file, exists
 from ortilo_drake.model.typed_yaml import InputError, nearest

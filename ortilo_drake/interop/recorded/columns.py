@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.map_file import Column, Source
 from ortilo_drake.interop.recorded.rejected import Rejections, kept_in_order, named
+from ortilo_drake.interop.recorded.sources import Column, Source
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 

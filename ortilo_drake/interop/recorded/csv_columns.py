@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.map_file import Column, Source
 from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.model.input_files import DATA_LIMIT, read_bytes
 from ortilo_drake.model.typed_yaml import InputError, nearest
 

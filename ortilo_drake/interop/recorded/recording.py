@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.columns import Stream, read_stream
-from ortilo_drake.interop.recorded.map_file import Find, Map, Matrix, Quaternion, RangeSource
+from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import Matrix, Quaternion, RangeSource
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 

@@ -1,0 +1,123 @@
+"""The sources of MAP.yaml: which file or topic holds a stream, and which of its columns or fields are what."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
+
+Column = Annotated[str, Field(min_length=1, max_length=256)] | Annotated[int, Field(ge=1, le=10_000)]
+Three = tuple[Column, Column, Column]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
+class Source(Frozen):
+    """A file and where in it the stamps are.
+
+    Of a table the columns are named, or counted from 1; of a bag or MCAP file the topic is named, and a column is a
+    field of its messages, such as `linear_acceleration.x` or `ranges[2]`.
+    """
+
+    file: FileName
+    topic: str | None = Field(default=None, description="A bag's or MCAP file's topic; none for a table.")
+    time: Column | None = Field(
+        default=None,
+        description="Column of the stamp; in a bag the header's stamp if there is one, else the time of receipt.",
+    )
+    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="Unit of `time`.")
+    delimiter: Literal["auto", "tab", "space"] | Annotated[str, Field(min_length=1, max_length=1)] = "auto"
+    header: Literal["auto", "yes", "no"] = Field(default="auto", description="Whether a table's first line has names.")
+    zero: Literal["common", "first"] = Field(
+        default="common", description="`first`: the clock is not the other files'; its first stamp counts as theirs."
+    )
+    late: float = Field(default=0.0, ge=-1e6, le=1e6, description="Taken off every stamp [s].")
+
+    @model_validator(mode="after")
+    def _table_has_stamps(self) -> Self:
+        if self.topic is None and self.time is None:
+            raise ValueError("time: a table needs the column of its stamps (a bag needs `topic`)")
+        return self
+
+
+class RangeSource(Source):
+    """Ranges to anchors [m]: a column or field for each, or rows of one range that name the anchor."""
+
+    values: tuple[Column, ...] = Field(
+        min_length=1, max_length=256, description="A column for each anchor; or one field that is a list."
+    )
+    anchor: Column | None = Field(default=None, description="Rows of one range: the column that names the anchor.")
+    names: tuple[int, ...] = Field(default=(), description="What `anchor` calls the anchors, in their order.")
+    topics: tuple[str, ...] = Field(default=(), description="A topic for each anchor, in place of `topic`.")
+    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
+
+    @model_validator(mode="after")
+    def _rows_name_their_anchor(self) -> Self:
+        if (self.anchor is None) != (not self.names):
+            raise ValueError("names: belong to `anchor`, which names the anchor of each row; give both or neither")
+        if (self.anchor is not None or self.topics) and len(self.values) != 1:
+            raise ValueError(f"values: {len(self.values)} columns, where every row has one range")
+        if self.topics and (self.anchor is not None or self.topic is not None):
+            raise ValueError("topics: stand in place of `topic` and `anchor`; leave those out")
+        return self
+
+    @model_validator(mode="after")
+    def _table_has_stamps(self) -> Self:
+        if self.topic is None and not self.topics and self.time is None:
+            raise ValueError("time: a table needs the column of its stamps (a bag needs `topic`)")
+        return self
+
+
+class Quaternion(Frozen):
+    """A quaternion of the body's attitude in the world, in the order in which the file has it."""
+
+    columns: tuple[Column, Column, Column, Column] = (
+        "orientation.x",
+        "orientation.y",
+        "orientation.z",
+        "orientation.w",
+    )
+    order: Literal["xyzw", "wxyz"] = "xyzw"
+    of: Literal["body", "world"] = Field(default="body", description="`world`: turns world's vectors into the body's.")
+
+
+class Matrix(Frozen):
+    """A rotation matrix, nine columns row by row: the body's attitude in the world, or with `of: world` its inverse."""
+
+    columns: tuple[Column, Column, Column, Column, Column, Column, Column, Column, Column]
+    of: Literal["body", "world"] = "body"
+
+
+class ImuSource(Source):
+    """Body rates [rad/s] and specific force [m/s²], and the attitude if the unit computes one."""
+
+    rates: Three = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
+    force: Three = ("linear_acceleration.x", "linear_acceleration.y", "linear_acceleration.z")
+    orientation: Quaternion | None = None
+    axes: Literal["flu", "frd"] | tuple[Axis, Axis, Axis] = Field(
+        default="flu",
+        description="The unit's axes: forward left up, forward right down, or which of them ours (x forward, y left, "
+        "z up) are, as [y, -x, z].",
+    )
+    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    force_unit: Literal["m/s2", "g"] = "m/s2"
+
+    @model_validator(mode="after")
+    def _axes_turn(self) -> Self:
+        if not isinstance(self.axes, str) and sorted(axis[-1] for axis in self.axes) != ["x", "y", "z"]:
+            raise ValueError(f"axes: {list(self.axes)}: must name x, y and z once each")
+        return self
+
+
+class CommandSource(Source):
+    """The flown command: thrust over mass [m/s²] along the body's z, in the place of the accelerometer's reading."""
+
+    thrust: Column
+    scale: Positive = Field(default=1.0, description="m/s² in one of the file's units.")
+
+
+class TruthSource(Source):
+    """The true position [m] and, where it was recorded, attitude, in a frame and by a clock of their own."""
+
+    position: Three
+    rotation: Matrix | Quaternion | None = None
+    drop_zero_rows: bool = Field(default=True, description="Drop rows whose position is exactly 0, 0, 0: none was had.")
