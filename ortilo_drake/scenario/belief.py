@@ -22,7 +22,7 @@ from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import IntermittentFilter
 from ortilo_drake.scenario.link import LinkRate
 from ortilo_drake.scenario.onboard import Detector, LandmarkFix, LqServo, Multilateration
-from ortilo_drake.scenario.own_parts import model_for
+from ortilo_drake.scenario.own_parts import model_for, model_of_all
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
 from ortilo_drake.scenario.sensors import CameraSetup, SensorSetup
 
@@ -160,6 +160,12 @@ class Belief(Frozen):
     def model_for(cls, data: Any) -> type[Self]:
         """Return the model of data that may name registered parts."""
         model: Any = model_for(cls, data)
+        return model
+
+    @classmethod
+    def model_of_all(cls) -> type[Self]:
+        """Return the model of data that may name any registered part."""
+        model: Any = model_of_all(cls)
         return model
 
     @classmethod

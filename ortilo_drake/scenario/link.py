@@ -7,6 +7,7 @@ from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
 
+MOST_TICKS: Final = 1000.0  # a second
 MOST_SAMPLES: Final = 100  # of a sensor in one tick: a packet is not to grow without limit
 ONE_A_TICK: Final = ("uwb", "camera")  # their messages are whole sets of ranges or boxes, which have no mean
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -154,23 +155,45 @@ class Link(LinkRate):
         return self
 
 
-def check_rate(sensor: str, rate: float, control_rate: float) -> None:
-    """Raise ValueError if a sensor's rate [Hz] neither divides the control rate nor is a multiple that can be flown."""
+def check_rate(sensor: str, rate: float, control_rate: float, field: str = "") -> None:
+    """Check that a sensor's rate [Hz] divides the control rate [Hz], or is a multiple that can be flown.
+
+    Args:
+        sensor: whose rate it is.
+        rate: its rate [Hz].
+        control_rate: ticks a second [Hz].
+        field: its key, by default that of the sensor's link.
+
+    Raises:
+        ValueError: if it does not; it names the nearest rates that do, and a control rate that fits.
+    """
     ticks, samples = control_rate / rate, rate / control_rate
     if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:
         return
-    wrong = f"{sensor}.link.rate: {rate}: must divide control_rate, {control_rate:g} Hz"
+    wrong = f"{field or f'{sensor}.link.rate'}: {rate}: must divide control_rate, {control_rate:g} Hz"
     if ticks > 1.0:
         below, above = control_rate / math.ceil(ticks), control_rate / math.floor(ticks)
-        raise ValueError(f"{wrong}; the nearest that do are {below:.12g} and {above:.12g}")
-    if sensor in ONE_A_TICK:
-        raise ValueError(f"{wrong}, or be null: of {sensor} comes no more than one message a tick")
-    wrong += f", or be 2 to {MOST_SAMPLES} times it"
-    if samples > MOST_SAMPLES:
-        raise ValueError(wrong)
-    if abs(samples - round(samples)) > 1e-9 * samples:
-        below, above = control_rate * math.floor(samples), control_rate * math.ceil(samples)
-        raise ValueError(f"{wrong}; the nearest that are: {below:.12g} and {above:.12g}")
+        wrong += f"; the nearest that do are {below:.12g} and {above:.12g}"
+    elif sensor in ONE_A_TICK:
+        wrong += f", or be null: of {sensor} comes no more than one message a tick"
+    else:
+        is_multiple = abs(samples - round(samples)) <= 1e-9 * samples
+        if is_multiple and samples <= MOST_SAMPLES:
+            return
+        wrong += f", or be 2 to {MOST_SAMPLES} times it"
+        if samples <= MOST_SAMPLES:
+            below, above = control_rate * math.floor(samples), control_rate * math.ceil(samples)
+            wrong += f"; the nearest that are: {below:.12g} and {above:.12g}"
+    raise ValueError(wrong + _control_rate_for(rate, control_rate))
+
+
+def _control_rate_for(rate: float, control_rate: float) -> str:
+    """Return the least multiple of the control rate that a rate divides, as a hint: what divided it still does."""
+    for n in range(1, math.floor(MOST_TICKS / control_rate) + 1):
+        ticks = n * control_rate / rate
+        if ticks > 0.5 and abs(ticks - round(ticks)) <= 1e-9 * ticks:
+            return f"; or set control_rate: {n * control_rate:.12g}, which allows it"
+    return ""
 
 
 class CommandLink(Frozen):

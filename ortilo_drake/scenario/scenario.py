@@ -130,7 +130,7 @@ class Scenario(Belief):
         if self.report_link.rate is not None:
             if self.report_link.rate > self.control_rate:
                 raise ValueError(f"report_link.rate: {self.report_link.rate}: must not exceed {self.control_rate:g} Hz")
-            check_rate("report_link", self.report_link.rate, self.control_rate)
+            check_rate("report_link", self.report_link.rate, self.control_rate, "report_link.rate")
         return self
 
     @model_validator(mode="after")

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
-from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
+
+from ortilo_drake.model.inputs.nearest_key import Known, did_you_mean, keys_of, nearest, words_of
 
 SHOWN = 60  # characters of a value in an error
 Place = tuple[int | str, ...]  # the steps from the whole to a field, as pydantic gives them
@@ -20,13 +21,6 @@ class SeveralProblems(ValueError):
     def __init__(self, lines: list[str]) -> None:
         super().__init__(lines[0])
         self.lines = lines
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ", did you mean 'x'?" for the known word nearest to one that is unknown, or nothing if none is near."""
-    by_lower = {name.lower(): name for name in known}
-    found = get_close_matches(word.lower(), by_lower, n=1)
-    return f", did you mean '{by_lower[found[0]]}'?" if found else ""
 
 
 def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
@@ -70,6 +64,12 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
     return model.model_json_schema()
 
 
+@cache
+def _keys(model: type[BaseModel]) -> frozenset[Known]:
+    """Return the keys of a model, and of all that it may hold where it says so (`model_of_all`)."""
+    return keys_of(getattr(model, "model_of_all", lambda: model)().model_json_schema())
+
+
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     """Return the line of the problem that explains most of what pydantic found."""
     problems = error.errors()
@@ -92,9 +92,8 @@ def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
     match problem["type"]:
         case "extra_forbidden":
             known = _place(schema, loc[:-1])[1].get("properties", {})
-            below = {group: _place(schema, (*loc[:-1], group))[1].get("properties", {}) for group in known}
-            inner = [f"{group}.{loc[-1]}" for group, names in below.items() if loc[-1] in names]
-            hint = f", did you mean '{inner[0]}'?" if inner else nearest(str(loc[-1]), known)
+            group, words = tuple(field.split(".")[:-1]), words_of(str(loc[-1]), problem["input"])
+            hint = did_you_mean(_keys(model), group, words, known)
             hint = hint or f", known are {', '.join(known)}"
             return f"{field}: unknown key (value {value}){hint}"
         case "missing":
