@@ -14,6 +14,7 @@ from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
 GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
+FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048, "cm/s2": 0.01}
 
 
 class Ranges(NamedTuple):
@@ -58,7 +59,7 @@ class Recording(NamedTuple):
     rejected: dict[str, int]
 
 
-def axes_matrix(axes: str | tuple[str, ...]) -> np.ndarray:
+def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarray:
     """Return the matrix from the unit's axes to ours; InputError if it mirrors.
 
     Entry k of a list says which of the unit's axes ours (x forward, y left, z up) is.
@@ -69,7 +70,7 @@ def axes_matrix(axes: str | tuple[str, ...]) -> np.ndarray:
     for k, axis in enumerate(axes):
         M[k, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
     if np.linalg.det(M) < 0:
-        raise InputError(f"imu.axes: {list(axes)}: mirrors space; change one sign")
+        raise InputError(f"{what}: {list(axes)}: mirrors space; change one sign")
     return M
 
 
@@ -157,7 +158,7 @@ def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) ->
     t, values = _complete(stream.t, stream.values, stream.rejected)
     M = axes_matrix(source.axes)
     rates = values[:, :3] @ M.T * (np.pi / 180.0 if source.rate_unit == "deg/s" else 1.0)
-    force = values[:, 3:6] @ M.T * (GRAVITY if source.force_unit == "g" else 1.0)
+    force = values[:, 3:6] @ M.T * FORCE_UNITS[source.force_unit]
     attitude = None
     if source.orientation is not None:
         # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
@@ -173,6 +174,20 @@ def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) ->
     return Imu(t, rates, force, attitude)
 
 
+def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
+    """Return which rows repeat the position before them, in runs that last longer than this.
+
+    Args:
+        t: stamps (n) [s].
+        p: positions (n, 3).
+        longest: a repetition of no more than this is no freeze [s].
+    """
+    new = np.concatenate(([True], (np.diff(p, axis=0) != 0.0).any(axis=1)))
+    starts, run = np.flatnonzero(new), np.cumsum(new) - 1
+    lasts = np.maximum.reduceat(t, starts) - t[starts]
+    return np.asarray(~new & (lasts > longest)[run])
+
+
 def _read_truth(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Truth, float]:
     source = map_.truth
     assert source is not None
@@ -184,10 +199,16 @@ def _read_truth(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Truth,
         none = (values[:, :3] == 0.0).all(axis=1)
         stream.rejected.add("rows without a position (all zero)", f"at {t[np.argmax(none)]:g} s", int(none.sum()))
         t, values = t[~none], values[~none]
+    if source.drop_frozen is not None:
+        kept = ~frozen_rows(t, values[:, :3], source.drop_frozen)
+        stream.rejected.add("rows that repeat a position (frozen)", f"at {t[np.argmin(kept)]:g} s", int((~kept).sum()))
+        t, values = t[kept], values[kept]
     if len(t) < 10:
         raise InputError(f"{stream.rejected.source}: {len(t)} rows have a position")
+    M = axes_matrix(source.axes, "truth.axes")
     R = None if source.rotation is None else rotations(values[:, 3:], source.rotation, stream.rejected.source)
-    return Truth(t - t[0], values[:, :3], R), float(t[0])
+    p = values[:, :3] @ M.T * source.scale
+    return Truth(t - t[0], p, None if R is None else M @ R), float(t[0])
 
 
 def read_recording(path: Path, map_: Map) -> Recording:

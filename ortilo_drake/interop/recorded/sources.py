@@ -11,6 +11,12 @@ Three = tuple[Column, Column, Column]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
+def check_axes(axes: str | tuple[Axis, Axis, Axis]) -> None:
+    """Refuse axes that do not name x, y and z once each."""
+    if not isinstance(axes, str) and sorted(axis[-1] for axis in axes) != ["x", "y", "z"]:
+        raise ValueError(f"axes: {list(axes)}: must name x, y and z once each")
+
+
 class Source(Frozen):
     """A file and where in it the stamps are.
 
@@ -99,12 +105,11 @@ class ImuSource(Source):
         "z up) are, as [y, -x, z].",
     )
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    force_unit: Literal["m/s2", "g"] = "m/s2"
+    force_unit: Literal["m/s2", "g", "mg", "ft/s2", "cm/s2"] = "m/s2"
 
     @model_validator(mode="after")
     def _axes_turn(self) -> Self:
-        if not isinstance(self.axes, str) and sorted(axis[-1] for axis in self.axes) != ["x", "y", "z"]:
-            raise ValueError(f"axes: {list(self.axes)}: must name x, y and z once each")
+        check_axes(self.axes)
         return self
 
 
@@ -120,4 +125,18 @@ class TruthSource(Source):
 
     position: Three
     rotation: Matrix | Quaternion | None = None
+    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
+    axes: tuple[Axis, Axis, Axis] = Field(
+        default=("x", "y", "z"),
+        description="Which of the file's axes are ours (z up): [x, -z, y] where its y is up, [x, -y, -z] where z is "
+        "down.",
+    )
     drop_zero_rows: bool = Field(default=True, description="Drop rows whose position is exactly 0, 0, 0: none was had.")
+    drop_frozen: Positive | None = Field(
+        default=None, description="Drop rows that repeat a position for longer than this: the body was lost [s]."
+    )
+
+    @model_validator(mode="after")
+    def _axes_turn(self) -> Self:
+        check_axes(self.axes)
+        return self
