@@ -1,7 +1,12 @@
 """A laboratory for indoor navigation with sensors that come and go, built on Drake.
 
-    import ortilo_drake as od
-    flight = od.fly("imu_uwb_yolo", seed=3, camera="projected")
+    >>> import ortilo_drake as od
+    >>> scenario = od.load_scenario("imu_uwb_yolo", seed=3, camera__kind="projected", uwb__link__loss=0.3)
+    >>> scenario.seed, scenario.camera.kind, scenario.uwb.link.loss.probability
+    (3, 'projected', 0.3)
+    >>> flight = od.fly(scenario, planner={"kind": "hover", "duration": 0.5}, settle=0.0)  # the default path takes 40 s
+    >>> flight.lost is None
+    True
 
 The names below are those of ortilo_drake.api, which loads when one of them is first used: Drake takes a second to load.
 """

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from distributed import LocalCluster, SpecCluster
@@ -56,6 +57,17 @@ def test_keywords_are_the_settings_of_the_command_line() -> None:
     assert od.load_scenario("nominal_imu_uwb", **numbers) == load_scenario(
         "nominal_imu_uwb", ("estimator.W.force_sd=0.2",)
     )
+
+
+def test_settings_as_text_and_by_keyword_are_one() -> None:
+    by_word = od.load_scenario("nominal_imu_uwb", "uwb.link.loss=0.3", seed=3)
+    assert by_word == od.load_scenario("nominal_imu_uwb", uwb__link__loss=0.3, seed=3)
+    assert by_word == od.load_scenario(od.load_scenario("nominal_imu_uwb"), ["seed=3"], uwb__link__loss=np.float64(0.3))
+    assert (
+        od.load_scenario("nominal_imu_uwb", "uwb.link.loss=0.3", uwb__link__loss=0.1).uwb.link.loss.probability == 0.1
+    )
+    assert od.fly("nominal_imu_uwb", WORDS, seed=3).scenario == load_scenario("nominal_imu_uwb", WORDS, 3)
+    assert od.load_scenario is load_scenario
 
 
 def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> None:
@@ -141,13 +153,36 @@ def test_a_page_tells_of_its_flight(flown: od.Flight, tmp_path: Path) -> None:
     assert f"<h1>{flown.scenario.name}, seed {flown.seed}</h1>" in page
 
 
-def test_csv_holds_every_tick_to_the_last_bit(flown: od.Flight, tmp_path: Path) -> None:
-    lines = flown.to_csv(tmp_path / "flight.csv").read_text().splitlines()
-    names, rows = lines[0].split(","), np.loadtxt(lines[1:], delimiter=",")
-    assert names[:2] == ["time", "truth.x"]
-    assert rows.shape == (flown.data.sizes["tick"], 1 + 12 + 15 + 4 + 3)
-    np.testing.assert_array_equal(rows[:, names.index("truth.x")], flown.data["truth"].sel(state="x"))
-    np.testing.assert_array_equal(rows[:, names.index("estimate.i_z")], flown.data["estimate"].sel(xbar="i_z"))
+def test_a_table_has_every_number_of_the_flight_and_its_unit(flown: od.Flight) -> None:
+    table, data = flown.to_pandas(), flown.data
+    outputs, sensors = data.sizes["output"], data.sizes["sensor"]
+    assert table.shape == (data.sizes["tick"], 12 + 15 + 4 + 9 + 2 * sensors + 2 * outputs + 15 * 16 // 2)
+    np.testing.assert_array_equal(table.index, data["time"])
+    np.testing.assert_array_equal(table["covariance.y.theta_dot"], data["covariance"].values[:, 1, 10])
+    np.testing.assert_array_equal(table["arrival.uwb"], data["arrival"].sel(sensor="uwb"))
+    # an innovation is there with each arrival, and is what was measured less the position that was expected
+    arrived = table["arrival.uwb"]
+    assert 0 < arrived.sum() < arrived.size
+    assert (table["innovation.x_uwb"].notna() == arrived).all()
+    expected = (table["measurement.x_uwb"] - table["estimate.x"])[arrived]
+    np.testing.assert_array_equal(table["innovation.x_uwb"][arrived], expected)
+    units = table.attrs["units"]
+    assert list(units) == ["time", *table.columns]
+    for column, unit in {
+        "estimate.phi_dot": "rad/s", "control.f_T": "N", "covariance.x.x": "m^2", "covariance.z.theta": "m rad",
+        "covariance.x_dot.x_dot": "(m/s)^2", "innovation.psi_imu": "rad", "due.imu": "1",
+    }.items():  # fmt: skip
+        assert units[column] == unit
+
+
+def test_csv_is_that_table_to_the_last_bit(flown: od.Flight, tmp_path: Path) -> None:
+    file, table = flown.to_csv(tmp_path / "flight.csv"), flown.to_pandas()
+    again = pd.read_csv(file, index_col="time")
+    assert list(again.columns) == list(table.columns)
+    np.testing.assert_array_equal(again.index, table.index)
+    np.testing.assert_array_equal(again.to_numpy(float), table.to_numpy(float))
+    rows = np.loadtxt(file, delimiter=",", skiprows=1)  # of numbers alone, with a 1 for True
+    np.testing.assert_array_equal(rows[:, 1 + table.columns.get_loc("arrival.uwb")], table["arrival.uwb"])
 
 
 @pytest.mark.parametrize("of", ["estimate", "truth"])
@@ -197,6 +232,10 @@ def test_a_comparison_has_medians_of_the_same_seeds() -> None:
     assert found.loc["nominal_imu_uwb", "mse x"] == np.median(each)
     assert found.loc["nominal_imu_uwb", "flights"] == 3
     assert found.loc["nominal_imu_uwb", "lost"] == 0
+    with pd.option_context("display.width", 40, "display.max_columns", 3):  # a narrow screen
+        shown = f"{found}".splitlines()
+    assert len(shown) == 1 + len(found)
+    assert all(column in shown[0] for column in found.columns)
 
 
 def test_a_comparison_has_a_row_for_each_scenario_even_of_one_name() -> None:

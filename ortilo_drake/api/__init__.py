@@ -1,23 +1,29 @@
 """The laboratory in Python: what `import ortilo_drake as od` offers.
 
-    flight = od.fly("imu_uwb_yolo", seed=3, camera__kind="projected", uwb__link__loss=0.3)
-    flight.error, flight.lost, flight.summary(), flight.plot()
-    od.compare("imu_uwb", "imu_uwb_yolo", camera__kind="projected", seeds=range(5))
+    >>> import ortilo_drake as od
+    >>> short = {"kind": "hover", "duration": 0.5}
+    >>> flight = od.fly("imu_uwb", seed=3, uwb__link__loss=0.3, planner=short, settle=0.0)
+    >>> flight.lost is None, len(flight.to_pandas())
+    (True, 16)
+    >>> flight.to_pandas().attrs["units"]["estimate.x_dot"]
+    'm/s'
+    >>> print(od.compare("imu_uwb", "nominal_imu_uwb", seeds=range(2), planner=short, settle=0.0)["lost"].to_list())
+    [0, 0]
 
-Settings are those of a scenario file, by keyword: two underscores stand for the dot of `--set uwb.link.loss=0.3`.
+Settings are those of a scenario file, by keyword: two underscores stand for the dot of `--set uwb.link.loss=0.3`. The
+command line's own form does as well: `od.fly("imu_uwb", "uwb.link.loss=0.3")`.
 """
 
 from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
 from ortilo_drake.api.parts import register_estimator, register_planner, register_servo
-from ortilo_drake.api.settings import load_scenario
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, CompiledEstimator, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
-from ortilo_drake.scenario import Belief, InputError, Scenario
+from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
 

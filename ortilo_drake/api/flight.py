@@ -1,28 +1,28 @@
 """One flight: flown, looked at, and written in other people's formats."""
 
-import csv
-import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import System
 
-from ortilo_drake.api.settings import load_scenario
 from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight import flight, metrics, saved_flight
 from ortilo_drake.flight.files import write_text
+from ortilo_drake.flight.flight_table import flight_table
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.interop.rerun.recording import check_recording, save_recording
 from ortilo_drake.interop.rerun.sightings import drawn_again
 from ortilo_drake.onboard.planner.planned import Planned
-from ortilo_drake.scenario import Belief, InputError, Scenario
+from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
+from ortilo_drake.scenario.load import Setting
 from ortilo_drake.views.blackout_figures import draw_availability, draw_blackout_errors
 from ortilo_drake.views.figures import draw_flight
 from ortilo_drake.views.page.flight_page import flight_page
@@ -96,21 +96,30 @@ class Flight:
         write_text(Path(path), flight_page(self.data))
         return Path(path)
 
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a row for each tick, over time [s]; all at t_k, before the measurements of the tick correct it.
+
+        A column is named after its signal and what it is of; `attrs["units"]` of the table has the unit of each.
+
+            truth.x ... truth.psi_dot             the state x_k [m, rad, m/s, rad/s]
+            estimate.x ... estimate.i_z           the prediction of it, and the servo's integrals [the same; m tick]
+            control.f_T, control.tau_x ...        commanded thrust [N] and torques [N m]
+            reference.x ...                       the planned position [m]
+            reference_velocity.x ...              its velocity [m/s]
+            reference_acceleration.x ...          its acceleration [m/s^2]
+            due.uwb ...                           True where the sensor's rate has it send in this tick
+            arrival.uwb ...                       True where the filter used what arrived, delta_k
+            measurement.x_uwb ...                 y_k, NaN where nothing arrived [m, rad, ...]
+            innovation.x_uwb ...                  y_k less what the filter expected, NaN where nothing arrived
+            covariance.x.x, covariance.x.y ...    upper triangle of P_k, the estimate's covariance [m^2, m rad, ...]
+        """
+        return flight_table(self.data)
+
     def to_csv(self, path: str | Path) -> Path:
-        """Write a row for each tick: time [s], true state, estimate, control, reference; return the path."""
-        columns = {"time": self.data["time"].values}
-        for name, along in (
-            ("truth", "state"),
-            ("estimate", "xbar"),
-            ("control", "control_name"),
-            ("reference", "axis"),
-        ):
-            columns |= {f"{name}.{part}": self.data[name].sel({along: part}).values for part in self.data[along].values}
-        text = io.StringIO()
-        rows = csv.writer(text, lineterminator="\n")
-        rows.writerow(columns)
-        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-        write_text(Path(path), text.getvalue())
+        """Write the table of to_pandas as CSV, True as 1 and False as 0, every digit of a number; return the path."""
+        table = self.to_pandas()
+        numbers = table.astype(dict.fromkeys(table.select_dtypes(bool), int))
+        write_text(Path(path), numbers.to_csv(na_rep="nan", lineterminator="\n"))
         return Path(path)
 
     def to_tum(self, path: str | Path, of: str = "estimate") -> Path:
@@ -159,29 +168,39 @@ class Flight:
 
 def fly(
     scenario: str | Path | Scenario = "imu_uwb_yolo",
+    settings: str | Iterable[Setting] = (),
     *,
     seed: int | None = None,
     progress: Callable[[int], None] | None = None,
     estimator: Callable[[Belief, np.ndarray], System] | Mapping[str, Any] | None = None,
     servo: Callable[[Belief], System] | Mapping[str, Any] | None = None,
     planner: Callable[[Belief], Planned] | Mapping[str, Any] | None = None,
-    **settings: Any,
+    **changes: Any,
 ) -> Flight:
     """Fly a scenario once, with parts of one's own where they are given.
 
+        >>> import ortilo_drake as od
+        >>> hover = {"kind": "hover", "duration": 0.5}
+        >>> flight = od.fly("nominal_imu_uwb_yolo", seed=3, camera__kind="projected", planner=hover, settle=0.0)
+        >>> flight.lost is None
+        True
+        >>> flight.error.sizes["tick"]  # at 30 Hz, with the first and the last tick
+        16
+
     Args:
         scenario: as load_scenario.
+        settings: as load_scenario.
         seed: as load_scenario.
         progress: called with the number of ticks flown.
         estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py; or its settings.
         servo: makes the servo; or its settings.
         planner: makes the path, or the System that gives the reference; or its settings.
-        settings: as load_scenario.
+        changes: as load_scenario.
 
     Raises:
         InputError: if the scenario is wrong or cannot be flown.
     """
     parts: dict[str, Any] = {"estimator": estimator, "servo": servo, "planner": planner}
-    settings |= {role: part for role, part in parts.items() if part is not None and not callable(part)}
+    changes |= {role: part for role, part in parts.items() if part is not None and not callable(part)}
     chosen = Parts(**{role: part if callable(part) else None for role, part in parts.items()})
-    return Flight(flight.fly(load_scenario(scenario, seed=seed, **settings), progress, parts=chosen))
+    return Flight(flight.fly(load_scenario(scenario, settings, seed, **changes), progress, parts=chosen))

@@ -11,11 +11,12 @@ from weakref import finalize
 import pandas as pd
 
 from ortilo_drake.api.flight import Flight
-from ortilo_drake.api.settings import load_scenario, plain_value
 from ortilo_drake.flight import ensemble
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.flight.summary import Summary
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.plain import plain_value
 
 
 class Flights(Sequence[Flight]):
@@ -60,21 +61,23 @@ def _row(summary: dict[str, Any]) -> dict[str, Any]:
 def fly_many(
     scenario: str | Path | Scenario,
     seeds: Iterable[int],
+    settings: str | Iterable[Setting] = (),
     *,
     out: str | Path | None = None,
     workers: int = 1,
     progress: Callable[[dict[str, Any]], None] | None = None,
-    **settings: Any,
+    **changes: Any,
 ) -> Flights:
     """Fly a scenario once for each seed. Flights that are in the folder already are not flown again.
 
     Args:
         scenario: as load_scenario.
         seeds: the seeds.
+        settings: as load_scenario.
         out: folder for the flights; by default one that goes with the object returned.
         workers: worker processes; 1 flies in this process. The flights do not depend on it.
         progress: called with each summary as it comes in.
-        settings: as load_scenario.
+        changes: as load_scenario.
 
     Raises:
         InputError: if the scenario is wrong, or a flight cannot be flown or written.
@@ -84,7 +87,7 @@ def fly_many(
         if progress:
             progress(asdict(summary))
 
-    chosen, seeds = load_scenario(scenario, **settings), [plain_value("seeds", seed) for seed in seeds]
+    chosen, seeds = load_scenario(scenario, settings, **changes), [plain_value("seeds", seed) for seed in seeds]
     where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
     try:
         summaries = ensemble.fly_many(chosen, seeds, where, workers, tell)
@@ -98,13 +101,25 @@ def fly_many(
     return flights
 
 
+class Comparison(pd.DataFrame):
+    """A table that prints whole, however narrow the screen; otherwise a DataFrame."""
+
+    @property
+    def _constructor(self) -> type["Comparison"]:
+        return Comparison
+
+    def __repr__(self) -> str:
+        return self.to_string(float_format=lambda value: f"{value:.4g}")
+
+
 def compare(
     *scenarios: str | Path | Scenario,
     seeds: Iterable[int] = range(5),
     out: str | Path | None = None,
     workers: int = 1,
-    **settings: Any,
-) -> pd.DataFrame:
+    settings: str | Iterable[Setting] = (),
+    **changes: Any,
+) -> Comparison:
     """Fly scenarios with the same seeds and the same settings; return a row for each, named after it.
 
     The rows stand in the order of the scenarios; two of one name have a row each.
@@ -117,16 +132,18 @@ def compare(
         out: as fly_many.
         workers: as fly_many.
         settings: of all of them, as load_scenario.
+        changes: of all of them, as load_scenario.
 
     Raises:
         InputError: as fly_many.
     """
     seeds, rows, names = list(seeds), [], []
+    settings = [settings] if isinstance(settings, str) else list(settings)
     with kept_workers():
         for scenario in scenarios:
-            flights = fly_many(scenario, seeds, out=out, workers=workers, **settings)
+            flights = fly_many(scenario, seeds, settings, out=out, workers=workers, **changes)
             table = flights.table()
             medians = table[~table["lost"]].drop(columns="lost").astype(float).median()
             rows.append({"flights": len(table), "lost": int(table["lost"].sum())} | medians.to_dict())
             names.append(flights.scenario.name)
-    return pd.DataFrame(rows, index=names)
+    return Comparison(rows, index=names)

@@ -25,7 +25,7 @@ from ortilo_drake.scenario.link import (
     PositionBlackout,
     TimeBlackout,
 )
-from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed, with_settings
+from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed
 from ortilo_drake.scenario.onboard import (
     Detector,
     Exclusion,
@@ -104,5 +104,4 @@ __all__ = [
     "read_waypoints",
     "scenario_names",
     "with_seed",
-    "with_settings",
 ]

@@ -1,6 +1,7 @@
 """Scenarios by name or from files, with settings laid over them."""
 
 import os
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
 from ortilo_drake.scenario.old_keys import refuse_old_keys
+from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.scenario.planner import GcsPlanner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 
@@ -126,33 +128,56 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def load_scenario(name_or_file: str | Path, settings: tuple[Setting, ...] = (), seed: int | None = None) -> Scenario:
-    """Return a scenario by name or from a file, with settings laid over it.
+def load_scenario(
+    scenario: str | Path | Scenario,
+    settings: str | Iterable[Setting] = (),
+    seed: int | None = None,
+    **changes: Any,
+) -> Scenario:
+    """Return a scenario by name, from a file or as it is, with settings laid over it.
+
+    Settings are given as on the command line, by keyword, or both; keywords are laid over last:
+
+        >>> import ortilo_drake as od
+        >>> lossy = od.load_scenario("imu_uwb", "uwb.link.loss=0.3")
+        >>> lossy == od.load_scenario("imu_uwb", uwb__link__loss=0.3)
+        True
+        >>> lossy.uwb.link.loss.probability
+        0.3
 
     A file may name another as its `base`: it then says only what differs. Files that a base names are meant from where
-    the base lies.
+    the base lies. Files that settings laid over a scenario name are meant from the working folder.
 
     Args:
-        name_or_file: a ready-made scenario's name, or the path of a .yaml file.
-        settings: changes; a changed 'kind' drops what belonged to the former one.
-        seed: the seed, if not the scenario's own.
+        scenario: a ready-made scenario's name, the path of a .yaml file, or a scenario.
+        settings: changes: 'uwb.link.loss=0.3' with the value in YAML, or several of these; a pair of field and value
+            does too. A changed 'kind' drops what belonged to the former one.
+        seed: the seed of all noise, if not the scenario's own.
+        changes: more of them by keyword, two underscores for a dot: `uwb__link__loss=0.3`. Values as in YAML, or paths,
+            NumPy's numbers and arrays, and settings of a scenario such as `scenario.uwb`.
 
     Raises:
         InputError: naming file, field, value and what is allowed.
     """
-    path = _resolve(name_or_file, "scenario")
+    given = [settings] if isinstance(settings, str) else list(settings)
+    given += [(key.replace("__", "."), value) for key, value in changes.items()]
+    given = [one if isinstance(one, str) else (one[0], plain_value(*one)) for one in given]
+    seed = plain_value("seed", seed)
+    if isinstance(scenario, Scenario):
+        return _with_settings(scenario, given, seed)
+    path = _resolve(scenario, "scenario")
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
     data.setdefault("name", path.stem)
     # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
     folder = Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent
-    found = validate(Scenario, data, source)
-    scenario = _relative_to(folder, _laid_over(found, settings, seed, source, folder))
-    return _along_the_rooms_way(scenario, _WAY & found.planner.model_fields_set | _set_of_way(settings))
+    valid = validate(Scenario, data, source)
+    found = _relative_to(folder, _laid_over(valid, given, seed, source, folder))
+    return _along_the_rooms_way(found, _WAY & valid.planner.model_fields_set | _set_of_way(given))
 
 
 def _laid_over(
-    scenario: Scenario, settings: tuple[Setting, ...], seed: int | None, source: str, folder: Path
+    scenario: Scenario, settings: Sequence[Setting], seed: int | None, source: str, folder: Path
 ) -> Scenario:
     if not settings and seed is None:
         return scenario
@@ -165,8 +190,8 @@ def _laid_over(
     return validate(Scenario, data, source)
 
 
-def with_settings(scenario: Scenario, settings: tuple[Setting, ...], seed: int | None = None) -> Scenario:
-    """Return a scenario with settings laid over it, files meant from the working folder; else as load_scenario.
+def _with_settings(scenario: Scenario, settings: Sequence[Setting], seed: int | None) -> Scenario:
+    """Return a scenario with settings laid over it.
 
     A start and a goal that another room has take the place of the scenario's own.
     """
@@ -177,7 +202,7 @@ def with_settings(scenario: Scenario, settings: tuple[Setting, ...], seed: int |
 _WAY = {"start", "goal"}
 
 
-def _set_of_way(settings: tuple[Setting, ...]) -> set[str]:
+def _set_of_way(settings: Sequence[Setting]) -> set[str]:
     """Return which of start and goal settings give."""
     given: set[str] = set()
     for key, value, _ in map(_parsed, settings):

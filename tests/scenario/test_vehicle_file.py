@@ -6,7 +6,7 @@ import pytest
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.scenario import Scenario, load_scenario, with_settings
+from ortilo_drake.scenario import Scenario, load_scenario
 
 ARMS = "arms: [{angle: 0.0, length: 0.2, spin: 1}, {angle: 1.5, length: 0.2, spin: -1}, \
 {angle: 3.1, length: 0.2, spin: 1}, {angle: -1.5, length: 0.2, spin: -1}]"
@@ -48,7 +48,7 @@ def test_a_setting_may_name_a_file_and_the_next_one_change_it(folder: Path, monk
     with monkeypatch.context() as patch:
         patch.chdir(folder)  # a ready-made scenario's files, and those laid over one at hand, lie where the user is
         assert load_scenario("nominal_imu_uwb", settings).vehicle == vehicle
-        assert with_settings(load_scenario("nominal_imu_uwb"), settings).vehicle == vehicle
+        assert load_scenario(load_scenario("nominal_imu_uwb"), settings).vehicle == vehicle
 
 
 @pytest.mark.parametrize(

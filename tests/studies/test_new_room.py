@@ -15,7 +15,7 @@ from ortilo_drake.model.room import Room, load_room
 from ortilo_drake.model.typed_yaml import parse_yaml
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
-from ortilo_drake.scenario import GcsPlanner, load_scenario, with_settings
+from ortilo_drake.scenario import GcsPlanner, load_scenario
 from ortilo_drake.studies.rooms.new_room import new_room, parse_size
 
 OPEN = "uwb.link.blackouts=[]"
@@ -74,8 +74,8 @@ def test_a_flight_takes_start_and_goal_of_the_room_unless_it_has_its_own(folder:
     scenario = load_scenario(own)
     assert isinstance(scenario.planner, GcsPlanner)
     assert (scenario.planner.start, scenario.planner.goal) == ((2.0, 3.0), room.goal)
-    assert with_settings(scenario, ("planner.speed=0.5",)).planner == scenario.planner.model_copy(update={"speed": 0.5})
-    elsewhere = with_settings(load_scenario("imu_uwb"), (at,)).planner
+    assert load_scenario(scenario, ("planner.speed=0.5",)).planner == scenario.planner.model_copy(update={"speed": 0.5})
+    elsewhere = load_scenario(load_scenario("imu_uwb"), (at,)).planner
     assert isinstance(elsewhere, GcsPlanner)
     assert (elsewhere.start, elsewhere.goal) == (room.start, room.goal)
 

@@ -1,0 +1,74 @@
+"""A flight as one flat table: a row for each tick, a column for each number, and the columns' units."""
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ortilo_drake.flight.flight import scenario_of
+
+# Units of the integrals are those of the sum over ticks that the servo takes.
+_STATE_UNITS = ("m",) * 3 + ("rad",) * 3 + ("m/s",) * 3 + ("rad/s",) * 3
+_SIGNALS = (  # name in the Dataset, its dimension
+    ("truth", "state"),
+    ("estimate", "xbar"),
+    ("control", "control_name"),
+    ("reference", "axis"),
+    ("reference_velocity", "axis"),
+    ("reference_acceleration", "axis"),
+    ("due", "sensor"),
+    ("arrival", "sensor"),
+    ("measurement", "output"),
+    ("innovation", "output"),
+)
+
+
+def flight_table(data: xr.Dataset) -> pd.DataFrame:
+    """Return a flight as a table over time [s], its index.
+
+    A column is named after its signal and what it is of, `truth.x`, `estimate.phi`, `innovation.x_uwb`, `arrival.uwb`,
+    `control.f_T`; of the symmetric covariance there is the upper triangle, `covariance.x.x`, `covariance.x.y`, ...
+    The attribute `units` of the table, `table.attrs["units"]`, has the unit of every column, "1" of one without any.
+
+    Args:
+        data: a Dataset of flight.flight_dataset.
+    """
+    of_signals = _units(data)
+    columns: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    for name, along in _SIGNALS:
+        for k, part in enumerate(data[along].values):
+            columns[f"{name}.{part}"] = data[name].values[:, k]
+            units[f"{name}.{part}"] = of_signals[name][k]
+    P, xbar, unit = data["covariance"].values, data["xbar"].values, of_signals["estimate"]
+    for i, j in zip(*np.triu_indices(len(xbar)), strict=True):
+        columns[f"covariance.{xbar[i]}.{xbar[j]}"] = P[:, i, j]
+        units[f"covariance.{xbar[i]}.{xbar[j]}"] = product_of_units(unit[i], unit[j])
+    table = pd.DataFrame(columns, index=pd.Index(data["time"].values, name="time"))
+    table.attrs["units"] = {"time": "s"} | units
+    return table
+
+
+def product_of_units(a: str, b: str) -> str:
+    """Return the product of two units as text, as in '(m/s)^2', 'm rad/s'."""
+    if a != b:
+        return f"{a} {b}"
+    return f"({a})^2" if "/" in a or " " in a else f"{a}^2"
+
+
+def _units(data: xr.Dataset) -> dict[str, tuple[str, ...]]:
+    """Return the units of each signal's parts."""
+    C = scenario_of(data).measurement.layout.C
+    outputs = tuple(_STATE_UNITS[row.nonzero()[0][0]] for row in C)  # a row's first state gives its unit
+    sensors = ("1",) * data.sizes["sensor"]
+    return {
+        "truth": _STATE_UNITS,
+        "estimate": (*_STATE_UNITS, "m tick", "m tick", "m tick"),
+        "control": ("N", "N m", "N m", "N m"),
+        "reference": ("m",) * 3,
+        "reference_velocity": ("m/s",) * 3,
+        "reference_acceleration": ("m/s^2",) * 3,
+        "due": sensors,
+        "arrival": sensors,
+        "measurement": outputs,
+        "innovation": outputs,
+    }
