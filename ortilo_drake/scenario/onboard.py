@@ -67,7 +67,7 @@ class Detector(Frozen):
     Attributes:
         cfg: a Darknet .cfg to use in place of our own network, with its weights; needs torch.
         weights: its .weights.
-        names: its class names, one a line; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
+        names: its class names, each line one; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
         backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
             the one it was trained with; 'auto' takes the first of them that is installed.
         threshold: smallest score of a box [1].

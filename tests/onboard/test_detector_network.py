@@ -230,11 +230,28 @@ def test_names_come_from_the_file_given_or_beside_the_cfg(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        (b"cat\r\ndog\r\ncow\r\n\r\n", ["cat", "dog", "cow"]),
+        (b"\xef\xbb\xbfcat\n\tdog\ncow  \n\n", ["cat", "dog", "cow"]),
+        (b"\ncat\ndog", ["", "cat", "dog"]),  # a name's line is its class
+        (b"# 0\ncat\ndog", ["# 0", "cat", "dog"]),
+    ],
+)
+def test_a_line_of_names_is_a_class(content: bytes, names: list[str], tmp_path: Path) -> None:
+    settings = darknet(tmp_path, 3)
+    (tmp_path / "net.names").write_bytes(content)
+    assert class_names(settings, read_cfg(tmp_path / "net.cfg"))[0] == names
+
+
+@pytest.mark.parametrize(
     ("content", "message"),
     [
         (None, r"net\.names: missing: .*net\.cfg has 3 classes, give their names, one a line"),
         (b"cat\ndog\n", r"net\.names: holds 2 names, .*net\.cfg has 3 classes"),
         (b"", r"net\.names: holds 0 names"),
+        (b"cat\n\ndog\ncow\n", r"net\.names: holds 4 names, .* has 3 classes; line 2, '', counts as a name, as in D"),
+        (b"#pets\ncat\ndog\ncow", r"holds 4 names, .* has 3 classes; line 1, '#pets', counts as a name, as in Darknet"),
         (b"\xff\xfe\x00", r"net\.names: cannot be read"),
     ],
 )
@@ -345,6 +362,18 @@ def test_a_darknet_network_of_the_users_is_computed_and_its_other_classes_droppe
     assert set(labels.tolist()) == best
     assert set(scores.tolist()) <= set(every[1][landmarks].tolist())
     assert len(boxes) == len(labels)
+
+
+@needs_torch
+def test_scale_x_y_stretches_a_boxs_place_in_its_cell(tmp_path: Path) -> None:
+    settings = darknet(tmp_path, 80)
+    plain = load_detector(settings, ROOM, (320, 240))(picture())
+    path = tmp_path / "net.cfg"
+    path.write_text(path.read_text() + "scale_x_y = 1.5 # of YOLOv4\n")
+    found = load_detector(settings, ROOM, (320, 240))(picture())
+    place, was = (((b[:, :2] + b[:, 2:]) / 2 + 0.5) / 20.0 for b in (found[2][:1], plain[2][:1]))  # cells of 20 px
+    np.testing.assert_array_equal(found[1][:1], plain[1][:1])
+    np.testing.assert_allclose(place % 1 - 0.5, 1.5 * (was % 1 - 0.5), atol=1e-9)
 
 
 @needs_torch

@@ -14,15 +14,21 @@ Detections = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def plain_decode(
-    heads: list[np.ndarray], anchors: list[np.ndarray], input_size: np.ndarray, image_size: np.ndarray, threshold: float
+    heads: list[np.ndarray],
+    anchors: list[np.ndarray],
+    input_size: np.ndarray,
+    image_size: np.ndarray,
+    threshold: float,
+    scales: list[float],
 ) -> Detections:
     """The paper's equations on whole arrays, in the same order: head, anchor, row, column."""
     found = []
-    for head, pairs in zip(heads, anchors, strict=True):
+    for head, pairs, s in zip(heads, anchors, scales, strict=True):
         t = head.astype(float).reshape(len(pairs), -1, *head.shape[1:])
         n_y, n_x = head.shape[1:]
         c_y, c_x = np.mgrid[:n_y, :n_x]
-        b_x, b_y = (expit(t[:, 0]) + c_x) / n_x, (expit(t[:, 1]) + c_y) / n_y
+        x, y = (s * (expit(t[:, k]) - 0.5) + 0.5 for k in (0, 1))  # about the cell's middle
+        b_x, b_y = (x + c_x) / n_x, (y + c_y) / n_y
         b_w = pairs[:, 0, None, None] * np.exp(t[:, 2]) / input_size[0]
         b_h = pairs[:, 1, None, None] * np.exp(t[:, 3]) / input_size[1]
         edges = [b_x - b_w / 2, b_y - b_h / 2, b_x + b_w / 2, b_y + b_h / 2]
@@ -53,9 +59,10 @@ def plain_suppression(labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray,
     classes=st.integers(1, 9),
     threshold=st.floats(0.01, 0.95),
     whole=st.booleans(),
+    scales=st.lists(st.sampled_from([1.0, 1.05, 1.2, 2.0]), min_size=2, max_size=2),
 )
 def test_decode_is_the_papers_equations(
-    seed: int, grids: list[tuple[int, int, int]], classes: int, threshold: float, whole: bool
+    seed: int, grids: list[tuple[int, int, int]], classes: int, threshold: float, whole: bool, scales: list[float]
 ) -> None:
     rng = np.random.default_rng(seed)
     heads = [rng.normal(0.0, 2.0, (a * (5 + classes), n_y, n_x)).astype(np.float32) for a, n_y, n_x in grids]
@@ -63,12 +70,12 @@ def test_decode_is_the_papers_equations(
         heads = [np.round(head) for head in heads]
     anchors = [rng.uniform(1.0, 100.0, (a, 2)) for a, _, _ in grids]
     input_size, image_size = np.array([320.0, 240.0]), np.array([641.0, 333.0])
-    labels, scores, boxes = decode(heads, anchors, input_size, image_size, threshold)
-    expected = plain_decode(heads, anchors, input_size, image_size, threshold)
+    labels, scores, boxes = decode(heads, anchors, input_size, image_size, threshold, scales)
+    expected = plain_decode(heads, anchors, input_size, image_size, threshold, scales)
     np.testing.assert_array_equal(labels, expected[0])
     np.testing.assert_allclose(scores, expected[1], rtol=1e-12)
     np.testing.assert_allclose(boxes, expected[2], rtol=1e-12, atol=1e-9)
-    batch = decode([head[None] for head in heads], anchors, input_size, image_size, threshold)
+    batch = decode([head[None] for head in heads], anchors, input_size, image_size, threshold, scales)
     np.testing.assert_array_equal(batch[2], boxes)
 
 

@@ -138,5 +138,5 @@ def test_opencv_gives_the_heads_in_the_order_of_the_cfg() -> None:
     cfg = read_cfg(OWN_CFG)
     pixels = np.zeros((1, 3, cfg.net.height, cfg.net.width), dtype=np.float32)
     shapes = [head.shape[2:] for head in opencv_network(OWN_ONNX)(pixels)]
-    assert shapes == [(cfg.net.height // stride, cfg.net.width // stride) for stride in cfg.strides]
+    assert shapes == [(shape.height, shape.width) for shape in cfg.head_shapes] == [(15, 20), (30, 40)]
     assert cv2.getNumThreads() == 1

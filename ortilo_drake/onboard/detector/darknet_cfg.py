@@ -1,62 +1,74 @@
-"""Darknet's .cfg, the text that describes a YOLOv3 network, read into layers that fit together.
+"""Darknet's .cfg, the text that describes a YOLOv3 or YOLOv4-tiny network, read into layers that fit together.
 
 A section [net] comes first, then one section a layer, numbered from 0; [route] and [shortcut] name earlier layers by
-number, or by a negative number counted back from their own. Keys that only training knows are passed over in [net]
-and [yolo]; a key that would change what the network computes, and that we do not compute, is refused.
+number, or by a negative number counted back from their own. Keys have Darknet's defaults (parser.c of AlexeyAB's
+Darknet, which reads all that Redmon's does). Keys that only training knows, and keys that Darknet does not know, are
+passed over as Darknet does; a key that would change what the network computes, and that we do not compute, is refused.
 """
 
-import math
+from difflib import get_close_matches
 from pathlib import Path
 
-from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.input_files import TEXT_LIMIT, read_bytes
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.darknet_layers import (
     ACTIVATIONS,
     Convolutional,
     DarknetCfg,
+    Dropout,
     Layer,
     Maxpool,
     Net,
     Route,
+    Shape,
     Shortcut,
     Upsample,
     Yolo,
 )
 from ortilo_drake.onboard.detector.darknet_sections import Section, read_sections
 
-MAX_SIZE = 8192  # of an input image [px], and of a layer's channels
-MAX_WEIGHTS = 2**28  # 1 GiB of float32, four times YOLOv3
+MAX_SIZE = 8192  # of an input image and of a layer [px], and of a layer's channels
+MAX_VALUES = 2**28  # of a layer, and of all weights: 1 GiB of float32, four times YOLOv3's weights
 
+_STRIDES = {"stride", "stride_x", "stride_y"}
+# What we read of each kind of section; all else is training's, or nobody's.
 _KEYS = {
-    "convolutional": {"batch_normalize", "filters", "size", "stride", "pad", "activation"},
+    "net": {"width", "height", "channels"},
+    "convolutional": {"batch_normalize", "filters", "size", "pad", "padding", "groups", "activation", *_STRIDES},
     "shortcut": {"from", "activation"},
-    "route": {"layers"},
+    "route": {"layers", "groups", "group_id"},
     "upsample": {"stride"},
-    "maxpool": {"size", "stride"},
+    "maxpool": {"size", "padding", *_STRIDES},
+    "dropout": set(),
+    "empty": set(),
+    "yolo": {"mask", "anchors", "classes", "num", "scale_x_y", "nms_kind"},
 }
-# Keys of Darknet's later networks, with the one value that leaves a YOLOv3 network as it is.
-_NEUTRAL = {
-    "antialiasing": 0,
-    "dilation": 1,
-    "flipped": 0,
-    "groups": 1,
-    "letter_box": 0,
-    "new_coords": 0,
-    "scale_x_y": 1,
+# Keys that change what is computed, with the one value that does not.
+_DEFORMED = dict.fromkeys(("sway", "rotate", "stretch", "stretch_sway"), 0)
+_NEUTRAL: dict[str, dict[str, float]] = {
+    "net": {"letter_box": 0},
+    "convolutional": {
+        **{"antialiasing": 0, "binary": 0, "coordconv": 0, "dilation": 1, "dontload": 0, "dontloadscales": 0},
+        **{"flipped": 0, "xnor": 0, **_DEFORMED},
+    },
+    "maxpool": {"antialiasing": 0, "maxpool_depth": 0, "maxpool_zero_nonmax": 0},
+    "upsample": {"scale": 1},
+    "yolo": {"new_coords": 0},
 }
-
-Shape = tuple[int, int]  # channels of a layer's output and input pixels to one of its cells
 
 
 def _check_keys(section: Section) -> None:
-    """Refuse keys that would change the network in a way we do not know."""
-    known = _KEYS.get(section.name)
-    for key in section.values:
-        if key in _NEUTRAL:
-            if section.numbers(key, whole=False) != [_NEUTRAL[key]]:
-                raise section.error(key, f"must be {_NEUTRAL[key]}")
-        elif known is not None and key not in known:
-            raise section.error(key, f"unknown key, known are {', '.join(sorted(known))}")
+    """Refuse keys that change what is computed in a way we do not know, and misspelt ones."""
+    neutral = _NEUTRAL.get(section.kind, {})
+    for key, value in neutral.items():
+        if section.number(key, value) != value:
+            raise section.error(key, f"must be {value}")
+    if section.text("share_index") is not None:
+        raise section.error("share_index", "weights shared by two layers are not computed here")
+    missing = (_KEYS[section.kind] | set(neutral)) - set(section.values)
+    for key in set(section.values) - _KEYS[section.kind] - set(neutral):
+        for meant in get_close_matches(key, missing, n=1, cutoff=0.8):
+            raise section.error(key, f"Darknet does not read it, perhaps it means {meant}")
 
 
 def _earlier(section: Section, key: str, layers: list[Layer]) -> list[int]:
@@ -72,61 +84,117 @@ def _earlier(section: Section, key: str, layers: list[Layer]) -> list[int]:
     return named
 
 
-def _yolo(section: Section, before: Layer | None, channels: int) -> Yolo:
+def _stride(section: Section) -> int:
+    """Return the stride, which must be the same in x and y."""
+    stride = section.whole("stride", 1, 32, 1)
+    for key in ("stride_x", "stride_y"):
+        if section.whole(key, 1, 32, stride) != stride:
+            raise section.error(key, f"must be the stride {stride}")
+    return stride
+
+
+def _strided(section: Section, size: int, padded: int) -> int:
+    """Return how many windows of that size fit into so many padded cells."""
+    if size > padded:
+        raise section.error("size", f"must not be more than the {padded} padded rows or columns before it")
+    return (padded - size) // _stride(section) + 1
+
+
+def _convolutional(section: Section, before: Shape) -> tuple[Layer, Shape]:
+    size, filters = section.whole("size", 1, 63, 1), section.whole("filters", 1, MAX_SIZE, 1)
+    padding = section.whole("padding", 0, 63, 0)
+    if section.number("pad", 0):
+        padding = size // 2
+    groups = section.whole("groups", 1, MAX_SIZE, 1)
+    if before.channels % groups or filters % groups:
+        raise section.error("groups", f"must divide the {before.channels} channels before it and the {filters} filters")
+    normalize = section.whole("batch_normalize", 0, 2, 0) != 0  # 2: over several steps of a training
+    activation = section.choice("activation", ACTIVATIONS, "logistic")
+    height, width = (_strided(section, size, cells + 2 * padding) for cells in before[1:])
+    stride = _stride(section)
+    layer = Convolutional(before.channels, filters, size, stride, padding, normalize, activation, groups)
+    return layer, Shape(filters, height, width)
+
+
+def _maxpool(section: Section, before: Shape) -> tuple[Layer, Shape]:
+    stride = _stride(section)
+    size = section.whole("size", 1, 63, stride)
+    padding = section.whole("padding", 0, 126, size - 1)
+    height, width = (_strided(section, size, cells + padding) for cells in before[1:])
+    return Maxpool(size, stride, padding), Shape(before.channels, height, width)
+
+
+def _upsample(section: Section, before: Shape) -> tuple[Layer, Shape]:
+    stride = section.whole("stride", 1, 32, 2)
+    return Upsample(stride), Shape(before.channels, before.height * stride, before.width * stride)
+
+
+def _shortcut(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
+    named, before = _earlier(section, "from", layers), shapes[-1]
+    section.choice("weights_type", ("none",), "none")
+    if len(named) != 1 or shapes[named[0] + 1] != before:
+        raise section.error("from", f"must be one layer of {before.channels} x {before.height} x {before.width}")
+    return Shortcut(named[0], section.choice("activation", ACTIVATIONS, "linear")), before
+
+
+def _route(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
+    named = _earlier(section, "layers", layers)
+    found = [shapes[n + 1] for n in named]
+    sizes = list(dict.fromkeys(f"{s.height} x {s.width}" for s in found))
+    if len(sizes) != 1:
+        raise section.error("layers", f"must have one height and width, have {', '.join(sizes)[:60]}")
+    groups = section.whole("groups", 1, MAX_SIZE, 1)
+    group = section.whole("group_id", 0, groups - 1, 0)
+    if any(s.channels % groups for s in found):
+        raise section.error("groups", f"must divide the channels, {', '.join(str(s.channels) for s in found)[:60]}")
+    channels = sum(s.channels for s in found) // groups
+    return Route(tuple(named), groups, group), Shape(channels, found[0].height, found[0].width)
+
+
+def _yolo(section: Section, before: Shape) -> tuple[Layer, Shape]:
     """Return a head, checked against the layer before it."""
-    num, classes = section.whole("num", 1, 100), section.whole("classes", 1, 10_000)
-    flat, mask = section.numbers("anchors", whole=False), section.numbers("mask", whole=True)
-    if len(flat) != 2 * num or min(flat) <= 0:
+    num, classes = section.whole("num", 1, 100, 1), section.whole("classes", 1, 10_000, 20)
+    flat = section.numbers("anchors", whole=False, comment=True, most=2 * num)
+    mask = list(range(num)) if section.text("mask") is None else section.numbers("mask", whole=True, comment=True)
+    if len(flat) != 2 * num or not all(0.0 < value < 1e6 for value in flat):
         raise section.error("anchors", f"must be {2 * num} positive numbers, num={num} widths and heights")
     if len(set(mask)) != len(mask) or not all(0 <= n < num for n in mask):
         raise section.error("mask", f"must be different numbers from 0 to {num - 1}")
-    if not isinstance(before, Convolutional) or before.activation != "linear":
-        raise section.fault("must follow a [convolutional] with activation linear")
-    if channels != (5 + classes) * len(mask):
+    if before.channels != (5 + classes) * len(mask):
         raise section.error(
-            "classes", f"the layer before must have filters {(5 + classes) * len(mask)}, it has {channels}"
+            "classes", f"the layer before must have filters {(5 + classes) * len(mask)}, it has {before.channels}"
         )
-    return Yolo(tuple((flat[2 * int(n)], flat[2 * int(n) + 1]) for n in mask), classes)
+    if section.text("nms_kind") == "diounms":
+        raise section.error("nms_kind", "must be default or greedynms")
+    scale_x_y = section.number("scale_x_y", 1.0)
+    if not 0.1 <= scale_x_y <= 10.0:
+        raise section.error("scale_x_y", "must be from 0.1 to 10")
+    anchors = tuple((flat[2 * int(n)], flat[2 * int(n) + 1]) for n in mask)
+    return Yolo(anchors, classes, scale_x_y), before
 
 
 def _layer(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
     """Return the next layer and its shape; shapes starts with the input's, so shapes[-1] is of the layer before."""
-    _check_keys(section)
-    (channels, stride), before = shapes[-1], layers[-1] if layers else None
-    if isinstance(before, Yolo) and section.name != "route":
+    if section.kind not in _KEYS or section.kind == "net":
+        known = ", ".join(f"[{name}]" for name in _KEYS if name != "net")
+        raise section.fault(f"not computed here, known are {known}")
+    if layers and isinstance(layers[-1], Yolo) and section.kind != "route":
         raise section.fault("only [route] may follow [yolo]")
-    match section.name:
+    _check_keys(section)
+    match section.kind:
         case "convolutional":
-            size, filters = section.whole("size", 1, 63), section.whole("filters", 1, MAX_SIZE)
-            if size % 2 == 0:
-                raise section.error("size", "must be odd")
-            if size > 1 and section.whole("pad", 0, 1) != 1:
-                raise section.error("pad", "must be 1 where size is not 1")
-            normalize = "batch_normalize" in section.values and section.whole("batch_normalize", 0, 1) == 1
-            step, activation = section.whole("stride", 1, 32), section.choice("activation", ACTIVATIONS)
-            return Convolutional(channels, filters, size, step, normalize, activation), (filters, stride * step)
+            return _convolutional(section, shapes[-1])
         case "maxpool":
-            step = section.whole("stride", 1, 32)
-            return Maxpool(section.whole("size", 1, 63), step), (channels, stride * step)
+            return _maxpool(section, shapes[-1])
         case "upsample":
-            step = section.whole("stride", 1, 32)
-            if stride % step:
-                raise section.error("stride", f"must divide the stride {stride} of the layer before")
-            return Upsample(step), (channels, stride // step)
+            return _upsample(section, shapes[-1])
         case "shortcut":
-            named = _earlier(section, "from", layers)
-            if len(named) != 1 or shapes[named[0] + 1] != shapes[-1]:
-                raise section.error("from", f"must be one layer with {channels} channels and stride {stride}")
-            return Shortcut(named[0], section.choice("activation", ACTIVATIONS)), shapes[-1]
+            return _shortcut(section, layers, shapes)
         case "route":
-            named = _earlier(section, "layers", layers)
-            if len({shapes[n + 1][1] for n in named}) != 1:
-                raise section.error("layers", f"must have one stride, have {[shapes[n + 1][1] for n in named]}")
-            return Route(tuple(named)), (sum(shapes[n + 1][0] for n in named), shapes[named[0] + 1][1])
+            return _route(section, layers, shapes)
         case "yolo":
-            return _yolo(section, before, channels), shapes[-1]
-    known = ", ".join(f"[{name}]" for name in [*_KEYS, "yolo"])
-    raise section.fault(f"unknown layer, known are {known}")
+            return _yolo(section, shapes[-1])
+    return Dropout(), shapes[-1]
 
 
 def parse_cfg(text: str, source: str) -> DarknetCfg:
@@ -143,29 +211,24 @@ def parse_cfg(text: str, source: str) -> DarknetCfg:
     _check_keys(first)
     net = Net(first.whole("width", 1, MAX_SIZE), first.whole("height", 1, MAX_SIZE))
     layers: list[Layer] = []
-    shapes: list[Shape] = [(first.whole("channels", 3, 3), 1)]
+    shapes = [Shape(first.whole("channels", 3, 3), net.height, net.width)]
     for section in rest:
         layer, shape = _layer(section, layers, shapes)
         layers.append(layer)
         shapes.append(shape)
-        if shape[1] > MAX_SIZE or shape[0] > MAX_SIZE:
-            raise section.fault(f"channels and stride must not be more than {MAX_SIZE}, are {shape[0]} and {shape[1]}")
-    heads = tuple(layer for layer in layers if isinstance(layer, Yolo))
-    if not heads:
+        if max(shape) > MAX_SIZE or shape.channels * shape.height * shape.width > MAX_VALUES:
+            size = " x ".join(map(str, shape))
+            raise section.fault(f"gives {size} values: each must not be more than {MAX_SIZE}, all {MAX_VALUES}")
+    cfg = DarknetCfg(text, net, tuple(layers), tuple(shapes[1:]))
+    if not cfg.heads:
         raise InputError(f"{source}: has no [yolo], needs one or more")
-    if len({head.classes for head in heads}) != 1:
-        raise InputError(f"{source}: [yolo] classes: must be one number, is {[head.classes for head in heads]}")
-    strides = tuple(shape[1] for layer, shape in zip(layers, shapes[1:], strict=True) if isinstance(layer, Yolo))
-    stride = math.lcm(*(shape[1] for shape in shapes))
-    for key, value in (("width", net.width), ("height", net.height)):
-        if value % stride:
-            raise first.error(key, f"must be a multiple of the network's stride {stride}")
-    cfg = DarknetCfg(text, net, tuple(layers), stride, strides, heads)
-    if cfg.weight_count > MAX_WEIGHTS:
-        raise InputError(f"{source}: needs {cfg.weight_count} weights: must not be more than {MAX_WEIGHTS}")
+    if len({head.classes for head in cfg.heads}) != 1:
+        raise InputError(f"{source}: [yolo] classes: must be one number, is {[head.classes for head in cfg.heads]}")
+    if cfg.weight_count > MAX_VALUES:
+        raise InputError(f"{source}: needs {cfg.weight_count} weights: must not be more than {MAX_VALUES}")
     return cfg
 
 
 def read_cfg(path: Path) -> DarknetCfg:
-    """Read a .cfg file; InputError if anything is wrong, see parse_cfg."""
-    return parse_cfg(read_text(path), str(path))
+    """Read a .cfg file, whatever its comments are encoded in; InputError if anything is wrong, see parse_cfg."""
+    return parse_cfg(read_bytes(path, TEXT_LIMIT).decode("utf-8", errors="replace"), str(path))

@@ -4,8 +4,35 @@ Layers are numbered from 0 as Darknet does; what a layer names is given by its a
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-ACTIVATIONS = ("linear", "leaky", "logistic")
+# Darknet's activations of single values (activations.c, activations.h); those of whole channels are not computed.
+ACTIVATIONS = (
+    "linear",
+    "leaky",
+    "logistic",
+    "mish",
+    "hard_mish",
+    "swish",
+    "relu",
+    "relu6",
+    "elu",
+    "selu",
+    "gelu",
+    "tanh",
+    "hardtan",
+    "loggy",
+    "relie",
+    "ramp",
+)
+
+
+class Shape(NamedTuple):
+    """The size of a layer's output."""
+
+    channels: int
+    height: int
+    width: int
 
 
 @dataclass(frozen=True)
@@ -18,14 +45,19 @@ class Net:
 
 @dataclass(frozen=True)
 class Convolutional:
-    """[convolutional]: from inputs to filters channels, padded by size // 2, and its activation."""
+    """[convolutional]: from inputs to filters channels, each in its own of the groups, and its activation.
+
+    padding: rows and columns of zeros on every side.
+    """
 
     inputs: int
     filters: int
     size: int
     stride: int
+    padding: int
     batch_normalize: bool
     activation: str
+    groups: int = 1
 
 
 @dataclass(frozen=True)
@@ -38,9 +70,11 @@ class Shortcut:
 
 @dataclass(frozen=True)
 class Route:
-    """[route]: the channels of the layers numbered sources, one after the other."""
+    """[route]: the channels of the layers numbered sources, one after the other; of each only one of groups parts."""
 
     sources: tuple[int, ...]
+    groups: int = 1
+    group: int = 0
 
 
 @dataclass(frozen=True)
@@ -52,21 +86,34 @@ class Upsample:
 
 @dataclass(frozen=True)
 class Maxpool:
-    """[maxpool]: the largest of size x size cells, padded by (size - 1) // 2 before and by size // 2 behind."""
+    """[maxpool]: the largest of size x size cells, padded by padding // 2 before and by the rest behind."""
 
     size: int
     stride: int
+    padding: int
+
+
+@dataclass(frozen=True)
+class Dropout:
+    """[dropout] or [empty]: passes the layer before on; only training does anything in it."""
 
 
 @dataclass(frozen=True)
 class Yolo:
-    """[yolo]: a head; its own anchors (width, height) [px of the network's input] and the number of classes."""
+    """[yolo]: a head.
+
+    Attributes:
+        anchors: its own (width, height) [px of the network's input].
+        classes: their number.
+        scale_x_y: stretches the centre's place in its cell about the cell's middle.
+    """
 
     anchors: tuple[tuple[float, float], ...]
     classes: int
+    scale_x_y: float = 1.0
 
 
-Layer = Convolutional | Shortcut | Route | Upsample | Maxpool | Yolo
+Layer = Convolutional | Shortcut | Route | Upsample | Maxpool | Dropout | Yolo
 
 
 @dataclass(frozen=True)
@@ -77,20 +124,28 @@ class DarknetCfg:
         text: the .cfg it was read from.
         net: its input.
         layers: its layers in Darknet's order and numbers.
-        stride: input pixels to a cell of the coarsest layer; an input's width and height are multiples of it.
-        strides: input pixels to a cell of each head.
-        heads: its [yolo] layers, in their order.
+        shapes: of each layer's output.
     """
 
     text: str
     net: Net
     layers: tuple[Layer, ...]
-    stride: int
-    strides: tuple[int, ...]
-    heads: tuple[Yolo, ...]
+    shapes: tuple[Shape, ...]
+
+    @property
+    def heads(self) -> tuple[Yolo, ...]:
+        """Its [yolo] layers, in their order."""
+        return tuple(layer for layer in self.layers if isinstance(layer, Yolo))
+
+    @property
+    def head_shapes(self) -> tuple[Shape, ...]:
+        """The shapes of its heads."""
+        return tuple(shape for layer, shape in zip(self.layers, self.shapes, strict=True) if isinstance(layer, Yolo))
 
     @property
     def weight_count(self) -> int:
         """Floats in its .weights file behind the header: four vectors with batch normalisation, one without."""
         convolutions = (layer for layer in self.layers if isinstance(layer, Convolutional))
-        return sum(c.filters * (c.inputs * c.size**2 + (4 if c.batch_normalize else 1)) for c in convolutions)
+        return sum(
+            c.filters * (c.inputs // c.groups * c.size**2 + (4 if c.batch_normalize else 1)) for c in convolutions
+        )

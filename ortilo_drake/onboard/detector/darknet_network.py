@@ -1,5 +1,7 @@
 """A Darknet network of the YOLOv3 kind in torch, built from its .cfg."""
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -21,18 +23,37 @@ LEAK = 0.1  # slope of Darknet's leaky activation below 0
 EPSILON = 1e-6
 
 
+# Darknet's own constants where torch's have more digits (activations.h).
+ACTIVATION_OF: dict[str, Callable[[Tensor], Tensor]] = {
+    "linear": lambda x: x,
+    "leaky": lambda x: functional.leaky_relu(x, LEAK),
+    "logistic": torch.sigmoid,
+    "mish": functional.mish,
+    "hard_mish": lambda x: torch.where(x > 0.0, x, torch.where(x > -2.0, 0.5 * x * x + x, 0.0)),
+    "swish": functional.silu,
+    "relu": functional.relu,
+    "relu6": functional.relu6,
+    "elu": functional.elu,
+    "selu": lambda x: 1.0507 * functional.elu(x, 1.6732),
+    "gelu": lambda x: functional.gelu(x, approximate="tanh"),
+    "tanh": torch.tanh,
+    "hardtan": lambda x: x.clamp(-1.0, 1.0),
+    "loggy": lambda x: 2.0 * torch.sigmoid(x) - 1.0,
+    "relie": lambda x: functional.leaky_relu(x, 0.01),
+    "ramp": lambda x: functional.relu(x) + 0.1 * x,
+}
+
+
 class Activation(nn.Module):
-    """Darknet's activation of that name."""
+    """Darknet's activation of that name, one of ACTIVATIONS."""
 
     def __init__(self, name: str):
         super().__init__()
         self._name = name
 
     def forward(self, x: Tensor) -> Tensor:
-        """Return x, leaky(x) = max(x, x / 10), or its logistic function."""
-        if self._name == "leaky":
-            return functional.leaky_relu(x, LEAK)
-        return x.sigmoid() if self._name == "logistic" else x
+        """Return the activation of every value."""
+        return ACTIVATION_OF[self._name](x)
 
 
 class Convolution(nn.Module):
@@ -41,7 +62,13 @@ class Convolution(nn.Module):
     def __init__(self, layer: Convolutional, epsilon: float = EPSILON):
         super().__init__()
         self.convolution = nn.Conv2d(
-            layer.inputs, layer.filters, layer.size, layer.stride, layer.size // 2, bias=not layer.batch_normalize
+            layer.inputs,
+            layer.filters,
+            layer.size,
+            layer.stride,
+            layer.padding,
+            groups=layer.groups,
+            bias=not layer.batch_normalize,
         )
         self.norm = nn.BatchNorm2d(layer.filters, eps=epsilon) if layer.batch_normalize else None
         self.activation = Activation(layer.activation)
@@ -53,20 +80,25 @@ class Convolution(nn.Module):
 
 
 class Pool(nn.Module):
-    """The largest of size x size cells; the output has the input's size over the stride, as Darknet pads."""
+    """The largest of size x size cells, padded as Darknet pads: a cell outside is never the largest."""
 
     def __init__(self, layer: Maxpool):
         super().__init__()
         self._size, self._stride = layer.size, layer.stride
-        self._before = (layer.size - 1) // 2
-        self._behind = max(0, layer.size - layer.stride - self._before)  # what the last window reaches over the edge
+        self._before = layer.padding // 2
+        self._behind = layer.padding - self._before
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the layer's output."""
-        if self._before == self._behind:
+        if self._before == self._behind <= self._size // 2:
             return functional.max_pool2d(x, self._size, self._stride, self._before)
         sides = (self._before, self._behind, self._before, self._behind)
         return functional.max_pool2d(functional.pad(x, sides, value=-float("inf")), self._size, self._stride)
+
+
+def _part(x: Tensor, groups: int, group: int) -> Tensor:
+    """Return one of several equal parts of the channels."""
+    return x if groups == 1 else x.chunk(groups, dim=1)[group]
 
 
 class DarknetNetwork(nn.Module):
@@ -102,10 +134,10 @@ class DarknetNetwork(nn.Module):
         return [layer for layer in self.layers if isinstance(layer, Convolution)]
 
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
-        """Return the raw heads, each (n, anchors (5 + classes), height / stride, width / stride), before any sigmoid.
+        """Return the raw heads, each (n, anchors (5 + classes), n_y, n_x), before any sigmoid.
 
         Args:
-            images: RGB in [0, 1] (n, 3, height, width), height and width multiples of the network's stride.
+            images: RGB in [0, 1] (n, 3, height, width), height and width those of [net].
 
         Raises:
             InputError: if the images have another shape.
@@ -119,7 +151,7 @@ class DarknetNetwork(nn.Module):
                 case Yolo():
                     heads.append(x)
                 case Route():
-                    parts = [kept[n] for n in layer.sources]
+                    parts = [_part(kept[n], layer.groups, layer.group) for n in layer.sources]
                     x = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
                 case Shortcut():
                     x = module(x + kept[layer.source])
@@ -130,6 +162,6 @@ class DarknetNetwork(nn.Module):
         return tuple(heads)
 
     def _check(self, shape: tuple[int, ...]) -> None:
-        stride = self.cfg.stride
-        if len(shape) != 4 or shape[1] != 3 or shape[2] % stride or shape[3] % stride or 0 in shape:
-            raise InputError(f"images: {shape}: must be (n, 3, height, width), multiples of the stride {stride}")
+        height, width = self.cfg.net.height, self.cfg.net.width
+        if len(shape) != 4 or shape[1:] != (3, height, width) or 0 in shape:
+            raise InputError(f"images: {shape}: must be (n, 3, {height}, {width}), as [net] says")

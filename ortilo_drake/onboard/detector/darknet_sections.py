@@ -1,4 +1,9 @@
-"""The text of a Darknet .cfg as sections of keys and values, each with its line for errors."""
+"""The text of a Darknet .cfg as sections of keys and values, read as Darknet reads it (parser.c, option_list.c).
+
+Darknet drops every space and tab, takes a line that begins with '#' or ';' for a comment, and of a value the number it
+begins with: '21 #255' is 21. The first of two equal keys counts. A key without a value has its default. A word has no
+comment behind it: 'leaky #mish' is no activation.
+"""
 
 import re
 from dataclasses import dataclass
@@ -7,18 +12,25 @@ from ortilo_drake.model.typed_yaml import InputError
 
 MAX_SECTIONS = 1000
 
-_NUMBER = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})", re.ASCII)
-_WHOLE = re.compile(r"[+-]?\d{1,9}", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # what C's atof reads
+_WHOLE = re.compile(r"[+-]?\d{1,9}", re.ASCII)  # what C's atoi reads
+_SPACES = str.maketrans("", "", " \t\r")
+_ALIASES = {"conv": "convolutional", "max": "maxpool", "network": "net", "silence": "empty"}
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section as text; of each key its line and value."""
+    """A section as text; of each key its line and value, None where only the key stands."""
 
     source: str
     line: int
     name: str
-    values: dict[str, tuple[int, str]]
+    values: dict[str, tuple[int, str | None]]
+
+    @property
+    def kind(self) -> str:
+        """The name that Darknet also calls it by: [conv] is a convolutional."""
+        return _ALIASES.get(self.name, self.name)
 
     def fault(self, text: str) -> InputError:
         """Return the error of the whole section."""
@@ -26,60 +38,85 @@ class Section:
 
     def error(self, key: str, allowed: str) -> InputError:
         """Return the error of a key's value, or of the whole section for a key that is not there."""
-        if key not in self.values:
-            return InputError(f"{self.source}: line {self.line}: [{self.name}] {key}: {allowed}")
-        line, value = self.values[key]
+        line, value = self.values.get(key, (self.line, None))
+        if value is None:
+            return InputError(f"{self.source}: line {line}: [{self.name}] {key}: {allowed}")
         shown = repr(value if len(value) <= 60 else value[:57] + "...")
         return InputError(f"{self.source}: line {line}: [{self.name}] {key}: {shown}: {allowed}")
 
-    def text(self, key: str) -> str:
-        """Return a value that must be there."""
-        if key not in self.values:
-            raise self.error(key, "is missing")
-        return self.values[key][1]
+    def text(self, key: str) -> str | None:
+        """Return a value, None where there is none."""
+        return self.values.get(key, (0, None))[1]
 
-    def numbers(self, key: str, whole: bool) -> list[float]:
-        """Return a value's numbers, separated by commas."""
-        parts = [part.strip() for part in self.text(key).split(",")]
-        if not all((_WHOLE if whole else _NUMBER).fullmatch(part) for part in parts):
-            raise self.error(key, f"must be {'whole ' if whole else ''}numbers separated by commas")
-        return [float(part) for part in parts]
+    def numbers(self, key: str, whole: bool, comment: bool = False, most: int | None = None) -> list[float]:
+        """Return a value's numbers, separated by commas.
 
-    def whole(self, key: str, low: int, high: int) -> int:
-        """Return a whole number between low and high."""
+        Args:
+            key: must be there.
+            whole: whole numbers only.
+            comment: whether '#' ends the list; else Darknet goes on reading after each comma of a comment.
+            most: how many are read at most.
+        """
         value = self.text(key)
-        if not _WHOLE.fullmatch(value) or not low <= int(value) <= high:
-            raise self.error(key, f"must be a whole number from {low} to {high}")
-        return int(value)
+        if value is None:
+            raise self.error(key, "is missing")
+        parts = (value.partition("#")[0] if comment else value).split(",")[:most]
+        found = [(_WHOLE if whole else _NUMBER).match(part) for part in parts]
+        if not all(found):
+            raise self.error(key, f"must be {'whole ' if whole else ''}numbers separated by commas")
+        return [float(match.group()) for match in found if match]
 
-    def choice(self, key: str, allowed: tuple[str, ...]) -> str:
-        """Return one of the allowed values."""
-        if self.text(key) not in allowed:
-            raise self.error(key, f"must be one of {', '.join(allowed)}")
-        return self.text(key)
+    def whole(self, key: str, low: int, high: int, default: int | None = None) -> int:
+        """Return a whole number between low and high; without a default it must be there."""
+        value = self.text(key)
+        if value is None and default is not None:
+            return default
+        if value is None:
+            raise self.error(key, "is missing")
+        match = _WHOLE.match(value)
+        if match is None or not low <= int(match.group()) <= high:
+            raise self.error(key, f"must be {low}" if low == high else f"must be a whole number from {low} to {high}")
+        return int(match.group())
+
+    def number(self, key: str, default: float) -> float:
+        """Return a number."""
+        value = self.text(key)
+        if value is None:
+            return default
+        match = _NUMBER.match(value)
+        if match is None:
+            raise self.error(key, "must be a number")
+        return float(match.group())
+
+    def choice(self, key: str, allowed: tuple[str, ...], default: str) -> str:
+        """Return one of the allowed words."""
+        value = self.text(key) or default
+        if value not in allowed:
+            note = "; Darknet reads a comment after a word as part of it" if "#" in value or ";" in value else ""
+            raise self.error(key, f"must be one of {', '.join(allowed)}{note}")
+        return value
 
 
 def read_sections(text: str, source: str) -> list[Section]:
     """Return the sections of a .cfg's text, [net] first; InputError if it is not of that form."""
     sections: list[Section] = []
-    for line, raw in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
-        content = raw.strip()
+    for line, raw in enumerate(text.removeprefix("\ufeff").split("\n"), start=1):
+        content = raw.translate(_SPACES)
         if not content or content[0] in "#;":
             continue
-        if content[0] == "[" and content[-1] == "]":
-            sections.append(Section(source, line, content[1:-1].strip(), {}))
+        if content[0] == "[":
+            if content[-1] != "]":
+                raise InputError(f"{source}: line {line}: {content[:60]!r}: must be [name] with nothing behind it")
+            sections.append(Section(source, line, content[1:-1], {}))
             continue
-        key, equals, value = (part.strip() for part in content.partition("="))
-        if not key or not equals or not value:
-            raise InputError(f"{source}: line {line}: {content[:60]!r}: must be [section], key = value or # comment")
         if not sections:
             raise InputError(f"{source}: line {line}: {content[:60]!r}: must come after [net]")
-        if key in sections[-1].values:
-            raise sections[-1].error(key, f"stands again in line {line}")
-        sections[-1].values[key] = (line, value)
-    if not sections or sections[0].name != "net":
+        key, equals, value = content.partition("=")
+        if value or not equals:  # Darknet passes over 'key='
+            sections[-1].values.setdefault(key, (line, value or None))
+    if not sections or sections[0].kind != "net":
         line = sections[0].line if sections else 1
-        raise InputError(f"{source}: line {line}: the first section must be [net]")
+        raise InputError(f"{source}: line {line}: the first section must be [net] or [network]")
     if len(sections) > MAX_SECTIONS:
         raise InputError(f"{source}: {len(sections)} sections: must not be more than {MAX_SECTIONS}")
     return sections

@@ -33,6 +33,8 @@ def own_backend(backend: str) -> str:
 def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
     """Return the class names of a network of the user's, in the network's order, and which file they are from.
 
+    As in Darknet a line is a class, a blank one too: a name's line is its number. Blank lines at the end do not count.
+
     Raises:
         InputError: if there are none or not as many as the network has classes.
     """
@@ -43,9 +45,13 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
         if count == len(COCO_CLASSES):
             return list(COCO_CLASSES), f"{settings.cfg}, of COCO's {count} classes"
         raise InputError(f"{file}: missing: {settings.cfg} has {count} classes, give their names, one a line")
-    names = [line.strip() for line in read_text(file).splitlines() if line.strip()]
+    names = [line.strip() for line in read_text(file).removeprefix("\ufeff").rstrip().split("\n")]
+    if names == [""]:
+        names = []
     if len(names) != count:
-        raise InputError(f"{file}: holds {len(names)} names, {settings.cfg} has {count} classes")
+        odd = [line for line, name in enumerate(names, start=1) if not name or name[0] == "#"]
+        why = f"; line {odd[0]}, {names[odd[0] - 1][:40]!r}, counts as a name, as in Darknet" if odd else ""
+        raise InputError(f"{file}: holds {len(names)} names, {settings.cfg} has {count} classes{why}")
     return names, str(file)
 
 
@@ -102,6 +108,7 @@ def load_detector(settings: Detector, room: Room, size: tuple[int, int]) -> Call
                 compute = torch_network(OWN_NETWORK, cfg)
     labels_of = room_labels(names, room, source)
     anchors = [np.array(head.anchors, dtype=float) for head in cfg.heads]
+    scales = [head.scale_x_y for head in cfg.heads]
     input_size = np.array([cfg.net.width, cfg.net.height], dtype=float)
     image_size = np.array(size, dtype=float)
     border = np.concatenate([image_size, image_size]) - 0.5
@@ -111,7 +118,7 @@ def load_detector(settings: Detector, room: Room, size: tuple[int, int]) -> Call
         if (image.shape[1], image.shape[0]) != (cfg.net.width, cfg.net.height):
             image = cv2.resize(image, (cfg.net.width, cfg.net.height), interpolation=cv2.INTER_LINEAR)
         pixels = np.ascontiguousarray(image.transpose(2, 0, 1)[np.newaxis], dtype=np.float32) * scale
-        labels, scores, boxes = decode(compute(pixels), anchors, input_size, image_size, settings.threshold)
+        labels, scores, boxes = decode(compute(pixels), anchors, input_size, image_size, settings.threshold, scales)
         labels = labels_of[labels]
         known = labels >= 0
         labels, scores, boxes = labels[known], scores[known], boxes[known]

@@ -3,8 +3,10 @@
 For an anchor (p_w, p_h) [px of the network's input] in the cell (c_x, c_y) of a grid (n_x, n_y), as shares of the
 image:
 
-    b_x = (sigmoid(t_x) + c_x) / n_x,  b_w = p_w exp(t_w) / input width,  the same in y and h
+    b_x = (s sigmoid(t_x) - (s - 1) / 2 + c_x) / n_x,  b_w = p_w exp(t_w) / input width,  the same in y and h
     score = sigmoid(t_obj) sigmoid(t_class) of the best class
+
+s = 1 in YOLOv3; YOLOv4's scale_x_y (Bochkovskiy et al., "YOLOv4", 2020) reaches a cell's edges with s > 1.
 
 The image fills the input: one of another shape is stretched, each axis by itself, as OpenCV's blobFromImage does. A
 pixel's centre has integer coordinates, so the share b_x lies at u = b_x width - 1/2.
@@ -38,6 +40,7 @@ def _best_class(head: np.ndarray, first: int, classes: int, row: int, column: in
 def _decode(
     heads: tuple[np.ndarray, ...],
     anchors: tuple[np.ndarray, ...],
+    scales: np.ndarray,
     input_size: np.ndarray,
     image_size: np.ndarray,
     threshold: float,
@@ -51,7 +54,7 @@ def _decode(
     logit = np.log(threshold / (1.0 - threshold))
     k = 0
     for i in range(len(heads)):
-        head, p = heads[i], anchors[i]
+        head, p, s = heads[i], anchors[i], scales[i]
         n_y, n_x = head.shape[1], head.shape[2]
         step = head.shape[0] // len(p)
         for a in range(len(p)):
@@ -64,8 +67,8 @@ def _decode(
                     score = _sigmoid(head[t + 4, row, column]) * _sigmoid(head[t + 5 + best, row, column])
                     if not score >= threshold:
                         continue
-                    b_x = (_sigmoid(head[t, row, column]) + column) / n_x
-                    b_y = (_sigmoid(head[t + 1, row, column]) + row) / n_y
+                    b_x = (s * _sigmoid(head[t, row, column]) - 0.5 * (s - 1.0) + column) / n_x
+                    b_y = (s * _sigmoid(head[t + 1, row, column]) - 0.5 * (s - 1.0) + row) / n_y
                     b_w = p[a, 0] * np.exp(np.float64(head[t + 2, row, column])) / input_size[0]
                     b_h = p[a, 1] * np.exp(np.float64(head[t + 3, row, column])) / input_size[1]
                     boxes[k, 0] = (b_x - 0.5 * b_w) * image_size[0] - 0.5
@@ -85,6 +88,7 @@ def decode(
     input_size: np.ndarray,
     image_size: np.ndarray,
     threshold: float,
+    scales: Sequence[float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return labels (k), scores (k) and boxes (k, 4) [px] of one image, in the order head, anchor, row, column.
 
@@ -97,6 +101,7 @@ def decode(
         input_size: width and height of the network's input [px] (2).
         image_size: width and height of the image [px] (2).
         threshold: smallest score of a box, above 0 and below 1.
+        scales: scale_x_y of each head, by default 1.
 
     Raises:
         InputError: if the threshold is out of range or heads and anchors do not fit.
@@ -108,7 +113,8 @@ def decode(
     sizes = [(len(plane), len(pairs)) for plane, pairs in zip(planes, p, strict=False)]
     if len(planes) != len(p) or any(n % a or n < 6 * a for n, a in sizes):
         raise InputError(f"heads: {[h.shape for h in planes]}: must be (a (5 + classes), n_y, n_x) of their anchors")
-    return _decode(planes, p, np.asarray(input_size, float), np.asarray(image_size, float), threshold)
+    s = np.ones(len(p)) if scales is None else np.array(scales, dtype=np.float64)
+    return _decode(planes, p, s, np.asarray(input_size, float), np.asarray(image_size, float), threshold)
 
 
 @register_jitable
