@@ -17,8 +17,8 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import (
     check_writable,
+    flights_to_go,
     made_by,
-    progress_bar,
     say_if_compiling,
     say_written,
     show_markdown,
@@ -39,6 +39,9 @@ def rare(
     paths: Annotated[int, typer.Option(min=20, help="Flights of a level, a multiple of 10.")] = 1000,
     repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, of which the interval comes.")] = 10,
     count: Annotated[int, typer.Option(min=0, help="Flights to be counted beside it, to check by.")] = 0,
+    least: Annotated[
+        float, typer.Option(min=1e-30, max=0.1, help="Smallest probability that is sought; it stops there.")
+    ] = 1e-9,
     seed: Annotated[int, typer.Option(min=0, help="Of the first repetition.")] = 0,
     camera: CameraOption = None,
     settings: SetOption = None,
@@ -49,24 +52,20 @@ def rare(
     """Estimate how often the vehicle is lost, or strays from its reference, when that is rare.
 
     By subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
-    scenario's truth draws at the start, in the compiled engine. What is there
-    already is not flown again, so an interrupted or killed run goes on where it stopped.
+    scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then says
+    how rare it is at most. What is there already is not flown again, so an interrupted or killed run goes on where it
+    stopped.
     """
-    from ortilo_drake.studies.rare.rare_flights import AT_ONCE, rare_flights
+    from ortilo_drake.studies.rare.rare_flights import rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text
 
     flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
     check_writable(report := out_folder / "rare.md", json_file)
     quiet_drake()
     say_if_compiling()
-    with progress_bar() as progress:
-        task = progress.add_task("repetitions and batches", total=1 + repetitions + -(-count // AT_ONCE))
-        workers = workers or os.cpu_count() or 1
-
-        def advance(done: int) -> None:
-            progress.advance(task, done)
-
-        found = rare_flights(flown, corridor, paths, repetitions, out_folder / "kept", workers, count, advance)
+    workers = workers or os.cpu_count() or 1
+    with flights_to_go() as advance:
+        found = rare_flights(flown, corridor, paths, repetitions, out_folder / "kept", workers, count, advance, least)
     text = rare_text(flown, found)
     write_text(report, text + made_by())
     write_json(json_file, found)

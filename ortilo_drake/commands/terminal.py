@@ -4,6 +4,10 @@ import json
 import os
 import shlex
 import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +25,8 @@ from ortilo_drake.views.page.shell import versions
 # Results go to stdout, progress and errors to stderr.
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
+PACE_OVER = 600.0  # over which a bar takes the pace; parts of a study may come in minutes apart [s]
+SAID_EVERY = 5.0  # how often long work says how far it is where there is no bar [s]
 
 
 def write_json(path: Path | None, report: Any) -> None:
@@ -43,7 +49,30 @@ def check_writable(*paths: Path | None) -> None:
 def progress_bar() -> Progress:
     """Return a progress bar on stderr, shown only in a terminal and gone when done."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=err, transient=True, disable=not err.is_terminal)
+    return Progress(*columns, console=err, transient=True, disable=not err.is_terminal, speed_estimate_period=PACE_OVER)
+
+
+@contextmanager
+def flights_to_go() -> Iterator[Callable[[int, int], None]]:
+    """Show how many flights are done, of how many at most, and the time to go; give what is called with the two.
+
+    In a terminal it is a bar; elsewhere a line on stderr every SAID_EVERY seconds.
+    """
+    began: tuple[int, float] | None = None
+    said = time.monotonic()
+    with progress_bar() as progress:
+        task = progress.add_task("flights", total=None)
+
+        def advance(done: int, total: int) -> None:
+            nonlocal began, said
+            now = time.monotonic()
+            first, start = began = began or (done, now)  # what was kept from before says nothing of the pace
+            progress.update(task, completed=done, total=total)
+            if not err.is_terminal and now - said >= SAID_EVERY and done > first:
+                said, left = now, (total - done) * (now - start) / (done - first)
+                say_error(f"{done:,} of at most {total:,} flights, {timedelta(seconds=round(left))} to go")
+
+        yield advance
 
 
 def made_by() -> str:
@@ -86,9 +115,12 @@ def show_rows(rows: dict[str, str]) -> None:
 
 
 def show_markdown(text: str) -> None:
-    """Print Markdown: with its tables drawn in a terminal, as it is when piped."""
+    """Print Markdown: as it is when piped; in a terminal with its tables drawn and its heading as the first line."""
     if out.is_terminal:
-        out.print(Markdown(text))
+        heading, _, rest = text.partition("\n") if text.startswith("# ") else ("", "", text)
+        if heading:
+            out.print(Text(heading.removeprefix("# "), style="bold"), soft_wrap=True)
+        out.print(Markdown(rest))
     else:
         out.print(text, markup=False, soft_wrap=True)
 

@@ -37,6 +37,30 @@ def test_in_a_terminal_both_are_tables(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "axis" in text
 
 
+def test_in_a_terminal_a_reports_heading_is_its_first_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    file = printed(monkeypatch, True)
+    heading = "found: " + "a long verdict, " * 10
+    terminal.show_markdown(f"# {heading}\n\nmore\n")
+    first = re.sub(r"\x1b\[[0-9;]*m", "", file.getvalue()).splitlines()[0]
+    assert first == heading
+
+
+def test_without_a_bar_long_work_says_the_time_to_go(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """100 flights lie there from before; 50 more in 10 s, of 250 in all: the last 100 take 20 s."""
+    now = [0.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(terminal, "say_error", print)
+    with terminal.flights_to_go() as advance:
+        advance(100, 250)
+        now[0] = 1.0
+        advance(110, 250)
+        now[0] = 10.0
+        advance(150, 250)
+    assert capsys.readouterr().out == "150 of at most 250 flights, 0:00:20 to go\n"
+
+
 @pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])
 def test_help_keeps_the_units_that_options_have_in_square_brackets(words: list[str]) -> None:
     printed = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"}).output

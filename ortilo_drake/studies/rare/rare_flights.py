@@ -21,7 +21,17 @@ from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.rare.subset import CHAIN, Climb, Paths, Plan, climb, plan_climb
+from ortilo_drake.studies.rare.subset import (
+    CHAIN,
+    LEAST,
+    Climb,
+    Paths,
+    Plan,
+    climb,
+    flights_of,
+    most_levels,
+    plan_climb,
+)
 
 _LOG = logging.getLogger(__name__)
 LEVEL = 0.95  # of the intervals
@@ -31,7 +41,7 @@ _IN_MEMORY = 100  # flights whose distances are held at a time
 
 @dataclass(frozen=True)
 class Counted:
-    """Plain counting.
+    """Plain counting of flights whose noise is independent.
 
     Attributes:
         flights: how many flew.
@@ -52,24 +62,28 @@ class Rare:
 
     Attributes:
         corridor: distance from the reference that is strayed from [m]; None where losing the vehicle is meant.
-        probability: mean of the repetitions [1].
-        low: lower end of its 95 % interval [1], not below 0.
+        probability: mean of the repetitions [1]; None if none came to the event: it is then known only by counting.
+        low: lower end of the 95 % interval [1], not below 0: of the mean, or of `independent` where there is none.
         high: its upper end [1].
+        least: the smallest probability that was sought [1].
         plan: levels [m] and steps, as the first climb chose them.
-        repetitions: what each of those after it found.
-        flights: how many flew in all of them, the first among them.
+        repetitions: what each of those after it found; empty if the first climb never came to the event.
+        flights: how many flew in all of them, the first climb's among them.
         drawn: how many normal numbers decide what is drawn at the start.
+        independent: plain counting of all flights that belong to no chain: the first of each climb, and `counted`.
         counted: plain counting beside it, if asked for.
     """
 
     corridor: float | None
-    probability: float
+    probability: float | None
     low: float
     high: float
+    least: float
     plan: Plan
     repetitions: list[Climb]
     flights: int
     drawn: int
+    independent: Counted
     counted: Counted | None
 
 
@@ -90,13 +104,6 @@ def _goal(corridor: float | None) -> float:
     return np.inf if corridor is None else corridor
 
 
-def plan_flights(scenario_json: str, corridor: float | None, paths: int, seed: int) -> Plan:
-    """Return levels and steps. Runs in a worker: the arguments are plain data."""
-    engine = _engine_of(scenario_json)
-    drawn = sum(engine.drawn.values())
-    return plan_climb(partial(_farthest, engine), engine.ticks, drawn, _goal(corridor), paths, seed)
-
-
 def climb_flights(scenario_json: str, corridor: float | None, plan: Plan, paths: int, seed: int) -> Climb:
     """Return one estimate. Runs in a worker: the arguments are plain data."""
     engine = _engine_of(scenario_json)
@@ -111,6 +118,15 @@ def count_flights(scenario_json: str, corridor: float | None, seeds: range) -> i
     return int(np.sum(engine.distances(of_ticks).max(axis=1) >= _goal(corridor)))
 
 
+def counted_of(flights: int, events: int) -> Counted:
+    """Return a count with Wilson's interval.
+
+    Of no event in n >= 20 flights its upper end is 16 to 28 % above the exact one-sided limit, 1 - 0.05^(1/n).
+    """
+    share = stats.binomtest(events, flights).proportion_ci(LEVEL, method="wilson")
+    return Counted(flights, events, float(share.low), float(share.high))
+
+
 def rare_flights(
     scenario: Scenario,
     corridor: float | None,
@@ -119,9 +135,12 @@ def rare_flights(
     out: Path,
     workers: int,
     count: int = 0,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    least: float = LEAST,
 ) -> Rare:
     """Return how often the vehicle is lost or strays; what has been found is kept and not flown again.
+
+    Where the climb that chooses the levels never comes to the event, nothing is repeated.
 
     Args:
         scenario: whose seed is that of the first repetition.
@@ -131,7 +150,8 @@ def rare_flights(
         out: folder in which each repetition is kept.
         workers: worker processes; 1 flies in this one.
         count: flights to be counted beside it, seeds from 0 on.
-        progress: called with how many repetitions, the first climb among them, or batches of counted flights came in.
+        progress: called with how many flights are done and how many there will be, at most.
+        least: the smallest probability that is sought [1].
 
     Raises:
         InputError: if the scenario has a part that is not compiled, or what is found cannot be kept.
@@ -140,40 +160,70 @@ def rare_flights(
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
     engine = _engine_of(text := scenario.model_dump_json())  # refuses before anything is kept
     event = "lost" if corridor is None else f"corridor_{corridor:g}"
-    folder = flight_folder(out, scenario)
-    seeds = range(scenario.seed, scenario.seed + repetitions)
-    plan_file = folder / f"{event}_{paths}_paths_plan_{scenario.seed}.json"
-    _run([(plan_flights, (text, corridor, paths, scenario.seed))], [plan_file], workers, progress)
-    plan: Plan = _read(plan_file)
-    files = [folder / f"{event}_{paths}_paths_plan_{scenario.seed}_seed_{seed}.json" for seed in seeds]
-    _run([(climb_flights, (text, corridor, plan, paths, seed)) for seed in seeds], files, workers, progress)
+    folder, drawn = flight_folder(out, scenario), sum(engine.drawn.values())
+    plan_file = folder / f"{event}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
+    plan = _kept(plan_file)
+    if plan is None:
+        most = flights_of(most_levels(least), paths) + count
+
+        def planned(flights: int) -> None:
+            progress(flights, most)
+
+        plan = plan_climb(
+            partial(_farthest, engine), engine.ticks, drawn, _goal(corridor), paths, scenario.seed, least, planned
+        )
+        _keep(plan_file, plan)
+    seeds = range(scenario.seed, scenario.seed + repetitions if plan.reached else scenario.seed)
+    each = flights_of(len(plan.levels), paths)
+    done, total = plan.flights, plan.flights + each * len(seeds) + count
+
+    def advance(flights: int) -> None:
+        nonlocal done
+        done += flights
+        progress(done, total)
+
+    advance(0)
+    files = [plan_file.with_name(f"{plan_file.stem}_seed_{seed}.json") for seed in seeds]
+    jobs = [(text, corridor, plan, paths, seed) for seed in seeds]
+    found: list[Climb] = _run(climb_flights, jobs, files, workers, [each] * len(seeds), advance)
     batches = [range(at, min(at + AT_ONCE, count)) for at in range(0, count, AT_ONCE)]
-    count_files = [folder / f"{event}_counted_{b.start:08d}_{b.stop - 1:08d}.json" for b in batches]
-    _run([(count_flights, (text, corridor, batch)) for batch in batches], count_files, workers, progress)
-    found: list[Climb] = [_read(file) for file in files]
+    files = [folder / f"{event}_counted_{b.start:08d}_{b.stop - 1:08d}.json" for b in batches]
+    counts = _run(
+        count_flights, [(text, corridor, b) for b in batches], files, workers, [len(b) for b in batches], advance
+    )
+    counted = counted_of(count, sum(counts)) if count else None
+    met = plan.met + sum(one.met for one in found) + sum(counts)
+    independent = counted_of(paths * (1 + len(found)) + count, met)
     p = np.array([one.probability for one in found])
+    flights = plan.flights + sum(one.flights for one in found)
+    if not p.any():
+        low, high = independent.low, independent.high
+        return Rare(corridor, None, low, high, least, plan, found, flights, drawn, independent, counted)
     half = float(stats.t.ppf(0.5 + LEVEL / 2.0, len(p) - 1) * p.std(ddof=1) / np.sqrt(len(p)))
-    mean, counted = float(p.mean()), None
-    if count:
-        events = sum(_read(file) for file in count_files)
-        share = stats.binomtest(events, count).proportion_ci(LEVEL, method="wilson")
-        counted = Counted(count, events, float(share.low), float(share.high))
-    flights, drawn = plan.flights + sum(one.flights for one in found), sum(engine.drawn.values())
-    return Rare(corridor, mean, max(mean - half, 0.0), mean + half, plan, found, flights, drawn, counted)
+    mean = float(p.mean())
+    low, high = max(mean - half, 0.0), mean + half
+    return Rare(corridor, mean, low, high, least, plan, found, flights, drawn, independent, counted)
 
 
-def _run(jobs: list[tuple[Any, Any]], files: list[Path], workers: int, progress: Callable[[int], None]) -> None:
-    """Do those jobs, all of one function, whose result is not kept yet, and keep it."""
+def _run(
+    function: Any, jobs: list[Any], files: list[Path], workers: int, flights: list[int], advance: Callable[[int], None]
+) -> list[Any]:
+    """Do those jobs whose result is not kept yet, keep it, and return all results; each job is of so many flights."""
     missing = [i for i, file in enumerate(files) if _kept(file) is None]
-    progress(len(files) - len(missing))
+    advance(sum(flights) - sum(flights[i] for i in missing))
 
-    def take(number: int, result: Plan | Climb | int) -> None:
-        kept = {"events": result} if isinstance(result, int) else {type(result).__name__.lower(): asdict(result)}
-        write_text(files[missing[number]], json.dumps(kept))
-        progress(1)
+    def take(number: int, result: Climb | int) -> None:
+        _keep(files[missing[number]], result)
+        advance(flights[missing[number]])
 
     if missing:
-        run_all(jobs[0][0], [jobs[i][1] for i in missing], workers, take)
+        run_all(function, [jobs[i] for i in missing], workers, take)
+    return [_read(file) for file in files]
+
+
+def _keep(file: Path, result: Plan | Climb | int) -> None:
+    kept = {"events": result} if isinstance(result, int) else {type(result).__name__.lower(): asdict(result)}
+    write_text(file, json.dumps(kept))
 
 
 def _kept(file: Path) -> Any:

@@ -4,29 +4,30 @@ import numpy as np
 
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.rare_flights import Rare
+from ortilo_drake.studies.rare.subset import KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
 APART = 0.25  # of acceptances at one level, from which repetitions are said to have gone different ways [1]
 
 
+def verdict(scenario: Scenario, found: Rare) -> str:
+    """Return how often it happens, in one line."""
+    event = "loses its vehicle" if found.corridor is None else f"strays {found.corridor:g} m or more from its reference"
+    if found.probability is not None:
+        return f"{scenario.name}: about one flight in {1.0 / found.probability:,.0f} {event}"
+    flown = found.independent
+    if flown.events:
+        share = f"one flight in {flown.flights / flown.events:,.0f}"
+        return f"{scenario.name}: about {share} {event}, by counting: {flown.events} of {flown.flights:,}"
+    return f"{scenario.name} {event}: fewer than {flown.high:.2g} (95 %), none in {flown.flights:,} flights"
+
+
 def rare_text(scenario: Scenario, found: Rare) -> str:
     """Return the report."""
-    event = "loses its vehicle" if found.corridor is None else f"strays {found.corridor:g} m or more from its reference"
-    if found.probability > 0.0:
-        says = f"about one flight in {1.0 / found.probability:,.0f} {event}"
-    else:
-        says = f"no repetition came to a flight that {event}: give more --paths"
-    interval = f", 95 % interval {found.low:.3g} to {found.high:.3g}" if found.probability > 0.0 else ""
-    lines = [
-        f"# {scenario.name}: {says}",
-        "",
-        f"probability {found.probability:.3g}{interval}, by {len(found.repetitions)} repetitions of subset simulation,"
-        f" {found.flights:,} flights in all, those that chose the levels among them.",
-    ]
+    lines = [f"# {verdict(scenario, found)}", ""]
+    lines += _by_counting(found) if found.probability is None else _by_repetitions(found, found.probability)
     if found.drawn:
         lines += ["", f"What is drawn at the start is moved with the noise: {found.drawn} normal numbers of `truth`."]
-    if found.low == 0.0 and found.probability > 0.0:
-        lines += ["", "The repetitions differ so much that the interval reaches to 0: give more --paths."]
     if at := level_apart(found):
         lines += [
             "",
@@ -40,7 +41,7 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
             f" {counted.events / counted.flights:.3g}, 95 % interval {counted.low:.3g} to {counted.high:.3g}.",
         ]
     lines.append("")
-    if found.plan.levels:
+    if found.plan.levels and found.repetitions:
         kept = _column_means([one.kept for one in found.repetitions])
         accepted = _column_means([one.accepted for one in found.repetitions])
         cells = [
@@ -48,9 +49,44 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
             for level, share, step, taken in zip(found.plan.levels, kept, found.plan.steps, accepted, strict=False)
         ]
         lines += table(["level [m]", "of those before it", "step", "steps taken"], cells)
-    cells = [[str(i), f"{r.probability:.3g}", f"{r.flights:,}"] for i, r in enumerate(found.repetitions)]
-    lines += table(["repetition", "probability", "flights"], cells)
+    if found.repetitions:
+        cells = [[str(i), _share(r.probability), f"{r.flights:,}"] for i, r in enumerate(found.repetitions)]
+        lines += table(["repetition", "probability", "flights"], cells)
+    elif found.plan.levels:
+        cells = [[f"{KEPT**-n:,.0f}", f"{level:.3g}"] for n, level in enumerate(found.plan.levels, 1)]
+        lines += table(["one flight in about", "comes so far from its reference [m]"], cells)
     return "\n".join(lines) + "\n"
+
+
+def _by_repetitions(found: Rare, probability: float) -> list[str]:
+    lines = [
+        f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g},"
+        f" by {len(found.repetitions)} repetitions of subset simulation,"
+        f" {found.flights:,} flights in all, those that chose the levels among them.",
+    ]
+    if found.low == 0.0:
+        lines += ["", "The repetitions differ so much that the interval reaches to 0: give more --paths."]
+    return lines
+
+
+def _by_counting(found: Rare) -> list[str]:
+    """Return what is known where no climb came to the event, or only one that was thrown away."""
+    if found.repetitions:
+        why = f"None of {len(found.repetitions)} repetitions of subset simulation came to such a flight."
+    elif len(found.plan.levels) < most_levels(found.least):
+        why = "Subset simulation found no flight that goes farther than its last level, and stopped."
+    else:
+        why = f"Subset simulation came to no such flight down to a probability of about {found.least:g}, and stopped."
+    flown = found.independent
+    return [
+        f"{why} It flew {found.flights:,}. The figure above is what counting says: of flights with noise of their own"
+        f" it happened in {flown.events} of {flown.flights:,}, 95 % interval {flown.low:.2g} to {flown.high:.2g}"
+        " (Wilson). To know more, give more --paths or --count.",
+    ]
+
+
+def _share(probability: float) -> str:
+    return f"{probability:.3g}" if probability else "none found"
 
 
 def level_apart(found: Rare) -> float | None:

@@ -21,6 +21,7 @@ that their estimates are without bias (waste-free sequential Monte Carlo: H.-D. 
 Statistical Society B 84, 2022, proposition 1), and independent of each other.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -32,7 +33,7 @@ CHAIN = 10  # paths of a chain, its start among them
 ACCEPTED = 0.4  # share of steps that are to be taken [1]
 SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
 _GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too seldom
-_MOST_LEVELS = 60
+LEAST = 1e-9  # the climb that chooses levels goes no further down than to such a probability [1]
 
 
 class Paths(NamedTuple):
@@ -62,11 +63,15 @@ class Plan:
         levels: below the goal, going up.
         steps: b at each level, in (0, 1].
         flights: how many paths it ran.
+        met: how many of the first, independent paths reached the goal.
+        reached: whether a path above the last level reached it.
     """
 
     levels: tuple[float, ...]
     steps: tuple[float, ...]
     flights: int
+    met: int
+    reached: bool
 
 
 @dataclass(frozen=True)
@@ -78,12 +83,14 @@ class Climb:
         kept: share of the paths that were at each level, then at the goal [1].
         accepted: share of the steps that were taken at each level [1].
         flights: how many paths ran.
+        met: how many of the first, independent paths reached the goal.
     """
 
     probability: float
     kept: tuple[float, ...]
     accepted: tuple[float, ...]
     flights: int
+    met: int
 
 
 def fresh(n: int, ticks: int, drawn: int, random: np.random.Generator) -> Paths:
@@ -129,8 +136,29 @@ def _chains(
     return _Above(together, np.concatenate(found), steps, accepted)
 
 
-def plan_climb(run: Heights, ticks: int, drawn: int, goal: float, paths: int, seed: int) -> Plan:
+def most_levels(least: float) -> int:
+    """Return how many levels lead to a probability [1]."""
+    return math.ceil(math.log(least) / math.log(KEPT) - 1e-9)
+
+
+def flights_of(levels: int, paths: int) -> int:
+    """Return how many paths a climb over so many levels runs."""
+    return paths + levels * (paths - paths // CHAIN)
+
+
+def plan_climb(
+    run: Heights,
+    ticks: int,
+    drawn: int,
+    goal: float,
+    paths: int,
+    seed: int,
+    least: float = LEAST,
+    progress: Callable[[int], None] = lambda flights: None,
+) -> Plan:
     """Return levels that keep KEPT of the paths each, and steps of which ACCEPTED are taken.
+
+    It ends at the goal, where no path comes higher any more, and where the next level would be rarer than `least`.
 
     Args:
         run: how high each path comes.
@@ -139,23 +167,34 @@ def plan_climb(run: Heights, ticks: int, drawn: int, goal: float, paths: int, se
         goal: how high a path must come, at least.
         paths: N, a multiple of CHAIN.
         seed: of all that is drawn.
+        least: the smallest probability that is sought [1].
+        progress: called with how many paths have run.
     """
-    random, b = np.random.default_rng((seed, 0)), ACCEPTED
-    pool, flights = fresh(paths, ticks, drawn, random), paths
-    heights = run(pool)
+    random, b, flights = np.random.default_rng((seed, 0)), ACCEPTED, 0
+
+    def counted(some: Paths) -> np.ndarray:
+        nonlocal flights
+        its = run(some)
+        flights += len(its)
+        progress(flights)
+        return its
+
+    pool = fresh(paths, ticks, drawn, random)
+    heights = counted(pool)
+    met = int(np.sum(heights >= goal))
     levels: list[float] = []
     steps: list[float] = []
-    while len(levels) < _MOST_LEVELS:
+    while len(levels) < most_levels(least):
         level = float(np.sort(heights)[-max(int(KEPT * paths), 1)])
         if level >= goal or (levels and level <= levels[-1]):  # there, or no path comes higher any more
             break
         chosen = _starts(np.flatnonzero(heights >= level), paths, random)
-        above = _chains(run, pool.at(chosen), heights[chosen], level, b, False, random)
+        above = _chains(counted, pool.at(chosen), heights[chosen], level, b, False, random)
         b = float(np.exp(np.mean(np.log(above.steps[CHAIN // 2 :]))))
         levels.append(level)
         steps.append(b)
-        pool, heights, flights = above.paths, above.heights, flights + paths - paths // CHAIN
-    return Plan(tuple(levels), tuple(steps), flights)
+        pool, heights = above.paths, above.heights
+    return Plan(tuple(levels), tuple(steps), flights, met, bool(np.any(heights >= goal)))
 
 
 def climb(run: Heights, ticks: int, drawn: int, goal: float, plan: Plan, paths: int, seed: int) -> Climb:
@@ -163,19 +202,20 @@ def climb(run: Heights, ticks: int, drawn: int, goal: float, plan: Plan, paths: 
     random = np.random.default_rng((seed, 1))
     pool, flights = fresh(paths, ticks, drawn, random), paths
     heights = run(pool)
+    met = int(np.sum(heights >= goal))
     kept: list[float] = []
     accepted: list[float] = []
     for level, b in zip(plan.levels, plan.steps, strict=True):
         there = np.flatnonzero(heights >= level)
         kept.append(there.size / paths)
         if not there.size:
-            return Climb(0.0, tuple(kept), tuple(accepted), flights)
+            return Climb(0.0, tuple(kept), tuple(accepted), flights, met)
         chosen = _starts(there, paths, random)
         above = _chains(run, pool.at(chosen), heights[chosen], level, b, True, random)
         pool, heights, flights = above.paths, above.heights, flights + paths - paths // CHAIN
         accepted.append(float(np.mean(above.accepted)))
     kept.append(float(np.mean(heights >= goal)))
-    return Climb(float(np.prod(kept)), tuple(kept), tuple(accepted), flights)
+    return Climb(float(np.prod(kept)), tuple(kept), tuple(accepted), flights, met)
 
 
 def _starts(there: np.ndarray, paths: int, random: np.random.Generator) -> np.ndarray:

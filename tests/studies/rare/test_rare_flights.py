@@ -1,21 +1,22 @@
 """Rare events of flights: the engine's branches, plain counting, what is kept, the command."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import run
-from scipy.stats import chi
+from scipy.stats import binomtest, chi
 
 from ortilo_drake.flight.compiled.boxes import seeds_of_nodes
 from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
-from ortilo_drake.studies.rare.rare_flights import Rare, rare_flights
+from ortilo_drake.studies.rare.rare_flights import Rare, counted_of, rare_flights
 from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
-from ortilo_drake.studies.rare.subset import Climb, Plan
+from ortilo_drake.studies.rare.subset import Climb, Plan, flights_of
 from ortilo_drake.world.noise import normals, stream_id
 
 SHORT = ("world.disturbance.force_sd=0.2",)
@@ -42,7 +43,10 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     corridor = 1.5
     found = rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 1, count=300)
     assert found.counted is not None
+    assert found.probability is not None
     assert 0.0 < found.probability < 1.0
+    assert (found.independent.flights, found.counted.flights) == (5 * 100 + 300, 300)
+    assert found.independent.events >= found.counted.events
     assert found.low < found.counted.high
     assert found.counted.low < found.high
     files = sorted(tmp_path.rglob("*.json"))
@@ -55,9 +59,12 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     first.write_text("{", encoding="utf-8")  # damaged: flown again
     second.unlink()
     plan.write_text("[1]", encoding="utf-8")
-    calls: list[int] = []
-    assert rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 2, 300, calls.append) == found
-    assert calls[:3] == [0, 1, 2]  # no plan, the plan, two of four repetitions
+    calls: list[tuple[int, int]] = []
+    assert rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
+    each = flights_of(len(found.plan.levels), 100)
+    assert calls[0] == (100, flights_of(9, 100) + 300)  # the plan's first flights, of at most nine levels
+    kept = calls.index((3 * each, 5 * each + 300))  # the plan and the two repetitions that are kept of four
+    assert calls[kept + 1 :] == [(n * each, 5 * each + 300) for n in (4, 5)] + [(5 * each + 300,) * 2]
     assert counted.stat().st_mtime_ns == before
 
 
@@ -88,6 +95,7 @@ def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
     assert found.drawn > 0
     assert found.low < 1e-5 < found.high
     assert found.high < 3e-5
+    assert found.probability is not None
     assert "What is drawn at the start is moved" in rare_text(SCENARIO, found)
 
 
@@ -110,19 +118,60 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "strays 0.8 m" in (out / "rare.md").read_text(encoding="utf-8")
 
 
-def made(repetitions: list[Climb], probability: float = 0.0) -> Rare:
-    return Rare(None, probability, 0.0, 0.0, Plan((1.0, 2.0), (0.5, 0.2), 40), repetitions, 80, 0, None)
+def made(repetitions: list[Climb], probability: float | None = None, events: int = 0) -> Rare:
+    plan, counted = Plan((1.0, 2.0), (0.5, 0.2), 40, 0, bool(repetitions)), counted_of(500, events)
+    low, high = counted.low, counted.high
+    return Rare(None, probability, low, high, 1e-2, plan, repetitions, 80, 0, counted, None)
 
 
-def test_where_no_repetition_came_to_it_no_interval_is_claimed() -> None:
-    text = rare_text(SCENARIO, made([Climb(0.0, (0.1, 0.0), (0.3,), 40)] * 2))
-    assert "no repetition came to a flight that loses its vehicle" in text
-    assert "interval" not in text
+NEVER = [Climb(0.0, (0.1, 0.0), (0.3,), 40, 0)] * 2
+
+
+@pytest.mark.parametrize("repetitions", [[], NEVER], ids=["stopped early", "repeated"])
+def test_what_never_happened_is_bounded_by_counting_in_the_first_line(repetitions: list[Climb]) -> None:
+    text = rare_text(SCENARIO, made(repetitions))
+    first, *rest = text.splitlines()
+    assert first == "# nominal_imu_uwb loses its vehicle: fewer than 0.0076 (95 %), none in 500 flights"
+    assert "probability 0" not in text
+    assert not re.search(r"\| \d+ \| 0 \|", text)  # of a repetition
+    assert any("came to such a flight" in line or "came to no such flight" in line for line in rest)
+
+
+@pytest.mark.parametrize("flights", [20, 500, 10_000])
+def test_the_bound_of_what_never_happened_is_above_what_is_exact(flights: int) -> None:
+    """Clopper and Pearson's: at that probability none in so many flights has a chance of 5 %."""
+    exact = binomtest(0, flights, alternative="less").proportion_ci(0.95, method="exact").high
+    assert (1.0 - exact) ** flights == pytest.approx(0.05)
+    bound = counted_of(flights, 0)
+    assert (bound.events, bound.low) == (0, 0.0)
+    assert exact < bound.high < 1.3 * exact
+    assert bound.high == pytest.approx(binomtest(0, flights).proportion_ci(0.95, method="wilson").high)
+
+
+def test_what_counting_alone_found_is_said_as_a_count() -> None:
+    text = rare_text(SCENARIO, made(NEVER, events=2))
+    assert text.startswith("# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "flown"),
+    [(("--paths", "50"), 50), (("--paths", "20", "--count", "40", "--corridor", "5", "--least", "1e-4"), 60)],
+)
+def test_where_nothing_happens_it_stops_after_one_climb(
+    options: tuple[str, ...], flown: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hover = ("--set", "planner={kind: hover, duration: 0.2}", "--workers", "1")
+    file = tmp_path / "rare.json"
+    assert run("rare", "nominal_imu_uwb", *hover, *options, "--out", str(tmp_path), "--json", str(file)) == 0
+    found, said = json.loads(file.read_text(encoding="utf-8")), capsys.readouterr().out
+    assert (found["probability"], found["repetitions"]) == (None, [])
+    assert found["high"] == pytest.approx(binomtest(0, flown).proportion_ci(0.95, method="wilson").high)
+    assert f"fewer than {found['high']:.2g} (95 %), none in {flown} flights" in said.splitlines()[0]
 
 
 def test_repetitions_that_go_different_ways_are_told() -> None:
     """As a flight that one wrong fix of a single tick throws off: nearly every step of it is taken."""
-    one, other = Climb(1e-6, (0.1, 0.1, 0.1), (0.3, 0.3), 40), Climb(1e-4, (0.1, 0.1, 0.1), (0.3, 0.8), 40)
+    one, other = Climb(1e-6, (0.1, 0.1, 0.1), (0.3, 0.3), 40, 0), Climb(1e-4, (0.1, 0.1, 0.1), (0.3, 0.8), 40, 0)
     assert level_apart(made([one, one])) is None
     assert level_apart(made([one, other])) == 2.0
     assert "From 2 m on the repetitions go different ways" in rare_text(SCENARIO, made([one, other], 1e-4))

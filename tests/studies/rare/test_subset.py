@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from scipy.stats import norm, t
 
-from ortilo_drake.studies.rare.subset import CHAIN, Climb, Paths, climb, fresh, moved, plan_climb
+from ortilo_drake.studies.rare.subset import CHAIN, Climb, Paths, climb, flights_of, fresh, moved, plan_climb
 from ortilo_drake.world.noise import normals, stream_id, uniforms
 
 TICKS, REPETITIONS = 40, 24
@@ -116,13 +116,23 @@ def test_a_start_that_is_drawn_together_with_the_noise_of_all_ticks() -> None:
 def test_what_happens_often_is_counted_and_what_cannot_happen_is_never() -> None:
     plan = plan_climb(walk, TICKS, 0, 0.0, 50, 0)
     assert plan.levels == ()
-    assert climb(walk, TICKS, 0, 0.0, plan, 50, 0) == Climb(1.0, (1.0,), (), 50)
+    assert climb(walk, TICKS, 0, 0.0, plan, 50, 0) == Climb(1.0, (1.0,), (), 50, 50)
 
     def flat(paths: Paths) -> np.ndarray:
         return np.zeros(len(paths.seeds))
 
     plan = plan_climb(flat, TICKS, 0, 1.0, 50, 0)
+    assert not plan.reached
     assert climb(flat, TICKS, 0, 1.0, plan, 50, 0).probability == 0.0
+
+
+@pytest.mark.parametrize(("least", "levels"), [(1e-2, 2), (3e-3, 3), (1e-3, 3)])
+def test_the_first_climb_stops_at_the_least_probability_that_is_sought(least: float, levels: int) -> None:
+    ran: list[int] = []
+    plan = plan_climb(walk, TICKS, 0, np.inf, 100, 0, least, ran.append)
+    assert (len(plan.levels), plan.reached, plan.met) == (levels, False, 0)
+    assert ran == [100] + [100 + 10 * k for k in range(1, 9 * levels + 1)]
+    assert plan.flights == flights_of(levels, 100) == ran[-1]
 
 
 def test_a_seed_repeats_a_climb_and_counts_its_paths() -> None:
