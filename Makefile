@@ -2,8 +2,10 @@
 #                libraries, which YES=1 allows
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
-# make test      set up, run the tests but for notebooks, training, real time, processes of their own, videos, long ones
-# make test-all  set up, with Rerun and, where there are wheels of it, ROS 2, run all tests
+# make test      set up, run the quick tests: the equations, every command, a flight of each kind of scenario
+# make rest      set up, with Rerun and, where there are wheels of it, ROS 2, run the tests in processes of their own, and
+#                with PART=K/N the K-th of N parts of the nightly ones
+# make nightly   the same with all nightly tests: notebooks, training, real time, videos, every scenario compiled (hours)
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
@@ -22,7 +24,9 @@ TESTS ?= tests
 PYTEST_ARGS ?=
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
-LONG := notebook or training or real_time or processes or video or long
+PART ?= 0/1
+REST := notebook or training or real_time or processes or video or long
+REST_FILES = $(shell grep -rlE "mark\.($(subst $() or ,|,$(REST)))\b" tests --include='test_*.py') # the others are not imported
 # Containers often forbid Python to keep its bytecode: then each process compiles 1,600 modules anew, for three seconds.
 unexport PYTHONDONTWRITEBYTECODE
 # What recorded flights the real-data test reads, where they lie beside the checkout.
@@ -31,7 +35,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup extras kernels fly tables test test-all fuzz check bench sameness docs linkcheck mutants clean
+.PHONY: setup extras kernels fly tables test rest nightly fuzz check bench sameness docs linkcheck mutants clean
 
 setup: $(STAMP)
 
@@ -59,10 +63,12 @@ $(STAMP)-kernels: $(STAMP) tests/compile_kernels.py $(shell find ortilo_drake/ d
 	@touch $@
 
 test: kernels
-	@$(PYTEST) -m "not ($(LONG))" $(TESTS)
+	@$(PYTEST) -m "not ($(REST))" $(TESTS)
 
-test-all: extras kernels
-	@$(PYTEST) $(TESTS)
+rest: extras kernels
+	@$(PYTEST) -m "$(REST)" --part $(PART) $(REST_FILES)
+
+nightly: rest
 
 # Whatever reads ORTILO_FUZZ_CASES.
 FUZZ := tests/integration/test_schema_fuzz.py tests/hil/test_udpm.py

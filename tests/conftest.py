@@ -24,12 +24,27 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.hookimpl(trylast=True)  # once the order is random
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have one of two workers begin with what flies by the clock, one at a time, and the other with the notebooks.
+NIGHTLY = ("notebook", "training", "real_time", "video", "long")  # what `make nightly` runs and `make test` does not
 
-    xdist gives each worker half of the list to begin with. Both take long: neither should be what is left at the end.
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add --part K/N: of the tests with a mark of NIGHTLY every N-th, from the K-th on; the others are all run."""
+    parser.addoption("--part", metavar="K/N", default="0/1", help="run every N-th of the nightly tests, from K (0 ...)")
+
+
+@pytest.hookimpl(trylast=True)  # once the order is random
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the other parts' nightly tests, and put first what flies by the clock and the notebooks.
+
+    Of two workers one begins with the first, one at a time, the other with the second: xdist gives each worker half of
+    the list to begin with. Both take long: neither should be what is left at the end.
     """
+    first_of, parts = map(int, config.getoption("part").split("/"))
+    nightly = [item for item in items if any(map(item.get_closest_marker, NIGHTLY))]
+    nightly.sort(key=lambda item: item.nodeid)
+    left_out = {*nightly} - {*nightly[first_of::parts]}
+    config.hook.pytest_deselected(items=[*left_out])
+    items[:] = [item for item in items if item not in left_out]
     clock = [item for item in items if item.get_closest_marker("real_time")]
     notebooks = [item for item in items if item.get_closest_marker("notebook")]
     first = {*clock, *notebooks}

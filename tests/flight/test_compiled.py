@@ -16,7 +16,10 @@ from ortilo_drake.flight.metrics import nis, summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, scenario_names
 
-COMPILED = tuple(name for name in scenario_names() if why_not(load_scenario(name, ("camera.kind=projected",))) is None)
+COMPILED = sorted(
+    (name for name in scenario_names() if why_not(load_scenario(name, ("camera.kind=projected",))) is None),
+    key=lambda name: name != "nominal_imu_uwb",
+)
 BURSTS = "uwb.link.loss={kind: bursts, loss: 0.4, mean_length: 0.5}"
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 VARIANTS = (
@@ -32,7 +35,10 @@ VARIANTS = (
 Flown = Callable[..., xr.Dataset]
 
 
-@pytest.mark.parametrize("name", COMPILED)
+# Each kind of flight compiles for a minute: but for the first, which all tests share, they are flown at night.
+@pytest.mark.parametrize(
+    "name", ["nominal_imu_uwb", *(pytest.param(name, marks=pytest.mark.long) for name in COMPILED[1:])]
+)
 def test_ready_made_flights_are_drakes(name: str, flown: Flown) -> None:
     engine = Engine(load_scenario(name, ("camera.kind=projected",)))
     for seed in (0, 1):
@@ -54,6 +60,7 @@ CAMERA_VARIANTS = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("changes", CAMERA_VARIANTS)
 def test_flights_of_other_cameras_are_drakes(changes: tuple[str, ...], flown: Flown) -> None:
     changes = (SHORT, "camera.kind=projected", *changes)
@@ -92,6 +99,7 @@ WORLDS = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "changes"), WORLDS)
 def test_flights_in_other_worlds_are_drakes(name: str, changes: tuple[str, ...], flown: Flown) -> None:
     changes = (SHORT, "camera.kind=projected", *changes)
@@ -100,6 +108,7 @@ def test_flights_in_other_worlds_are_drakes(name: str, changes: tuple[str, ...],
     assert found.same, found
 
 
+@pytest.mark.long
 def test_what_is_drawn_in_a_world_belongs_to_its_seed() -> None:
     engine = Engine(load_scenario("imu_uwb", (SHORT, *TRUTH)))
     together = engine.figures(range(9), threads=2)
@@ -155,7 +164,7 @@ def test_a_flight_is_the_same_alone_and_in_any_batch() -> None:
     assert len(np.unique(alone[:, 2])) == len(seeds)
 
 
-@pytest.mark.parametrize("name", ["nominal_imu_uwb", "paper_imu_uwb"])
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", pytest.param("paper_imu_uwb", marks=pytest.mark.long)])
 def test_figures_are_those_of_the_summary(name: str, flown: Flown) -> None:
     engine = Engine(load_scenario(name))
     found = dict(zip(engine.columns, engine.figures([1])[0], strict=True))

@@ -68,6 +68,7 @@ def test_every_kind_is_flown() -> None:
     assert set(SETTINGS) == set(KINDS) == set(kinds)
 
 
+@pytest.mark.long  # each compiles for a minute
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("case", CASES, ids=IDS)
 def test_a_flight_with_a_fault_is_drakes(case: Fault, name: str, calm: Callable[[str], list[xr.Dataset]]) -> None:
@@ -104,6 +105,7 @@ TRUTH = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["robust_imu_uwb_yolo", "tight_imu_uwb_yolo"])
 def test_a_long_flight_with_several_faults_is_drakes(name: str) -> None:
     scenario = with_faults(name, SEVERAL, *TRUTH, short=False)
@@ -111,6 +113,7 @@ def test_a_long_flight_with_several_faults_is_drakes(name: str) -> None:
     assert found.same, found
 
 
+@pytest.mark.long
 def test_a_flight_is_the_one_without_faults_up_to_the_first() -> None:
     scenario = with_faults(
         "robust_imu_uwb_yolo", [{"kind": "gust", "start": 2.0}, {"kind": "clock_jump", "start": 2.0}]

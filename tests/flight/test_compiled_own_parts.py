@@ -114,6 +114,7 @@ def scenario_of() -> od.Scenario:
     )
 
 
+@pytest.mark.long
 def test_an_own_estimator_that_gives_a_compiled_step_flies_drakes_flight() -> None:
     od.register_estimator("follower", Follower, FollowerSystem, COMPILED)
     scenario = scenario_of()

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flight_digests import digest
+from flight_tracks import digest
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.flight import flight as flight_module

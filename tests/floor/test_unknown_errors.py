@@ -184,6 +184,7 @@ def test_a_registered_sensor_errs_as_the_filter_believes() -> None:
     assert errors.sd[column] == 0.025
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["realistic_flow", "realistic_altimeter"])
 def test_no_ensemble_of_realistic_flights_beats_the_floor(name: str) -> None:
     hover = ("planner.kind=hover", "planner.point=[8.0, 1.0, 1.5]", "planner.duration=5.0", "settle=0.0")

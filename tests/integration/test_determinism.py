@@ -1,14 +1,15 @@
 """Same seed, same bits: in one process, in another, and beside other sensors."""
 
-import hashlib
 import os
 import subprocess
 import sys
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from flight_tracks import digest
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.diagrams.world import make_world
@@ -18,14 +19,6 @@ from ortilo_drake.scenario import load_scenario
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 PROJECTED = "camera.kind=projected"  # as fast as the rest; rendered flights have tests of their own
 SCENARIOS = ["nominal_imu_uwb_yolo", "bursty_link", "rotors", "realistic", "realistic_flow"]
-
-
-def digest(flight: xr.Dataset) -> str:
-    """Return one digest over the bytes of every variable."""
-    found = hashlib.sha256()
-    for name in sorted(flight.data_vars):
-        found.update(np.ascontiguousarray(flight[name].values).tobytes())
-    return found.hexdigest()
 
 
 @cache
@@ -61,12 +54,12 @@ def test_a_seeds_truths_do_not_depend_on_what_the_simulator_flew_before() -> Non
 @pytest.mark.processes
 def test_another_process_flies_the_same_bits() -> None:
     program = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import sys; sys.path[:0] = sys.argv[1:]\n"
         "from test_determinism import *\n"
         "print([digest(fly(load_scenario(name, (SHORT, PROJECTED), 7))) for name in SCENARIOS])\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, os.path.dirname(__file__)],
+        [sys.executable, "-c", program, *map(str, Path(__file__).parents[:2])],
         env=os.environ | {"PYTHONHASHSEED": "12345", "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,

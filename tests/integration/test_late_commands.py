@@ -54,6 +54,7 @@ def test_the_halves_fly_it_bit_for_bit() -> None:
         np.testing.assert_array_equal(flight[name], halves[name], err_msg=str(name))
 
 
+@pytest.mark.long
 def test_a_seed_flies_the_same_bits_behind_a_relay() -> None:
     scenario = scenario_of(AWARE)
     one, two = (fly_in_virtual_time(scenario, BAD, BAD, 3) for _ in range(2))

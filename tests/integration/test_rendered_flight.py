@@ -1,15 +1,14 @@
 """Flights that look at pictures: the same bits everywhere, late pictures, networks of the user's, and bad input."""
 
-import hashlib
 import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 import yaml
 from command_line import run
+from flight_tracks import digest
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.ensemble import flight_file, fly_many
@@ -44,13 +43,6 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> str:
     path.write_text(yaml.safe_dump(room | changes), encoding="utf-8")
     assert set(load_room(path).classes) == set(load_room().classes)
     return f"room={path}"
-
-
-def digest(flight: xr.Dataset) -> str:
-    found = hashlib.sha256()
-    for name in sorted(flight.data_vars):
-        found.update(np.ascontiguousarray(flight[name].values).tobytes())
-    return found.hexdigest()
 
 
 # --- the same bits --------------------------------------------------------------------------------------------

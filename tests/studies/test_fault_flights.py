@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from command_line import run
 
-from ortilo_drake.flight.compiled.prepare import why_not
-from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.faults.catalogue import NAMES, Case, catalogue, chosen_names
-from ortilo_drake.studies.faults.courses import BIN, Course, course, fly_courses
+from ortilo_drake.studies.faults.courses import BIN, Course
 from ortilo_drake.studies.faults.fault_flights import FaultStudy, check_length, recovery_time, row_of
 from ortilo_drake.studies.faults.fault_report import fault_figure, fault_text
 
@@ -100,6 +98,7 @@ def test_a_flight_must_be_long_enough_and_faults_begin_at_half_seconds() -> None
         check_length(short, 2.2, 5.0)
 
 
+@pytest.mark.long
 def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> None:
     without = [made_up(0, 0.01, {})]
     rows = [
@@ -115,24 +114,6 @@ def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> Non
     assert "| gust | mine | 0 of 1 | 20 | 20 | 20 | 2.00 | 2.00 | never | 4.0 | 4.0 | no |" in text
     assert "| clock_jump | yours | 1 of 1 | - | - | - | - | - | - | - | - | no |" in text
     assert fault_figure(found, tmp_path / "faults.png").stat().st_size > 5000
-
-
-def test_the_engines_table_is_drakes_bit_for_bit(tmp_path: Path) -> None:
-    hover = "planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 13.0}"
-    names = ("none", "nlos_storm", "gust", "rotor_weak", "uwb_stuck")
-    calm = load_scenario("imu_uwb", (hover,))
-    cases = [case for case in catalogue(calm, 2.0, 1.0) if case.name in names]
-    scenarios = [calm, *(load_scenario("imu_uwb", (hover, ("faults", [case.fault]))) for case in cases)]
-    assert len(scenarios) == len(names)
-    assert [why_not(scenario) for scenario in scenarios] == [None] * len(scenarios)
-    compiled = fly_courses([(scenario, range(2)) for scenario in scenarios], tmp_path)
-    drakes = []
-    for scenario in scenarios:
-        simulator = FlightSimulator(scenario)
-        drakes.append([course(simulator.fly(seed)) for seed in range(2)])
-    assert compiled == drakes
-    for case, one, other in zip(cases, compiled[1:], drakes[1:], strict=True):
-        assert row_of("imu_uwb", case, one, compiled[0]) == row_of("imu_uwb", case, other, drakes[0])
 
 
 @pytest.mark.long

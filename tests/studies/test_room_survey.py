@@ -101,6 +101,7 @@ def test_ranges_without_noise_give_the_anchors_whatever_was_believed() -> None:
     assert (found.sd[3:] > 0.0).all()
 
 
+@pytest.mark.long
 def test_over_200_draws_95_in_100_anchors_are_within_5_cm_and_the_uncertainty_is_honest() -> None:
     rng = np.random.default_rng(4)
     squares, errors, costs, freedom = [], [], [], 0

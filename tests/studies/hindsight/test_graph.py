@@ -74,6 +74,7 @@ def dense_positions(recorded: RecordedFlight) -> tuple[np.ndarray, np.ndarray]:
     return positions, np.sqrt(np.diag(J @ covariance @ J.T)).reshape(n, 3)
 
 
+@pytest.mark.long
 def test_it_is_the_dense_problem_over_single_samples() -> None:
     """Seven ticks with two messages of ranges: the preintegrated graph against every sample's noise as an unknown."""
     wide = "estimator.initial_sd=[0.3, 0.1, 0.3]"

@@ -32,9 +32,8 @@ def sweep(**fields: object) -> Sweep:
     return validate(Sweep, base | fields, "sweep")
 
 
-@pytest.mark.parametrize("name", ["nominal_imu_uwb", "rotors"])  # the engine's, and one that Drake flies
-def test_the_figures_of_a_flight_are_those_of_its_summary(name: str) -> None:
-    scenario = load_scenario(name, tuple(SHORT.items()))
+def test_the_figures_of_a_flight_are_those_of_its_summary() -> None:
+    scenario = load_scenario("nominal_imu_uwb", tuple(SHORT.items()))
     figures = fly_figures(scenario.model_dump_json(), range(1, 2), "")
     named = dict(zip(columns_of(scenario), figures[0], strict=True))
     found = summary(fly(with_seed(scenario, 1)))

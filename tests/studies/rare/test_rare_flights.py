@@ -39,6 +39,7 @@ def test_a_branch_is_the_same_flight_until_it_leaves_and_another_after() -> None
     assert not np.any(one[101:] == other[101:])
 
 
+@pytest.mark.long
 def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     corridor = 1.5
     found = rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 1, count=300)
@@ -87,6 +88,7 @@ def test_a_node_of_the_cameras_slow_errors_is_of_its_ticks_seed_in_every_tick_ab
     assert seeds_of_nodes(slow, seeds, 9).tolist() == [[108, 109], [109, 109]]  # the flight ends before the node
 
 
+@pytest.mark.long
 def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
     """In a tenth of a second a vehicle that starts off its reference comes no nearer: its distance has a chi law."""
     settings = ("planner={kind: hover, duration: 0.1}", "truth.start.position_sd=0.1")

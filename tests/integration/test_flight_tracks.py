@@ -1,0 +1,30 @@
+"""The ready-made flights stay what they were: to 1e-9 m, on whatever processor, and rendered ones to a millimetre."""
+
+import json
+
+import numpy as np
+import pytest
+from flight_tracks import FILE, PROJECTED, RENDERED, SEEDS, fly_ready_made, track
+
+KEPT: dict[str, list[list[float]]] = json.loads(FILE.read_text())
+ONE, OTHERS = SEEDS["projected"][:1], SEEDS["projected"][1:]
+
+
+def check(name: str, camera: str, seeds: range, tolerance: float) -> None:
+    for seed, flight in fly_ready_made(name, camera, seeds):
+        key = f"{name} {camera} {seed}"
+        np.testing.assert_allclose(track(flight), KEPT[key], rtol=0.0, atol=tolerance, err_msg=key)
+
+
+@pytest.mark.parametrize("seeds", [ONE, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["one", "others"])
+@pytest.mark.parametrize(("name", "camera"), PROJECTED)
+def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: range) -> None:
+    check(name, camera, seeds, 1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.egl
+@pytest.mark.parametrize(("name", "camera"), RENDERED)
+def test_rendered_flights_are_what_they_were(name: str, camera: str) -> None:
+    """The detector computes in single precision, whose sums differ between processors."""
+    check(name, camera, SEEDS[camera], 1e-3)
