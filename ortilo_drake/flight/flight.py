@@ -27,7 +27,7 @@ from ortilo_drake.model.signals import (
 )
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario, with_seed
-from ortilo_drake.scenario.old_keys import FORMAT, scenario_from_json
+from ortilo_drake.scenario.saved import FORMAT, scenario_from_json
 
 AXES = ("x", "y", "z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
@@ -242,7 +242,7 @@ def scenario_of(flight: xr.Dataset) -> Scenario:
 
     The last few are kept, for a summary asks nine times.
     """
-    return _read_scenario(flight.attrs["scenario"], flight.attrs.get("format", 1), registered())
+    return _read_scenario(flight.attrs["scenario"], flight.attrs.get("format"), registered())
 
 
 @lru_cache(maxsize=4)

@@ -26,7 +26,7 @@ from ortilo_drake.flight.summary import Summary, read_summary
 from ortilo_drake.model.input_files import read_bytes
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.old_keys import scenario_from_json
+from ortilo_drake.scenario.saved import scenario_from_json
 
 LARGEST = 2**31  # bytes of a file, and of the arrays in it: seven hours at 30 Hz
 _MARK = b"\nortilo-drake flight, sha256 "
@@ -141,7 +141,7 @@ def _scenario_in(attributes: dict[Any, Any]) -> Scenario:
     ):
         if not isinstance(attributes.get(name), kind):
             raise InputError(f"{name}: is {str(attributes.get(name))[:40]!r}, must be {called}")
-    scenario = scenario_from_json(attributes["scenario"], attributes.get("format", 1), "scenario")
+    scenario = scenario_from_json(attributes["scenario"], attributes.get("format"), "scenario")
     if scenario.seed != attributes["seed"]:
         raise InputError(f"seed: is {attributes['seed']}, that of its scenario is {scenario.seed}")
     lost = json.loads(attributes["lost"])

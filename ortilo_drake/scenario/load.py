@@ -2,14 +2,12 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
-from ortilo_drake.scenario.old_keys import refuse_old_keys
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.scenario.planner import GcsPlanner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
@@ -53,7 +51,6 @@ def _set_field(data: dict[str, Any], setting: Setting) -> None:
     if not all(key.split(".")) or key.count(".") > DEEPEST:
         raise InputError(f"{shown}: must read key.key=value")
     *parents, last = key.split(".")
-    refuse_old_keys(reduce(lambda under, name: {name: under}, reversed(parents), {last: value}), shown)
     for parent in parents:
         child = data.get(parent)
         if child is None:
@@ -92,7 +89,6 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
-    refuse_old_keys(data, source)
     data = _with_vehicle(data, path.parent)
     base = data.pop("base", None)
     if base is None:

@@ -24,7 +24,7 @@ from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model import parts
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import GcsPlanner, LqServo
-from ortilo_drake.scenario.old_keys import FORMAT
+from ortilo_drake.scenario.saved import FORMAT
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight, planned_reference
 from ortilo_drake.views.page.flight_page import flight_page
 

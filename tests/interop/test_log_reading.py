@@ -22,10 +22,8 @@ from ortilo_drake.interop.log import reader as log_reader
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.mcap_records import read_logged
 from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_messages, read_ticks
-from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter
-from ortilo_drake.interop.ros import ros_messages
-from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC, STRING_TYPE
+from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC
 from ortilo_drake.interop.ros.ros_sensors import image_message, image_of
 from ortilo_drake.interop.ros.ros_types import definition, from_cdr, message_maker, to_cdr, typestore
 from ortilo_drake.model.signals import STATE_NAMES
@@ -262,61 +260,23 @@ def test_foreign_files_are_refused(tmp_path):
     other = foreign(tmp_path / "other.mcap", "/chatter", string, {"data": "hello"})
     with pytest.raises(InputError, match="not a log of ortilo-drake"):
         read_log(other)
-    for data in ("no json", "{}", "[1]", '{"format": 1, "scenario": 3, "software": ""}'):
+    for data in ("no json", "{}", "[1]", '{"format": 2, "scenario": 3, "software": ""}'):
         with pytest.raises(InputError, match="not a log of ortilo-drake"):
             read_log(foreign(tmp_path / "a.mcap", SCENARIO_TOPIC, string, {"data": data}))
     about = {"format": 3, "scenario": "{}", "software": "ortilo-drake 9"}
-    with pytest.raises(InputError, match="format 3, this version reads 1 to 2"):
+    with pytest.raises(InputError, match="format 3, this version reads format 2"):
         read_log(foreign(tmp_path / "b.mcap", SCENARIO_TOPIC, string, {"data": json.dumps(about)}))
-    about |= {"format": 1, "scenario_format": 2, "scenario": '{"seed": -1}'}
+    about |= {"format": 2, "scenario_format": 2, "scenario": '{"seed": -1}'}
     with pytest.raises(InputError, match="seed"):
         read_log(foreign(tmp_path / "c.mcap", SCENARIO_TOPIC, string, {"data": json.dumps(about)}))
 
 
-def test_a_log_of_the_old_scenario_format_is_read(tmp_path):
-    old = (Path(__file__).parents[1] / "data" / "scenario_format_1.json").read_text(encoding="utf-8")
-    about = {"format": 1, "scenario": old, "software": "ortilo-drake 0"}
-    path = foreign(tmp_path / "old.mcap", SCENARIO_TOPIC, "std_msgs/msg/String", {"data": json.dumps(about)})
-    assert log_scenario(path).camera.width == 640
-    about = {"format": 1, "scenario_format": 3, "scenario": old, "software": "ortilo-drake 0"}
+@pytest.mark.parametrize("version", [None, 1, 3, "2"])
+def test_a_scenario_of_another_format_is_refused(version, tmp_path):
+    about = {"format": 2, "scenario": "{}", "scenario_format": version, "software": "ortilo-drake 9"}
     path = foreign(tmp_path / "new.mcap", SCENARIO_TOPIC, "std_msgs/msg/String", {"data": json.dumps(about)})
-    with pytest.raises(InputError, match=r"new\.mcap: is of format 3, this version reads formats 1 to 2"):
+    with pytest.raises(InputError, match=rf"new\.mcap: is of format {version}, this version reads format 2"):
         log_scenario(path)
-
-
-def as_in_format_1(tick):
-    """Return a tick as it was logged then: y (9), delta (3) and V2 (27) in one signal of 39 numbers."""
-    outputs = dict(tick.outputs)
-    measurement = np.concatenate([outputs.pop(name) for name in ("y", "delta", "V2")])
-    assert measurement.shape == (39,)
-    return tick._replace(outputs=outputs | {"measurement": measurement})
-
-
-def test_a_log_of_format_1_is_read_and_replayed(tmp_path, monkeypatch):
-    monkeypatch.setattr(ros_messages, "FORMAT", 1)
-    path = write(tmp_path / "log", sent=[as_in_format_1(tick) for tick in ticks()])
-    topics = {message.topic for message in read_logged(log_file(path), lambda topic: True)}
-    assert "/ortilo/measurement" in topics
-    assert topics.isdisjoint({"/ortilo/y", "/ortilo/delta", "/ortilo/V2"})
-    assert (
-        json.loads(from_cdr(STRING_TYPE, next(read_logged(log_file(path), lambda topic: True)).data).data)["format"]
-        == 1
-    )
-    xr.testing.assert_identical(read_log(path), without_speed(flight()))
-    for (_, messages, outputs), tick in zip(read_messages(path), ticks(), strict=True):
-        assert_same(messages, tick.messages)
-        assert_same({name: outputs[name] for name in tick.outputs}, tick.outputs)
-    plain = [
-        tick._replace(messages={n: m for n, m in tick.messages.items() if n not in FROM_OUTSIDE}) for tick in ticks()
-    ]
-    replayed = replay_log(write(tmp_path / "plain", sent=map(as_in_format_1, plain)))
-    assert (replayed.ticks, replayed.identical) == (len(ticks()), True)
-    short = [
-        t._replace(outputs=t.outputs | {"measurement": t.outputs["measurement"][:-1]})
-        for t in map(as_in_format_1, plain)
-    ]
-    with pytest.raises(InputError, match="V2: has 26 numbers, not 27"):
-        read_log(write(tmp_path / "short", sent=short))
 
 
 def test_the_log_of_registered_sensors_is_their_flight(tmp_path):

@@ -20,7 +20,7 @@ from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.old_keys import scenario_from_json
+from ortilo_drake.scenario.saved import scenario_from_json
 
 
 class LoggedTick(NamedTuple):
@@ -57,8 +57,8 @@ def _description(path: Path) -> dict[str, Any]:
         _ = json.loads(description["scenario"]), str(description["software"])
     except Exception:  # whatever is wrong with a foreign message
         raise InputError(f"{path}: not a log of ortilo-drake: does not begin with {SCENARIO_TOPIC}") from None
-    if found not in range(1, FORMAT + 1):
-        raise InputError(f"{path}: a log of format {found}, this version reads 1 to {FORMAT}")
+    if found != FORMAT:
+        raise InputError(f"{path}: a log of format {found}, this version reads format {FORMAT}")
     return description
 
 
@@ -66,7 +66,7 @@ def log_scenario(path: Path) -> Scenario:
     """Return the scenario that a log was flown with; InputError if it is no such log."""
     file = log_file(path)
     description = _description(file)
-    return scenario_from_json(description["scenario"], description.get("scenario_format", 1), str(file))
+    return scenario_from_json(description["scenario"], description.get("scenario_format"), str(file))
 
 
 def holds_what_was_sent(path: Path) -> bool:
@@ -102,8 +102,7 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
         InputError: if there is no such log, or it is not one, or it is damaged.
     """
     file, scenario = log_file(path), log_scenario(path)
-    sizes, parts = output_sizes(scenario.measurement), scenario.measurement.sizes
-    ends = np.cumsum(list(parts.values()))[:-1]
+    sizes = output_sizes(scenario.measurement)
 
     def wanted(topic: str) -> bool:
         if topic in (IMAGE_TOPIC, SCENARIO_TOPIC):
@@ -113,8 +112,6 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     for log_time, group in groupby(read_logged(file, wanted), key=lambda message: message.log_time):
         signals = dict(_decode(file, message) for message in group)
         state = signals.pop("state", None)
-        if "measurement" in signals:  # of format 1: y, delta and V2 in one
-            signals |= dict(zip(parts, np.split(signals.pop("measurement"), ends), strict=True))
         outputs = {name: signals.pop(name) for name in sizes if name in signals}
         outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: it never came
         yield LoggedTick(round(log_time * 1e-9 * scenario.control_rate), state, signals, outputs)
