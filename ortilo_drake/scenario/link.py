@@ -135,7 +135,9 @@ class Link(LinkRate):
     """How one sensor's messages reach the vehicle: one packet in each tick that is due, delivered or lost as a whole.
 
     Attributes:
-        rate: samples a second [Hz], see LinkRate.
+        rate: samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb
+            and camera), and each tick's packet carries the samples taken since the tick before, each with its stamp.
+            null sends on every tick.
         loss: what is lost at random; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].

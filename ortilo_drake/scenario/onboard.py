@@ -17,7 +17,7 @@ class Exclusion(Frozen):
 
     Attributes:
         probability: with which right ranges pass the chi-square test of their residuals [1].
-        least_ranges: fewest ranges of which one may be left out.
+        least_ranges: fewest ranges of which one may be left out [1].
         share: of the ranges that may be left out at most [1]; if more do not fit there is no fix.
         clock: whether an offset that is common to all ranges is looked for as well, such as a clock's.
     """

@@ -89,15 +89,16 @@ def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: A
         key, meaning = f"{above}{name}", field.get("description", "")
         default = defaults[name] if isinstance(defaults, dict) and name in defaults else field.get("default")
         shown = "needed" if name in group.get("required", ()) else _shown(default)
-        inner, suffix = (field["items"], "[].") if "items" in field else (field, ".")
-        inner = next((part for part in inner.get("anyOf", ()) if "oneOf" in part), inner)  # a group or a number
-        groups = [_resolved(schema, part) for part in inner.get("oneOf", [inner])]
+        outer, choices = _group_in(field)
+        suffix = "[]." if outer is not choices else "."
+        groups = [_resolved(schema, part) for part in choices.get("oneOf", [choices])]
+        empty = " or null" if {"type": "null"} in field.get("anyOf", ()) else ""
         if "properties" not in groups[0]:
             units = dict.fromkeys(_UNIT.findall(meaning))
             yield Key(key, kind, _allowed(schema, field), ", ".join(units), shown, meaning)
             continue
-        if suffix == "[].":
-            yield Key(key, kind, "list of groups", "", shown, meaning)
+        if suffix == "[]." or empty:
+            yield Key(key, kind, f"{'list of groups' if suffix == '[].' else 'group'}{empty}", "", shown, meaning)
         if len(groups) == 1:
             yield from _keys(schema, groups[0], key + suffix, default, kind)
             continue
@@ -106,6 +107,14 @@ def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: A
         yield Key(f"{key}{suffix}kind", kind, " | ".join(kinds), "", chosen or "needed", meaning)
         for its, part in zip(kinds, groups, strict=True):
             yield from _keys(schema, part, key + suffix, default if its == chosen else None, its)
+
+
+def _group_in(field: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what of a field's choices may hold settings, null and plain numbers aside, and of a list its entries."""
+    parts = field.get("anyOf", [field])
+    outer = next((part for part in parts if not part.keys().isdisjoint({"oneOf", "$ref", "items"})), field)
+    inner = outer.get("items", outer)
+    return outer, next((part for part in inner.get("anyOf", ()) if "oneOf" in part), inner)
 
 
 def _shown(default: Any) -> str:

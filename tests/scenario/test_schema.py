@@ -54,6 +54,24 @@ def test_every_number_has_a_unit() -> None:
         assert not is_number or key.unit or key.key in NO_QUANTITY, key.key
 
 
+def test_every_setting_says_what_it_allows_and_no_group_hides_its_own() -> None:
+    keys = scenario_keys()
+    gaps = [key.key for key in keys if not key.allowed or key.allowed[0] == " " or "  " in key.allowed]
+    assert gaps == []
+    assert [key.key for key in keys if re.search(r"\bsee [A-Z]\w+|\.py\b", key.meaning)] == []
+    listed = {key.key.rpartition(".")[2].removesuffix("[]") for key in keys}
+    groups = {"vehicle", "arms", "exclude", "robust", "watch", "faults"}
+    for model in MODELS:
+        its = {name for name, field in model.model_fields.items() if not list(models_in(field.annotation))}
+        assert its <= listed | groups, model
+    assert {key.key for key in scenario_keys("vehicle.arms")} == {
+        "vehicle.arms", "vehicle.arms[].angle", "vehicle.arms[].length", "vehicle.arms[].spin"
+    }  # fmt: skip
+    allowed = {key.key: key.allowed for key in scenario_keys("multilateration.exclude")}
+    assert allowed["multilateration.exclude"] == "group or null"
+    assert allowed["multilateration.exclude.least_ranges"] == "integer >= 5, <= 1000"
+
+
 def test_the_keys_are_those_of_the_default_scenario() -> None:
     def leaves(data: Any, name: str = "") -> set[str]:
         if not isinstance(data, dict) or not data:

@@ -68,5 +68,5 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
             axes.set_title(f"{part} the fault")
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        figure.colorbar(drawn, ax=panels, label="error over the one without the fault [1]", extend="max")
+        figure.colorbar(drawn, ax=panels, label="error with the fault / error without it [1]", extend="max")
         return save_picture(figure, path)
