@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -101,12 +101,16 @@ def _refuse_bombs(text: str) -> None:
             raise InputError(f"{_line(event)}: nested more than {DEEPEST} deep")
 
 
-def parse_yaml(text: str, source: str) -> Any:
+Names = Callable[[yaml.Node], Iterable[yaml.Node]]  # the scalars of a document that are names
+
+
+def parse_yaml(text: str, source: str, names: Names | None = None) -> Any:
     """Return the plain data of a YAML text.
 
     Args:
         text: the YAML.
         source: what to call it in an error.
+        names: which scalars are text as they are written, whatever YAML makes of 0715, 1516 or no.
 
     Raises:
         InputError: if the text is not YAML, repeats a key, has aliases, is nested too deeply or uses a tag that is
@@ -114,7 +118,14 @@ def parse_yaml(text: str, source: str) -> Any:
     """
     try:
         _refuse_bombs(text)
-        return yaml.load(text, Loader=_UniqueKeyLoader)
+        loader = _UniqueKeyLoader(text)
+        try:
+            document = loader.get_single_node()
+            for scalar in () if names is None or document is None else names(document):
+                scalar.tag = yaml.resolver.BaseResolver.DEFAULT_SCALAR_TAG
+            return None if document is None else loader.construct_document(document)
+        finally:
+            loader.dispose()
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     except (yaml.YAMLError, ValueError) as error:

@@ -1,50 +1,134 @@
-"""A recorded stream: stamps and a table of numbers, from whatever kind of file."""
+"""A recorded stream: stamps and a table of numbers, from one file or several of whatever kind."""
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.rejected import Rejections, kept_in_order, named
-from ortilo_drake.interop.recorded.sources import Column, Source
+from ortilo_drake.interop.recorded.sources import MOST, Column, OfAnchor, RangeSource, Source
+from ortilo_drake.interop.recorded.tables import Table
+from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.typed_yaml import InputError
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class Stream(NamedTuple):
-    """Rising stamps [s] (n), numbers (n, columns), and what was rejected on the way."""
+    """Rising stamps [s] (n), numbers (n, columns), the anchors' names if the rows have them, and what was rejected.
+
+    `rows` (n) are lines or messages of their file; `told` holds what was rejected of each file, `rejected` last.
+    """
 
     t: np.ndarray
     values: np.ndarray
+    names: np.ndarray | None
+    rows: np.ndarray
     rejected: Rejections
+    told: tuple[Rejections, ...]
+
+    def place(self, which: np.ndarray) -> str:
+        """Return the place of the first row of a kind."""
+        return self.rejected.place(which, self.rows)
+
+    def only(self, which: np.ndarray) -> "Stream":
+        """Return some of the rows."""
+        names = None if self.names is None else self.names[which]
+        return self._replace(t=self.t[which], values=self.values[which], names=names, rows=self.rows[which])
+
+
+def files_of(folder: Path, names: str | Sequence[str | OfAnchor]) -> list[Path]:
+    """Return the files that a map names; those of a pattern in order, anchor2 before anchor10.
+
+    Args:
+        folder: where the map's files are; a file itself if the map names that one.
+        names: of the map.
+
+    Raises:
+        InputError: if nothing fits a pattern.
+    """
+    base, found = folder if folder.is_dir() else folder.parent, []
+    for entry in [names] if isinstance(names, str) else names:
+        name = entry if isinstance(entry, str) else entry.file
+        if not any(mark in name for mark in "*?[") or exists(base / name):
+            found.append(base / name)
+            continue
+        fitting = [path for path in base.glob(name) if path.is_file()] if not name.startswith("/") else []
+        if not fitting:
+            raise InputError(f"{base / name}: no file fits this pattern")
+        found += sorted(fitting, key=_natural)
+    if len(found) > MOST:
+        raise InputError(f"{base}: {len(found)} files of one stream, at most {MOST} are read")
+    return found
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))]
 
 
 def read_stream(
-    folder: Path, source: Source, columns: tuple[Column, ...], what: str, topic: str | None, repeats: bool = False
+    paths: Sequence[Path],
+    source: Source,
+    columns: tuple[Column, ...],
+    what: str,
+    topic: str | None,
+    names: Column | None = None,
 ) -> Stream:
     """Read the columns of a source.
 
     Args:
-        folder: where the map's files are; a file itself if the map names that one.
+        paths: its files; their rows are merged by their stamps.
         source: the map's entry.
         columns: what to read of it; NaN where a row has none.
         what: what it is called in a line.
         topic: the topic, if it is a bag.
-        repeats: whether rows may share a stamp.
+        names: the column that names each row's anchor.
 
     Raises:
-        InputError: if the file cannot be read or hardly anything in it.
+        InputError: if a file cannot be read or hardly anything in it.
     """
+    parts = [_read_file(path, source, columns, what, topic, names) for path in paths]
+    if len(parts) == 1:
+        return parts[0]
+    widths = {part.values.shape[1] for part in parts}
+    if len(widths) > 1:
+        raise InputError(
+            f"{what}: its files have {', '.join(map(str, sorted(widths)))} values in a row, not one number"
+        )
+    t, values = np.concatenate([part.t for part in parts]), np.concatenate([part.values for part in parts])
+    called = (
+        None if parts[0].names is None else np.concatenate([part.names for part in parts if part.names is not None])
+    )
+    order = np.argsort(t, kind="stable")
+    merged = Rejections(f"{len(parts)} files ({what})", word="row")
+    if called is None:
+        same = np.concatenate(([False], np.diff(t[order]) == 0.0))
+        merged.add("stamps that two files have", f"at {t[order][np.argmax(same)]:.6f} s", int(same.sum()))
+        order = order[~same]
+    told = tuple(part.rejected for part in parts)
+    rows = np.arange(1, len(order) + 1)
+    return Stream(t[order], values[order], None if called is None else called[order], rows, merged, (*told, merged))
+
+
+def _read_file(
+    path: Path, source: Source, columns: tuple[Column, ...], what: str, topic: str | None, names: Column | None
+) -> Stream:
     from ortilo_drake.interop.recorded.bag_columns import read_bag
     from ortilo_drake.interop.recorded.csv_columns import read_csv
+    from ortilo_drake.interop.recorded.lec_console import read_lec
 
-    path = folder / source.file if folder.is_dir() else folder.parent / source.file
     rejected = Rejections(named(path, what if topic is None else f"{what}, {topic}"))
-    if topic is None:
-        t, values = read_csv(path, source, columns, rejected)
+    table: Table
+    if isinstance(source, RangeSource) and source.format == "lec":
+        table = read_lec(path, rejected)
+    elif topic is None:
+        table = read_csv(path, source, columns, rejected, names)
     else:
-        t, values = read_bag(path, topic, source, columns, rejected)
-    if source.time is not None:
-        t = t * UNITS[source.unit]
-    keep = kept_in_order(t, rejected, repeats)
-    return Stream(t[keep] - source.late, values[keep], rejected)
+        table = read_bag(path, topic, source, columns, rejected, names)
+    in_unit = source.time is not None or topic is None
+    t = table.t * UNITS[source.unit] if in_unit else table.t
+    keep = kept_in_order(t, table.rows, rejected, table.names)
+    called = None if table.names is None else table.names[keep]
+    return Stream(t[keep] - source.late, table.values[keep], called, table.rows[keep], rejected, (rejected,))

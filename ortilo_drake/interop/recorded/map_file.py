@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import yaml
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
 from ortilo_drake.interop.recorded.sources import CommandSource, ImuSource, RangeSource, TruthSource
-from ortilo_drake.model.typed_yaml import Frozen, Positive, load_yaml
+from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive, parse_yaml, validate
 
-Vector = tuple[float, float, float]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -91,7 +92,16 @@ class Map(Frozen):
     """What a folder of recorded files holds; see docs/how_to/recorded.md."""
 
     ranges: RangeSource
-    anchors: Annotated[tuple[Vector, ...], Field(min_length=3, max_length=256)] | Find
+    anchors: Annotated[
+        Annotated[tuple[Vector, ...], Field(min_length=3, max_length=256)]
+        | Find
+        | Annotated[dict[str, Vector], Field(min_length=3, max_length=256)]
+        | FileName,
+        BeforeValidator(as_anchors),
+    ] = Field(
+        description="[m]: in the order of the ranges, by name, `{find: n}`, or a file with them: cfclient's YAML, a "
+        "table `id, x, y, z`, a DWM1001's console."
+    )
     imu: ImuSource | None = None
     command: CommandSource | None = None
     truth: TruthSource | None = None
@@ -102,12 +112,18 @@ class Map(Frozen):
 
     @model_validator(mode="after")
     def _anchors_are_those_of_the_ranges(self) -> Self:
+        by_name = isinstance(self.anchors, dict | str)  # counted, or chosen by their names, when the files are read
+        heard = self.ranges.heard
         anchors = self.anchors.find if isinstance(self.anchors, Find) else len(self.anchors)
-        r = self.ranges
-        heard = len(r.names) or len(r.topics) or len(r.values)
-        is_list = r.topic is not None and len(r.values) == 1 and not r.names  # counted when it is read
-        if heard != anchors and not is_list:
+        if (
+            heard is not None
+            and heard != anchors
+            and not (by_name and self.ranges.names)
+            and not isinstance(self.anchors, str)
+        ):
             raise ValueError(f"anchors: {anchors} of them, but the ranges are to {heard}")
+        if self.ranges.rows_name_anchors and not self.ranges.names and not by_name:
+            raise ValueError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
         if isinstance(self.anchors, Find) and self.truth is None:
             raise ValueError("anchors: find: needs `truth`; without it `ortilo room survey` finds anchors")
         if self.command is not None and self.imu is None:
@@ -116,8 +132,11 @@ class Map(Frozen):
 
 
 def load_map(path: Path) -> Map:
-    """Read MAP.yaml; InputError if anything is wrong."""
-    return load_yaml(Map, path)
+    """Read MAP.yaml, and the file of its anchors if that stands beside it; InputError if anything is wrong."""
+    map_ = validate(Map, parse_yaml(read_text(path), str(path), names_in_map), str(path))
+    if isinstance(map_.anchors, str) and exists(path.parent / map_.anchors):
+        return map_.model_copy(update={"anchors": read_anchors(path.parent / map_.anchors)})
+    return map_
 
 
 def map_text(map_: Map) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 
 GAP = 5.0  # an interval longer than this many medians is called a gap
+HOUR, TOGETHER = 3600.0, 0.9  # [s]; the share of the rows that must lie together
 
 
 @dataclass
@@ -18,6 +19,11 @@ class Rejections:
     counts: dict[str, int] = field(default_factory=dict)
     first: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    word: str = "line"  # what a row is in this file
+
+    def place(self, which: np.ndarray, rows: np.ndarray) -> str:
+        """Return the place of the first row of a kind; empty if there is none."""
+        return f"in {self.word} {rows[np.argmax(which)]}" if which.any() else ""
 
     def add(self, reason: str, place: str, count: int = 1) -> None:
         """Count rejections of one reason."""
@@ -30,41 +36,79 @@ class Rejections:
         found = [f"{self.source}: {n} {reason}{self._place(reason)}" for reason, n in self.counts.items()]
         return found + [f"{self.source}: {note}" for note in self.notes]
 
+    def most(self) -> str:
+        """Return the line of the reason that most were rejected for; empty if none was."""
+        reason = max(self.counts, key=lambda reason: self.counts[reason], default="")
+        return f"{self.counts[reason]} {reason}{self._place(reason)}" if reason else ""
+
     def _place(self, reason: str) -> str:
         return f", first {self.first[reason]}" if self.first[reason] else ""
 
 
-def kept_in_order(stamps: np.ndarray, rejected: Rejections, repeats: bool = False) -> np.ndarray:
-    """Return which stamps [s] to keep: finite and later than all before; the rest is counted.
+def kept_in_order(
+    stamps: np.ndarray, rows: np.ndarray, rejected: Rejections, names: np.ndarray | None = None
+) -> np.ndarray:
+    """Return which rows to keep, in order: stamps [s] finite, near the others and rising; the rest is counted.
 
     Args:
         stamps: as they stand in the file.
+        rows: their lines or messages, for the report.
         rejected: where to count.
-        repeats: whether rows may share a stamp, as those of one range do.
+        names: of the anchors, if rows name them: such rows are sorted by their stamps, and may share one.
 
     Raises:
-        InputError: if more than half would go, as after a clock that jumps far ahead once.
+        InputError: if more than half would go.
     """
     finite = np.isfinite(stamps)
-    rejected.add("rows without a stamp", _place(~finite), int(np.sum(~finite)))
-    before = np.maximum.accumulate(np.concatenate(([-np.inf], np.where(finite, stamps, -np.inf))))[:-1]
-    same, backward = finite & (stamps == before) & (not repeats), finite & (stamps < before)
-    rejected.add("duplicate stamps", _place(same), int(same.sum()))
-    rejected.add("backward stamps", _place(backward), int(backward.sum()))
-    keep = finite & ~same & ~backward
-    if keep.sum() < max(2, len(stamps) / 2):
-        raise InputError(f"{rejected.source}: {keep.sum()} of {len(stamps)} stamps are finite and rise: wrong column?")
+    rejected.add("rows without a stamp", rejected.place(~finite, rows), int(np.sum(~finite)))
+    far = finite.copy()
+    far[finite] = _far_away(stamps[finite])
+    rejected.add("rows with a stamp more than an hour from the others", rejected.place(far, rows), int(far.sum()))
+    good = finite & ~far
+    before = np.maximum.accumulate(np.concatenate(([-np.inf], np.where(good, stamps, -np.inf))))[:-1]
+    backward = good & (stamps < before)
+    if names is not None:
+        if backward.any():
+            found = (
+                f"{backward.sum()} rows out of order, first {rejected.place(backward, rows)}; sorted by their stamps"
+            )
+            rejected.notes.append(found)
+        keep = np.flatnonzero(good)
+        keep = keep[np.argsort(stamps[keep], kind="stable")]
+    else:
+        same = good & (stamps == before)
+        rejected.add("duplicate stamps", rejected.place(same, rows), int(same.sum()))
+        rejected.add("backward stamps", rejected.place(backward, rows), int(backward.sum()))
+        keep = np.flatnonzero(good & ~same & ~backward)
+    if len(keep) < max(2, len(stamps) / 2):
+        raise InputError(f"{rejected.source}: {len(keep)} of {len(stamps)} stamps are finite and rise: wrong column?")
     steps = np.diff(np.unique(stamps[keep]))
     if not len(steps):
         raise InputError(f"{rejected.source}: all rows have one stamp")
-    gaps = steps > GAP * np.median(steps)
+    usual = np.median(steps)
+    if names is not None:  # anchors are often heard one right after the other: how long is it to the same one?
+        apart = min(len(np.unique(names)), len(keep) - 1)
+        usual = max(usual, np.median(stamps[keep][apart:] - stamps[keep][:-apart]))
+    gaps = steps > GAP * usual
     if gaps.any():
         rejected.notes.append(f"{gaps.sum()} gaps between stamps, the longest {steps.max():.4g} s (kept)")
     return keep
 
 
-def _place(where: np.ndarray) -> str:
-    return f"in row {np.argmax(where) + 1}" if where.any() else ""
+def _far_away(stamps: np.ndarray) -> np.ndarray:
+    """Return which finite stamps [s] lie more than an hour from nine tenths of all that lie together, if there are any.
+
+    Such a stamp is a clock that was not set yet or one spoilt number; sorted or kept it would stretch the recording.
+    """
+    if not len(stamps):
+        return np.zeros(0, dtype=bool)
+    order = np.argsort(stamps, kind="stable")
+    group = np.empty(len(stamps), dtype=np.int64)
+    group[order] = np.concatenate(([0], np.cumsum(np.diff(stamps[order]) > HOUR)))
+    sizes = np.bincount(group)
+    if sizes.max() < TOGETHER * len(stamps):
+        return np.zeros(len(stamps), dtype=bool)
+    return np.asarray(group != np.argmax(sizes))
 
 
 def named(path: Path, what: str) -> str:

@@ -1,14 +1,38 @@
 """The sources of MAP.yaml: which file or topic holds a stream, and which of its columns or fields are what."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from ortilo_drake.interop.recorded.anchor_names import key_of
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 
 Column = Annotated[str, Field(min_length=1, max_length=256)] | Annotated[int, Field(ge=1, le=10_000)]
 Three = tuple[Column, Column, Column]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+MOST = 256  # anchors, and files of one stream
+
+
+def _word(value: Any) -> Any:
+    """Return yes or no for true or false: YAML reads the words as these."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return {"true": "yes", "false": "no"}.get(value, value) if isinstance(value, str) else value
+
+
+def _text(value: Any) -> Any:
+    """Return a whole number as text; MAP.yaml keeps names as they are written, see load_map."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Name = Annotated[str, BeforeValidator(_text), Field(min_length=1, max_length=256)]
+
+
+class OfAnchor(Frozen):
+    """A file with the ranges to one anchor, whose rows need not name it."""
+
+    file: FileName
+    anchor: Name
 
 
 def check_axes(axes: str | tuple[Axis, Axis, Axis]) -> None:
@@ -24,7 +48,11 @@ class Source(Frozen):
     field of its messages, such as `linear_acceleration.x` or `ranges[2]`.
     """
 
-    file: FileName
+    file: FileName | Annotated[tuple[FileName | OfAnchor, ...], Field(min_length=1, max_length=MOST)] = Field(
+        description="A file, a pattern such as `imu_*.csv`, or a list: several are merged by their stamps. "
+        "Of ranges, tables of one range a row that do not name the anchor are one for each anchor, in order; "
+        "`{file: a.csv, anchor: 0E15}` says of which."
+    )
     topic: str | None = Field(default=None, description="A bag's or MCAP file's topic; none for a table.")
     time: Column | None = Field(
         default=None,
@@ -32,43 +60,92 @@ class Source(Frozen):
     )
     unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="Unit of `time`.")
     delimiter: Literal["auto", "tab", "space"] | Annotated[str, Field(min_length=1, max_length=1)] = "auto"
-    header: Literal["auto", "yes", "no"] = Field(default="auto", description="Whether a table's first line has names.")
+    header: Annotated[Literal["auto", "yes", "no"], BeforeValidator(_word)] = Field(
+        default="auto", description="Whether a table's first line has names; a `#` or `%` before them is taken off."
+    )
     zero: Literal["common", "first"] = Field(
         default="common", description="`first`: the clock is not the other files'; its first stamp counts as theirs."
     )
     late: float = Field(default=0.0, ge=-1e6, le=1e6, description="Taken off every stamp [s].")
 
+    @property
+    def anchors_of_files(self) -> tuple[str, ...]:
+        """Return the anchor that each file is of, if the map says so."""
+        files = () if isinstance(self.file, str) else self.file
+        return tuple(file.anchor for file in files if isinstance(file, OfAnchor))
+
     @model_validator(mode="after")
     def _table_has_stamps(self) -> Self:
+        if self.anchors_of_files:
+            raise ValueError("file: its files are of no anchor; only those of `ranges` are")
         if self.topic is None and self.time is None:
             raise ValueError("time: a table needs the column of its stamps (a bag needs `topic`)")
         return self
 
 
 class RangeSource(Source):
-    """Ranges to anchors [m]: a column or field for each, or rows of one range that name the anchor."""
+    """Ranges to anchors [m]: a column or field for each, rows of one range that name the anchor, or a file for each."""
 
+    format: Literal["columns", "lec"] = Field(
+        default="columns", description="`lec`: lines of DWM1001's console (`lec` or `les`), a stamp before each."
+    )
     values: tuple[Column, ...] = Field(
-        min_length=1, max_length=256, description="A column for each anchor; or one field that is a list."
+        default=(), max_length=MOST, description="A column for each anchor; or one field that is a list."
     )
     anchor: Column | None = Field(default=None, description="Rows of one range: the column that names the anchor.")
-    names: tuple[int, ...] = Field(default=(), description="What `anchor` calls the anchors, in their order.")
+    names: tuple[Name, ...] = Field(
+        default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
+    )
     topics: tuple[str, ...] = Field(default=(), description="A topic for each anchor, in place of `topic`.")
     scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
 
+    @property
+    def rows_name_anchors(self) -> bool:
+        """Return whether each row is of one range and names its anchor."""
+        return self.anchor is not None or self.format == "lec"
+
+    @property
+    def a_file_each(self) -> bool:
+        """Return whether several tables of one range a row are one for each anchor, in order."""
+        several = len(self.file) > 1 if isinstance(self.file, tuple) else any(mark in self.file for mark in "*?[")
+        one = len(self.values) == 1 and not self.rows_name_anchors
+        return several and one and self.topic is None and not self.topics
+
+    @property
+    def heard(self) -> int | None:
+        """Return how many anchors the map has ranges to; None if that is known only when the files are read."""
+        if self.rows_name_anchors or self.names:
+            return len(self.names) or None
+        if self.topics or not (self.a_file_each or self.anchors_of_files):
+            is_list = self.topic is not None and len(self.values) == 1
+            return len(self.topics) or (None if is_list else len(self.values))
+        return None
+
     @model_validator(mode="after")
-    def _rows_name_their_anchor(self) -> Self:
-        if (self.anchor is None) != (not self.names):
+    def _a_row_says_what_it_is_of(self) -> Self:
+        of_files = self.anchors_of_files
+        if self.format == "lec" and (self.values or self.anchor is not None or self.topic is not None or self.topics):
+            raise ValueError("format: lec: its lines say what is what; leave `values`, `anchor` and topics out")
+        if self.format == "columns" and not self.values:
+            raise ValueError("values: is missing: the column of each anchor's range, or of the one range of a row")
+        if self.names and not (self.rows_name_anchors or of_files):
             raise ValueError("names: belong to `anchor`, which names the anchor of each row; give both or neither")
-        if (self.anchor is not None or self.topics) and len(self.values) != 1:
+        if (self.anchor is not None or self.topics or of_files) and len(self.values) != 1:
             raise ValueError(f"values: {len(self.values)} columns, where every row has one range")
         if self.topics and (self.anchor is not None or self.topic is not None):
             raise ValueError("topics: stand in place of `topic` and `anchor`; leave those out")
+        if of_files and (len(of_files) < len(self.file) or self.rows_name_anchors or self.topics):
+            raise ValueError("file: either every file names its anchor, or none does and the rows or topics say it")
+        for called in (self.names, of_files):
+            keys = [key_of(name) for name in called]
+            for i, key in enumerate(keys):
+                if key in keys[:i]:
+                    raise ValueError(f"{'names' if called is self.names else 'file'}: '{called[i]}' stands twice")
         return self
 
     @model_validator(mode="after")
     def _table_has_stamps(self) -> Self:
-        if self.topic is None and not self.topics and self.time is None:
+        if self.topic is None and not self.topics and self.time is None and self.format == "columns":
             raise ValueError("time: a table needs the column of its stamps (a bag needs `topic`)")
         return self
 

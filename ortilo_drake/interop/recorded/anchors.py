@@ -1,0 +1,185 @@
+"""Surveyed anchors in the forms that people keep them in: lists, cfclient's YAML, CSV, and a DWM1001's console.
+
+A list has them in the order of the ranges; the others have them by name, which is text.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ortilo_drake.interop.recorded.anchor_names import anchors_of, key_of
+from ortilo_drake.interop.recorded.csv_columns import lines_of, text_of
+from ortilo_drake.interop.recorded.lec_console import heard_in, is_console
+from ortilo_drake.interop.recorded.rejected import Rejections, named
+from ortilo_drake.interop.recorded.sources import MOST
+from ortilo_drake.interop.recorded.table_head import SIGNS, cells_of, mark_of, plain
+from ortilo_drake.interop.recorded.tables import number
+from ortilo_drake.model.typed_yaml import InputError, parse_yaml
+
+Vector = tuple[float, float, float]
+NAMED_BY = ("id", "name", "anchor", "address", "addr")  # what files call the column or key with an anchor's name
+FARTHEST = 1e6  # [m]; farther is no room
+FEWEST = 3
+
+
+def _position(value: Any, of: str) -> Vector:
+    """Return a position [m]; ValueError if it is none."""
+    found = value.get("position", value) if isinstance(value, dict) else value
+    if isinstance(found, dict) and {"x", "y", "z"} <= set(found):
+        found = [found["x"], found["y"], found["z"]]
+    if not isinstance(found, list | tuple) or len(found) != 3 or not all(map(_is_length, found)):
+        raise ValueError(f".{of}: {str(value)[:60]}: must be [x, y, z] or {{x: , y: , z: }}, numbers in m")
+    x, y, z = (float(axis) for axis in found)
+    return x, y, z
+
+
+def _is_length(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(abs(value) < FARTHEST)
+
+
+def as_anchors(value: Any) -> Any:
+    """Return anchors of a map as a tuple of positions or as positions by name; what is neither stays as it is.
+
+    Raises:
+        ValueError: if a position is none, a name stands twice, or there are fewer than 3 or more than 256.
+    """
+    found: Any = value
+    if isinstance(value, dict) and "find" in value:
+        if not isinstance(value["find"], int) or len(value) > 1 or not FEWEST <= value["find"] <= MOST:
+            raise ValueError(
+                f".find: {value['find']}: must be a whole number from {FEWEST} to {MOST}, and the only key"
+            )
+        return value
+    if isinstance(value, list | tuple):
+        entries = [entry if isinstance(entry, dict) else {} for entry in value]
+        called = [next((str(entry[key]) for key in NAMED_BY if key in entry), None) for entry in entries]
+        found = tuple(_position(entry, str(i)) for i, entry in enumerate(value))
+        names = [name for name in called if name is not None]
+        if names and len(names) == len(called):
+            if len(set(map(key_of, names))) < len(names):
+                raise ValueError(f"{', '.join(names)}: a name stands twice")
+            found = dict(zip(names, found, strict=True))
+    elif isinstance(value, dict):
+        found = {str(name): _position(entry, str(name)) for name, entry in value.items()}
+    if isinstance(found, tuple | dict) and not FEWEST <= len(found) <= MOST:
+        raise ValueError(f"{len(found)} of them, must be {FEWEST} to {MOST}")
+    return found
+
+
+def _keys(node: yaml.Node) -> Iterator[yaml.Node]:
+    """Yield the names of anchors in a node: its keys, or what its entries call themselves."""
+    if isinstance(node, yaml.MappingNode):
+        for key, _ in node.value:
+            yield key
+    elif isinstance(node, yaml.SequenceNode):
+        for entry in node.value:
+            for key, value in entry.value if isinstance(entry, yaml.MappingNode) else ():
+                if key.value in NAMED_BY:
+                    yield value
+
+
+def names_in_map(document: yaml.Node) -> Iterator[yaml.Node]:
+    """Yield the scalars of MAP.yaml that name anchors: they are text as they stand there."""
+    for key, value in document.value if isinstance(document, yaml.MappingNode) else ():
+        if key.value == "anchors":
+            yield from _keys(value)
+        for entry, inner in value.value if key.value == "ranges" and isinstance(value, yaml.MappingNode) else ():
+            if entry.value == "names" and isinstance(inner, yaml.SequenceNode):
+                yield from (name for name in inner.value if isinstance(name, yaml.ScalarNode))
+            elif entry.value == "file":
+                yield from _keys(inner) if isinstance(inner, yaml.SequenceNode) else ()
+
+
+def _names_in_file(document: yaml.Node) -> Iterator[yaml.Node]:
+    yield from _keys(document)
+    for key, value in document.value if isinstance(document, yaml.MappingNode) else ():
+        if key.value == "anchors":
+            yield from _keys(value)
+
+
+def _of_yaml(path: Path, text: str) -> dict[str, Vector]:
+    data = parse_yaml(text, str(path), _names_in_file)
+    if isinstance(data, dict) and "anchors" in data:
+        data = data["anchors"]
+    try:
+        found = as_anchors(data)
+    except ValueError as error:
+        raise InputError(f"{path}: anchors{'' if str(error).startswith('.') else ': '}{error}") from None
+    if isinstance(found, tuple):
+        found = {str(i): position for i, position in enumerate(found)}
+    if not isinstance(found, dict) or "find" in found:
+        raise InputError(f"{path}: must hold anchors by name, {{0: {{x: , y: , z: }}, ...}}")
+    return found
+
+
+def _of_table(path: Path, told: Rejections) -> dict[str, Vector]:
+    """Return the anchors of rows `id, x, y, z` or `x, y, z`, with names above the columns or without."""
+    lines = lines_of(path, told)
+    rows = [(k, text) for k, text in lines if text.lstrip()[0] not in SIGNS] or lines
+    mark = mark_of(rows[-1][1])
+    body = [(k, cells_of(text, mark)) for k, text in rows]
+    width = len(body[-1][1])
+    own, where = (0, (1, 2, 3)) if width > 3 else (None, (0, 1, 2))
+    above = [
+        [plain(cell).casefold().split(" ")[0].split("[")[0] for cell in cells_of(plain(t), mark)] for _, t in lines
+    ]
+    head = next((names for names in above if {"x", "y", "z"} <= set(names)), None)
+    if head is not None:
+        where = (head.index("x"), head.index("y"), head.index("z"))
+        own = next((head.index(name) for name in NAMED_BY if name in head), None if len(head) == 3 else 0)
+        own = None if own in where else own
+    found: dict[str, Vector] = {}
+    for k, cells in body:
+        try:
+            position = _position([number(cells[i]) if i < len(cells) else None for i in where], "")
+        except ValueError:
+            if found or k != body[0][0]:
+                raise InputError(f"{path}: line {k}: {', '.join(cells)[:60]}: must be id, x, y, z in m") from None
+            continue
+        name = str(len(found)) if own is None else cells[own]
+        if key_of(name) in {key_of(other) for other in found}:
+            raise InputError(f"{path}: line {k}: anchor '{name}' stands twice")
+        found[name] = position
+    return found
+
+
+def read_anchors(path: Path) -> dict[str, Vector]:
+    """Return the positions [m] of a file's anchors by name.
+
+    Args:
+        path: cfclient's YAML, a table `id, x, y, z`, or what a DWM1001's console printed (medians of what it says).
+
+    Raises:
+        InputError: if it cannot be read, or has fewer than three anchors.
+    """
+    told = Rejections(named(path, "anchors"))
+    text = text_of(path, told)
+    if is_console(text):
+        said: dict[str, list[Vector]] = {}
+        for heard in heard_in(path, told):
+            said.setdefault(heard.anchor, []).append(heard.position)
+        found = {name: _position(np.median(at, axis=0).tolist(), name) for name, at in said.items()}
+    else:
+        found = _of_yaml(path, text) if path.suffix in (".yaml", ".yml") else _of_table(path, told)
+    if not FEWEST <= len(found) <= MOST:
+        raise InputError(f"{path}: {len(found)} anchors, must be {FEWEST} to {MOST}")
+    return found
+
+
+def in_order(anchors: dict[str, Vector], names: tuple[str, ...], what: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return names and positions (n, 3) of anchors: of those named, in that order, or of all.
+
+    Raises:
+        InputError: if one that is named is none of them.
+    """
+    known = tuple(anchors)
+    if not names:
+        return known, np.array(list(anchors.values()))
+    where = anchors_of(names, known)
+    if (where < 0).any():
+        missing = names[int(np.argmin(where))]
+        raise InputError(f"{what}: '{missing}' is none of the anchors, which are {', '.join(known)}")
+    return names, np.array([anchors[known[i]] for i in where])

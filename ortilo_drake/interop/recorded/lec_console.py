@@ -1,0 +1,81 @@
+"""Lines of the DWM1001's console, as its commands `lec` and `les` print them, each with the host's stamp before it.
+
+    100.2,DIST,2,AN0,0E15,3.40,0.90,0.30,3.62,AN1,1516,3.10,-3.20,2.60,4.58,POS,0.02,0.01,1.29,87
+    100.2 0E15[3.40,0.90,0.30]=3.62 1516[3.10,-3.20,2.60]=4.58 est[0.02,0.01,1.29,87]
+
+Numbers are metres: the anchor's position, and the range to it.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.csv_columns import lines_of
+from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.tables import Table, stamp
+from ortilo_drake.model.typed_yaml import InputError
+
+_N = r"(-?\d+(?:\.\d+)?|nan)"
+_LEC = re.compile(rf"AN\d+,([0-9A-F]{{2,16}}),{_N},{_N},{_N},{_N}(?![\d.])", re.IGNORECASE)
+_LES = re.compile(rf"\b([0-9A-F]{{4,16}})\[{_N},{_N},{_N}\]={_N}(?![\d.])", re.IGNORECASE)
+_DIST = re.compile(r"\bDIST,(\d+)\b")
+
+
+class Heard(NamedTuple):
+    """One range of a line: its number, the text before it, the anchor's address and position, the range [m]."""
+
+    line: int
+    before: str
+    anchor: str
+    position: tuple[float, float, float]
+    range: float
+
+
+def is_console(text: str) -> bool:
+    """Return whether a text holds lines of `lec` or `les`."""
+    return _LEC.search(text) is not None or _LES.search(text) is not None
+
+
+def heard_in(path: Path, rejected: Rejections) -> Iterator[Heard]:
+    """Yield the ranges of a console's log; other lines, and those that were cut short, are counted."""
+    for k, line in lines_of(path, rejected):
+        said = _DIST.search(line)
+        groups = list((_LES if said is None else _LEC).finditer(line))
+        if said is not None and len(groups) != int(said[1]):
+            rejected.add("lines of DIST that do not hold the ranges they announce", f"in line {k}")
+            continue
+        if not groups:
+            kind = "lines of POS without ranges" if "POS," in line else "lines that are none of lec or les"
+            rejected.add(kind, f"in line {k}")
+            continue
+        before = line[: groups[0].start() if said is None else said.start()].lstrip(" [").rstrip(" \t,;:]>-")
+        for group in groups:
+            x, y, z, r = (float(number) for number in group.groups()[1:])
+            yield Heard(k, before, group[1], (x, y, z), r)
+
+
+def read_lec(path: Path, rejected: Rejections) -> Table:
+    """Return the ranges of a console's log, each with its anchor's address.
+
+    Raises:
+        InputError: if hardly a line has a stamp and ranges.
+    """
+    heard_all, found = list(heard_in(path, rejected)), []
+    for heard in heard_all:
+        t = stamp(heard.before) if heard.before else None
+        if t is None:
+            rejected.add("ranges without a stamp before their line", f"in line {heard.line}")
+        else:
+            found.append((t, heard))
+    if len(found) < max(2, len(heard_all) / 2):
+        why = rejected.most() or "it holds none of lec or les"
+        raise InputError(f"{path}: {len(found)} ranges with a stamp before their line ({why})")
+    return Table(
+        np.array([t for t, _ in found]),
+        np.array([[heard.range] for _, heard in found]),
+        np.array([heard.anchor for _, heard in found]),
+        np.array([heard.line for _, heard in found]),
+    )
