@@ -30,7 +30,7 @@ SAID_EVERY = 5.0  # how often long work says how far it is where there is no bar
 
 
 def write_json(path: Path | None, report: Any) -> None:
-    """Write a report to a JSON file, if there is one; see model/as_data.py."""
+    """Write a report to a JSON file, if there is one, in plain data."""
     if path is not None:
         write_text(path, json.dumps(as_data(report), indent=2, allow_nan=False) + "\n")
 

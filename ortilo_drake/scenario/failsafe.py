@@ -11,7 +11,7 @@ Frequency = Annotated[float, Field(gt=0.0, le=20.0)]
 
 
 class Failsafe(Frozen):
-    """The flight controller's hold and landing, see world/vehicle/failsafe.py.
+    """The flight controller's hold and landing while no command comes.
 
     Attributes:
         timeout: largest age of a command that still counts [s].

@@ -119,7 +119,7 @@ class TightPixels(Frozen):
 
 
 class TightWatch(Frozen):
-    """How the tight filter notices a sensor that goes wrong in flight; see onboard/estimator/tight/watch.py.
+    """How the tight filter notices a sensor that goes wrong in flight.
 
     A sensor that says the same again is not listened to.
 

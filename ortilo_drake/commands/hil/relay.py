@@ -23,7 +23,7 @@ def relay(
     ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Pass packets on between the halves, each on a bus of its own, with faults, see hil/relay/faults.py."""
+    """Pass packets on between the halves, each on a bus of its own, with faults."""
     check_writable(json_file)
     from ortilo_drake.hil.relay.faults import Faults
     from ortilo_drake.hil.relay.relay import run_relay

@@ -22,7 +22,7 @@ def coverage(
     """Say where a room loses a vehicle, and map what can be seen and measured in it.
 
     Of a room it flies imu, UWB that walls block and the projected camera, from start to goal. The floor is the least
-    error that any estimator of the position can have there (floor/cramer_rao.py). The JSON file holds: scenario; room;
+    error that any estimator of the position can have there (the Cramér-Rao bound). The JSON file holds: scenario; room;
     answer; worst (first and last tick, floor [m], hangs_on, floor_without [m], silent sensors); cases, by 'all' and by
     the sensor that is lost (greatest floor [m], its time [s] and distance [m], lost_at [s]); along the path at n places
     time [s], distance [m], position [m], free [m] to the walls, anchors, pdop (null: no position), landmarks at the
