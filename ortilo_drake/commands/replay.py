@@ -27,9 +27,9 @@ def replay(
     map_file: Annotated[
         Path | None, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
     ] = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figures, with --map.")] = Path(
-        "out/recorded"
-    ),
+    out_folder: Annotated[
+        Path, typer.Option("--out", help="Folder of report, figures, trajectories, with --map.")
+    ] = Path("out/recorded"),
     json_file: JsonOption = None,
 ) -> None:
     """Drive the onboard half from a log of ours, or with --map filter recorded ranges and IMU and judge by the truth.
@@ -62,6 +62,7 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     from ortilo_drake.studies.recorded.recorded_figure import motion_figure
     from ortilo_drake.studies.recorded.recorded_report import report_text
     from ortilo_drake.studies.recorded.replayed import replay as replay_recording
+    from ortilo_drake.studies.recorded.trajectories import write_trajectories
 
     map_ = load_map(map_file)
     if map_.truth is not None:
@@ -71,7 +72,7 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     if len(set(names)) < len(names):
         raise InputError(f"{', '.join(names)}: two folders of one name would write one figure; rename one")
     say_if_compiling()
-    motions, figures = [], []
+    motions, figures, tracks = [], [], []
     with progress_bar() as progress:
         task = progress.add_task("rows", total=None)
 
@@ -83,8 +84,9 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
             found, drawn = replay_recording(recording, map_, say)
             motions.append(found)
             figures.append(motion_figure(found, drawn, map_.available, out_folder / f"{recording.name}.png"))
+            tracks += write_trajectories(out_folder, found, drawn, recording, map_.calibration.frame)
     text = report_text(motions, map_.calibration.share)
     write_text(report, text + made_by())
     write_json(json_file, {"map": map_, "motions": motions})
     show_markdown(text)
-    say_written(report, *figures, json_file)
+    say_written(report, *figures, *tracks, json_file)

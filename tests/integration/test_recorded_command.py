@@ -3,9 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import run
-from made_up_motion import TABLE_MAP, made_up, write_tables
+from evo.tools import file_interface
+from made_up_motion import TABLE_MAP, attitude, made_up, write_tables
+from made_up_motion import place as made_up_place
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import load_map
 
@@ -18,6 +22,24 @@ def place(tmp_path_factory):
     return folder
 
 
+def check_trajectories(folder: Path, said: str) -> None:
+    """The truth written is the made-up one, in the anchors' frame by the sensors' clock; the estimate is near."""
+    read = {}
+    for kind in ("estimate", "smoother", "truth"):
+        read[kind] = file_interface.read_tum_trajectory_file(folder / f"walk_{kind}.tum")
+        table = np.genfromtxt(folder / f"walk_{kind}.csv", delimiter=",", names=True)
+        np.testing.assert_allclose(np.column_stack([table["x"], table["y"], table["z"]]), read[kind].positions_xyz)
+        assert f"walk_{kind}.tum" in said
+        assert f"walk_{kind}.csv" in said
+    t = read["truth"].timestamps
+    np.testing.assert_array_equal(read["estimate"].timestamps, t)
+    np.testing.assert_allclose(read["truth"].positions_xyz, made_up_place(t), atol=0.05)
+    turned = (Rotation.from_quat(read["truth"].orientations_quat_wxyz[:, [1, 2, 3, 0]]).inv() * attitude(t)).magnitude()
+    assert turned.max() < np.radians(1.0)
+    rmse = [np.sqrt(np.mean((read[k].positions_xyz - made_up_place(t))[len(t) // 3 :] ** 2)) for k in read]
+    assert rmse[1] < rmse[0] < 0.05  # the smoother, the estimate
+
+
 def test_replay_writes_report_figures_and_json(capsys: pytest.CaptureFixture[str], place: Path, tmp_path: Path) -> None:
     words = ("--map", str(place / "MAP.yaml"), "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json"))
     assert run("replay", str(place / "walk"), *words) == 0
@@ -27,6 +49,7 @@ def test_replay_writes_report_figures_and_json(capsys: pytest.CaptureFixture[str
     assert "Made by `ortilo replay" in text
     assert "| with IMU, smoothed |" in said
     assert (tmp_path / "out/walk.png").read_bytes()[1:4] == b"PNG"
+    check_trajectories(tmp_path / "out", said)
     found = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
     assert found["map"]["imu"]["axes"] == "flu"
     motion = found["motions"][0]

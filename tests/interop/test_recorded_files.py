@@ -420,3 +420,15 @@ def test_an_mcap_of_another_encoding_is_refused_by_its_name(folder, motion) -> N
     said = r"topic '/uwb' has protobuf messages \(protobuf\); cdr \(ROS 2\), ros1 and json are read"
     with pytest.raises(InputError, match=said):
         read(folder, with_ranges("{file: log.mcap, " + BAG))
+
+
+def test_the_maps_of_the_how_to_are_maps(tmp_path) -> None:
+    text = (Path(__file__).parents[2] / "docs/how_to/recorded.md").read_text(encoding="utf-8")
+    maps = text.split("### Files as they come")[1].split("```")[1].removeprefix("yaml").split("---\n")
+    (tmp_path / "lec.txt").write_text(ANCHOR_FILES["f.log"])
+    for i, text in enumerate(maps):
+        (tmp_path / f"{i}.yaml").write_text(text)
+        load_map(tmp_path / f"{i}.yaml")
+    assert len(maps) == 4
+    assert list(load_map(tmp_path / "2.yaml").anchors) == ["0E15", "1516", "2E03", "DECA0001"]
+    assert list(load_map(tmp_path / "3.yaml").anchors) == ADDRESSES
