@@ -1,5 +1,6 @@
 """Files as people have them: heads with a sign, several files, rows in any order, anchors by name, odd bags."""
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -14,8 +15,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of
 from ortilo_drake.interop.recorded.anchors import read_anchors
+from ortilo_drake.interop.recorded.csv_columns import read_csv
+from ortilo_drake.interop.recorded.lec_console import read_lec
 from ortilo_drake.interop.recorded.map_file import load_map, map_text
 from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import Source
 from ortilo_drake.model.typed_yaml import InputError
 
 ADDRESSES = ["0E15", "1516", "41B1", "089F", "0715", "2E03"]
@@ -141,6 +146,8 @@ def test_a_stream_in_several_files_is_merged(folder, motion) -> None:
     np.testing.assert_allclose(recording.imu.t, motion.t_imu - motion.t_r[0], atol=1e-6)
     np.testing.assert_allclose(recording.imu.force, motion.imu[:, 3:], atol=1e-6)
     assert recording.rejected == {"2 files (imu): stamps that two files have": 10}
+    with pytest.raises(InputError, match="not a pattern of files"):
+        read(folder, TABLE_MAP.replace("{file: imu.csv", "{file: /imu_*.csv"))
     with pytest.raises(InputError, match=r"imu_x\*\.csv: no file fits this pattern"):
         read(folder, TABLE_MAP.replace("{file: imu.csv", "{file: imu_x*.csv"))
 
@@ -328,7 +335,7 @@ def test_a_console_without_stamps_is_refused(folder) -> None:
         read(folder, with_ranges("{file: lec.txt, format: lec}", "lec.txt"))
 
 
-@pytest.mark.parametrize("bad", ["0,0,0,0", "nan,0,0,0", "3,4,0,0"])
+@pytest.mark.parametrize("bad", ["0,0,0,0", "nan,0,0,0", "3,4,0,1e200"])
 def test_a_row_without_a_quaternion_is_counted(folder, motion, bad) -> None:
     rows = (folder / "truth.csv").read_text().splitlines()
     rows[9] = rows[9].rsplit(",", 4)[0] + "," + bad
@@ -432,3 +439,17 @@ def test_the_maps_of_the_how_to_are_maps(tmp_path) -> None:
     assert len(maps) == 4
     assert list(load_map(tmp_path / "2.yaml").anchors) == ["0E15", "1516", "2E03", "DECA0001"]
     assert list(load_map(tmp_path / "3.yaml").anchors) == ADDRESSES
+
+
+LINES = st.lists(st.text('#%,;\t 01.eE-nax"[]=:AN°DIST\0', max_size=12), max_size=8)
+
+
+@given(LINES, st.sampled_from(["auto", "yes", "no"]), st.sampled_from([1, "a", "#n"]))
+def test_no_text_is_answered_with_a_traceback(tmp_path_factory, lines, header, column) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_text("\n".join(lines))
+    told = Rejections("any.csv")
+    source = Source(file="any.csv", time=column, header=header)
+    for reads in (lambda: read_csv(path, source, (2,), told), lambda: read_anchors(path), lambda: read_lec(path, told)):
+        with contextlib.suppress(InputError):
+            reads()

@@ -7,10 +7,12 @@ from ortilo_drake.interop.recorded.sources import Matrix, Quaternion
 from ortilo_drake.model.typed_yaml import InputError
 
 TOLERANCE = 0.05  # of a quaternion's norm, and of R R' from 1: what rounding in a file may leave
+LARGEST = 1e6  # of a component; one of an attitude is at most 1
 
 
 def are_attitudes(values: np.ndarray, source: Matrix | Quaternion) -> np.ndarray:
     """Return which rows (n) are attitudes: quaternions (n, 4) of norm 1, or matrices (n, 9) that turn."""
+    values = np.clip(values, -LARGEST, LARGEST)  # squares of a spoilt number would overflow
     if isinstance(source, Quaternion):
         return np.asarray(np.abs(np.linalg.norm(values, axis=1) - 1.0) <= TOLERANCE)
     R = values.reshape(-1, 3, 3)
@@ -25,6 +27,7 @@ def rotations(values: np.ndarray, source: Matrix | Quaternion, what: str) -> np.
         InputError: if a row is none.
     """
     good = are_attitudes(values, source).all()
+    values = np.clip(values, -LARGEST, LARGEST)
     if isinstance(source, Matrix):
         R = values.reshape(-1, 3, 3)
         if not good:

@@ -55,7 +55,10 @@ def files_of(folder: Path, names: str | Sequence[str | OfAnchor]) -> list[Path]:
         if not any(mark in name for mark in "*?[") or exists(base / name):
             found.append(base / name)
             continue
-        fitting = [path for path in base.glob(name) if path.is_file()] if not name.startswith("/") else []
+        try:
+            fitting = [path for path in base.glob(name) if path.is_file()]
+        except (NotImplementedError, OSError, ValueError) as error:  # an absolute pattern, or ** within a name
+            raise InputError(f"{base / name}: not a pattern of files: {error}") from None
         if not fitting:
             raise InputError(f"{base / name}: no file fits this pattern")
         found += sorted(fitting, key=_natural)
