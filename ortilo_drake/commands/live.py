@@ -26,10 +26,12 @@ def live(
     camera: CameraOption = None,
     detector: DetectorOption = None,
     port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; a free one.")] = None,
+    wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only when the page is open.")] = True,
 ) -> None:
     """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals; pause, tick by tick, speed.
 
-    It goes on until the page's button "stop", or Ctrl-C. The page can be opened on this machine only.
+    It takes off when the page is opened, and goes on until the page's button "stop", or Ctrl-C. The page can be opened
+    on this machine only.
     """
     chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
     from pydrake.trajectories import Trajectory
@@ -40,7 +42,7 @@ def live(
     from ortilo_drake.hil.goals.goal_planner import GoalPlanner
     from ortilo_drake.hil.live.controls import Controls
     from ortilo_drake.hil.live.scene import Scene
-    from ortilo_drake.hil.live.session import Status, fly_live
+    from ortilo_drake.hil.live.session import Status, fly_live, wait_for_page
     from ortilo_drake.onboard.planner.planned import planned
     from ortilo_drake.world.scenery.meshcat_room import make_meshcat
 
@@ -54,15 +56,23 @@ def live(
     lamps = tuple(sensor for sensor in chosen.sensors if sensor != "imu")
     scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
     out.print(f"open {meshcat.web_url()} and there the controls, upper right; Ctrl-C ends", soft_wrap=True)
-    out.print(f"the lamps above the vehicle, from west to east, are green while these arrive: {', '.join(lamps)}")
-    status = Status()
-    with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
+    out.print(
+        f"the lamps above the vehicle, from west to east, are green while these arrive: {', '.join(lamps)}",
+        soft_wrap=True,
+    )
+    status: Status | None = None
 
-        def show(now: Status) -> None:
-            nonlocal status
-            status = now
-            shown.update(Text(now.line()))
+    def show(now: Status) -> None:
+        nonlocal status
+        status = now
+        shown.update(Text(now.line()))
 
-        with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(KeyboardInterrupt):
+        if wait:
+            out.print(
+                "waiting for the page to be opened before it takes off; --no-wait takes off at once", soft_wrap=True
+            )
+            wait_for_page(meshcat.GetNumActiveConnections)
+        with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
             fly_live(chosen, planner, controls, scene, show)
-    out.print(status.line(), markup=False, soft_wrap=True)
+    out.print(status.line() if status else "not flown", markup=False, soft_wrap=True)

@@ -120,6 +120,20 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Los
     return None if cause == NOT_LOST else Lost(tick, tick * h, CAUSES[cause])
 
 
+def loss_at(x: np.ndarray, tick: int, h: float, room: Room, vehicle: Vehicle) -> Lost | None:
+    """Return the loss of a flight that is flown tick by tick, if it is lost at this one; as find_loss.
+
+    Args:
+        x: the true state at the tick (12).
+        tick: its number.
+        h: tick [s].
+        room: the room.
+        vehicle: the vehicle.
+    """
+    cause = cause_of_loss(x, bounds_of(room, vehicle))
+    return None if cause == NOT_LOST else Lost(tick, tick * h, CAUSES[cause])
+
+
 def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:
     """Return the names of the furniture, stands and landmarks that the vehicle's outline touched.
 

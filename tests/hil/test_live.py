@@ -1,17 +1,23 @@
 """A live flight: what the controls change, what they do not, and goals; the page's own controls."""
 
+import re
+import socket
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
+from command_line import run
 from planning_at_once import AtOnce
 from pydrake.geometry import Meshcat
+from waiting import HANGS, wait_for
 
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.hil.live import session as session_module
 from ortilo_drake.hil.live.controls import GOAL, HEAVIER, LOST, PUSH, SPEED, Controls
 from ortilo_drake.hil.live.live_flight import LiveFlight, Seen, with_a_force
 from ortilo_drake.hil.live.scene import Scene
-from ortilo_drake.hil.live.session import Shares, Status, fly_live
+from ortilo_drake.hil.live.session import Shares, Status, fly_live, wait_for_page
 from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.scenario import Scenario, load_scenario
 
@@ -139,12 +145,54 @@ def test_a_lost_flight_stands_still_until_it_is_flown_anew() -> None:
     fast = load_scenario("nominal_imu_uwb", HOVER[:1])
     dropped = [Wishes(heavier=0.3, push=(2.0, 2.0), lost={"uwb": 1.0})] * 1200
     last, _, shown = session(dropped, fast)
-    assert "lost at" in last.note
+    assert re.match(rf"lost at {last.time:.1f} s: (tumbled|left the room|hit a wall|diverged)$", last.note)
+    assert last.time > 1.0  # it cannot fall out of the room in less
     assert shown[-1].time == last.time
     assert last.time < 1199 * fast.h
     last, _, _ = session([*dropped, Wishes(restarts=True), NOTHING, NOTHING], fast)
     assert last.time == pytest.approx(2 * fast.h)
     assert last.note == ""
+
+
+def test_it_waits_until_a_page_is_open() -> None:
+    open_pages, clock = iter([0, 0, 0, 1]), Clock()
+    wait_for_page(lambda: next(open_pages), clock)
+    assert clock.now > 0.0
+    assert next(open_pages, None) is None
+
+
+def test_a_page_that_is_open_is_counted_by_meshcat() -> None:
+    """As a browser opens it: by the handshake of RFC 6455, with that text's own key and answer."""
+    meshcat = Meshcat()
+    assert meshcat.GetNumActiveConnections() == 0
+    ask = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+    with socket.create_connection(("localhost", meshcat.port()), HANGS) as page:
+        page.sendall(f"GET / HTTP/1.1\r\nHost: localhost\r\n{ask}Sec-WebSocket-Version: 13\r\n\r\n".encode())
+        assert b"s3pPLMBiTxaQ9kYGzzhZRbK+xOo=" in page.recv(300)
+        wait_for(meshcat.GetNumActiveConnections, "the page")
+        wait_for_page(meshcat.GetNumActiveConnections)
+
+
+def test_the_command_takes_off_when_a_page_is_open_or_at_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def fly_for_a_second(*arguments: Any) -> None:
+        arguments[-1](Status(time=1.0))
+
+    monkeypatch.setattr(session_module, "wait_for_page", never)
+    monkeypatch.setattr(session_module, "fly_live", fly_for_a_second)
+    words = ("live", "nominal_imu_uwb", "--set", HOVER[0])
+    assert run(*words) == 0
+    waiting, ended = capsys.readouterr().out.splitlines()[-2:]
+    assert waiting == "waiting for the page to be opened before it takes off; --no-wait takes off at once"
+    assert ended == "not flown"
+    assert run(*words, "--no-wait") == 0
+    said = capsys.readouterr().out
+    assert "waiting" not in said
+    assert said.splitlines()[-1].startswith("   1.0 s  error")
 
 
 def test_shares_count_what_was_due_of_late_though_it_came_a_tick_later() -> None:

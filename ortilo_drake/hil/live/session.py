@@ -16,7 +16,7 @@ from ortilo_drake.scenario import Scenario
 
 DRAWN_EVERY: Final = 1.0 / 15.0  # a picture of the page [s of wall time]
 RECENT: Final = 5.0  # over which shares of arrivals are counted [s]
-_REST: Final = 0.02  # between two looks at the controls of a flight that stands still [s]
+_REST: Final = 0.02  # between two looks at the controls of a flight that stands still, or for a page [s]
 
 
 class SaysWishes(Protocol):
@@ -75,6 +75,17 @@ class Shares:
         """Return the shares."""
         due = {sensor: -(-len(its) // self._due[sensor]) for sensor, its in self._arrived.items()}
         return {s: min(sum(its) / due[s], 1.0) if its else None for s, its in self._arrived.items()}
+
+
+def wait_for_page(pages: Callable[[], int], clock: Any = time) -> None:
+    """Return once a page is open: a flight that began before would be over, or lost, unseen.
+
+    Args:
+        pages: returns how many are open, as Meshcat.GetNumActiveConnections.
+        clock: as in fly_live.
+    """
+    while not pages():
+        clock.sleep(_REST)
 
 
 def fly_live(

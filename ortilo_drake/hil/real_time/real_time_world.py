@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.lost import Lost, find_loss
+from ortilo_drake.flight.lost import Lost, loss_at
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
@@ -111,9 +111,7 @@ def fly_in_real_time(
             greeter.say(k)
         if progress:
             progress(k)
-        found = find_loss(x[np.newaxis], h, room, scenario.vehicle)
-        if found:
-            lost = Lost(k, k * h, found.cause)
+        lost = loss_at(x, k, h, room, scenario.vehicle)
         if lost or k == ticks:
             break
         moments = look_times(k * h, (k + 1) * h)

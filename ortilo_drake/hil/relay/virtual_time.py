@@ -15,7 +15,7 @@ import xarray as xr
 
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.lost import Lost, find_loss
+from ortilo_drake.flight.lost import loss_at
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.flight.summary import Summary, read_summary, summary_text
@@ -96,9 +96,7 @@ def fly_in_virtual_time(
             there.send(Packet(name, k, value), k * h)
         there.send(Packet("tick", k, tuple(messages)), k * h)
         answer(k * h)
-        found = find_loss(x[np.newaxis], h, room, scenario.vehicle)
-        if found:
-            lost = Lost(k, k * h, found.cause)
+        lost = loss_at(x, k, h, room, scenario.vehicle)
         if lost or k == end:
             break
         for moment in look_times(k * h, (k + 1) * h):
