@@ -25,6 +25,7 @@ from ortilo_drake.commands.terminal import (
     write_json,
 )
 from ortilo_drake.flight.files import write_text
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario, with_seed
 
 
@@ -57,7 +58,7 @@ def rare(
     stopped.
     """
     from ortilo_drake.studies.rare.rare_flights import rare_flights
-    from ortilo_drake.studies.rare.rare_report import rare_text
+    from ortilo_drake.studies.rare.rare_report import rare_text, verdict
 
     flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
     check_writable(report := out_folder / "rare.md", json_file)
@@ -68,6 +69,6 @@ def rare(
         found = rare_flights(flown, corridor, paths, repetitions, out_folder / "kept", workers, count, advance, least)
     text = rare_text(flown, found)
     write_text(report, text + made_by())
-    write_json(json_file, found)
+    write_json(json_file, {"scenario": flown.name, "verdict": verdict(flown, found)} | as_data(found))
     show_markdown(text)
     say_written(report, json_file)

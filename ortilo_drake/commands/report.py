@@ -14,9 +14,7 @@ from ortilo_drake.model.input_error import InputError
 def report(
     path: Annotated[
         Path,
-        typer.Argument(
-            help="A flight's .nc, or the --out folder or --json file of tables, analyze, sensitivity, faults, hil."
-        ),
+        typer.Argument(help="A flight's .nc, or the --out folder or --json file of another command."),
     ],
     html: Annotated[
         Path | None, typer.Option("--out", help="The page; PATH.html, or report.html in PATH, if it is a folder.")

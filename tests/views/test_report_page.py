@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shlex
+from dataclasses import fields
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,27 @@ import cv2
 import numpy as np
 import pytest
 
+import ortilo_drake.commands
+from ortilo_drake.commands.doctor_checks import Finding
 from ortilo_drake.commands.report import report
+from ortilo_drake.flight.summary import Summary
+from ortilo_drake.hil.bridge import BridgeReport
+from ortilo_drake.hil.real_time.profile import Row as BlockRow
+from ortilo_drake.hil.reports import OnboardReport, WorldReport
+from ortilo_drake.hil.wire.inbox import PacketCounts
+from ortilo_drake.interop.log.replay import ReplayReport
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.faults.fault_flights import FaultStudy
+from ortilo_drake.studies.hindsight.hindsight import Hindsight
+from ortilo_drake.studies.maps.map_flights import Map
+from ortilo_drake.studies.rare.rare_flights import Rare
+from ortilo_drake.studies.recorded.fit_noise import Fitted
+from ortilo_drake.studies.rooms.coverage import Coverage
+from ortilo_drake.studies.tuning.search import Found
+from ortilo_drake.studies.tuning.tuning_report import TuningReport
+from ortilo_drake.training.judging.judge import Judgement
+from ortilo_drake.training.judging.recognised import Recognised
 from ortilo_drake.views.page.plain_data import data_html
 from ortilo_drake.views.page.plain_markdown import markdown_html
 from ortilo_drake.views.page.repeat_command import repeat_command
@@ -27,15 +46,44 @@ SENSITIVITY = """# What must you know, how well: own_room
 | none | 0 of 8 |
 | mass | 3 of 8 |
 """
-WRITTEN: dict[str, dict[str, Any]] = {
-    "tables": {"preset": "tuned", "flights": 2, "estimation": {"a": {"x": 1.5}}, "path": {}, "paper": {}},
+
+
+def keys_of(kind: Any) -> dict[str, Any]:
+    """Return an object with a dataclass's or a NamedTuple's fields as keys, as a JSON file of it has."""
+    names = kind._fields if hasattr(kind, "_fields") else [field.name for field in fields(kind)]
+    return dict.fromkeys(names)
+
+
+WRITTEN: dict[str, Any] = {
+    "fly": keys_of(Summary) | {"scenario": "own", "mse": {"x": 0.001}},
+    "tables --preset": {"preset": "tuned", "flights": 2, "estimation": {"a": {"x": 1.5}}, "path": {}, "paper": {}},
     "analyze": {"scenario": "own", "linearization": {}, "riccati": {}, "margins": {}},
     "sensitivity": {
         "scenario": "own",
         "rows": [{"name": "mass", "value": 2.5}, {"name": "yaw", "value": 0.5}],
         "limits": {},
     },
+    "faults": keys_of(FaultStudy),
+    "rare": {"scenario": "own", "verdict": "fewer than 0.0076 (95 %), none in 500 flights"} | keys_of(Rare),
+    "map": keys_of(Map) | {"sweep": {"scenario": "own"}},
+    "replay --map": {"map": {"name": "x"}, "motions": [{"name": "one"}]},
+    "replay": keys_of(ReplayReport),
+    "hindsight": keys_of(Hindsight) | {"scenario": "own"},
+    "tune": keys_of(TuningReport) | {"scenario": "own"},
+    "tune --fly": keys_of(Found) | {"search": {"scenario": "own"}},
+    "tune --map": keys_of(Fitted) | {"settings_before": {}},
+    "room coverage": keys_of(Coverage) | {"room": "own"},
+    "room place": {"scenario": "own", "candidates": 9, "before": {}, "after": {}, "gain": 0.5, "landmarks": []},
+    "room survey": {"room": "own", "known": [1], "anchors": [[0.0, 1.0, 2.0]], "sd": [], "covariance": [[1.0]]},
+    "detector evaluate": keys_of(Judgement),
+    "detector recognise": [keys_of(Recognised)] * 2,
+    "doctor": [keys_of(Finding)],
     "hil check": {"identical": True, "latency_ms": {"p50": 1.25}, "missed_deadlines": None, "lost": None},
+    "hil bridge": keys_of(BridgeReport),
+    "hil world": WorldReport(3, PacketCounts(3, 0, 0, 0, 0, {})).lines() | {"lost": None},
+    "hil onboard": OnboardReport(3, PacketCounts(3, 0, 0, 0, 0, {})).lines(),
+    "hil onboard --profile": [keys_of(BlockRow), keys_of(BlockRow)],
+    "hil relay": {"to_onboard": {"sent": 5}, "to_world": {"sent": 7}},
 }
 
 
@@ -100,7 +148,57 @@ def test_a_json_file_is_known_by_what_is_in_it(tmp_path: Path, command: str) -> 
     file.write_text(json.dumps(WRITTEN[command]), encoding="utf-8")
     report(file)
     page = (tmp_path / "written.html").read_text(encoding="utf-8")
-    assert f"<h1>ortilo {command}" in page
+    assert f"<h1>ortilo {command.split(' --')[0]}" in page
+    assert re.search(rf"<code>ortilo {command}( own| tuned)?</code>", page)
+
+
+def test_every_json_file_that_a_command_writes_is_known() -> None:
+    """Each command that writes JSON is among those above; two modules write two or three kinds."""
+    commands = Path(ortilo_drake.commands.__file__).parent
+    calls = {str(f.relative_to(commands)): f.read_text().count("write_json(") for f in commands.rglob("*.py")}
+    assert calls.pop("terminal.py") == 1  # its definition
+    assert sum(calls.values()) == len(WRITTEN)
+
+
+FOLDERS = {
+    "rare": ("# own: about one flight in 1,136 strays 0.13 m or more from its reference", "ortilo rare own"),
+    "rare, never": ("# own loses its vehicle: fewer than 0.0076 (95 %), none in 500 flights", "ortilo rare own"),
+    "rare, counted": ("# own: about one flight in 250 loses its vehicle, by counting: 2 of 500", "ortilo rare own"),
+    "rare, corridor": ("# own strays 5 m or more from its reference: fewer than 0.1 (95 %), none", "ortilo rare own"),
+    "map": ("# A map of own over uwb.link.loss, seed", "ortilo map"),
+    "recorded": ("# Recorded motions", "ortilo replay --map"),
+    "faults": ("# Faults in flight: own other", "ortilo faults"),
+}
+
+
+@pytest.mark.parametrize("name", list(FOLDERS))
+def test_the_folder_of_each_study_is_known_by_its_report(tmp_path: Path, name: str) -> None:
+    heading, command = FOLDERS[name]
+    picture = {"map": "map.png", "recorded": "motion.png", "faults": "faults.png"}.get(name)
+    (tmp_path / "study.md").write_text(f"{heading}\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n", encoding="utf-8")
+    if picture:
+        cv2.imwrite(str(tmp_path / picture), np.full((8, 8, 3), 77, np.uint8))
+    report(tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"<h1>{heading.removeprefix('# ')}</h1>" in page
+    assert ["written by", command] in Cells(page).rows
+    assert page.count("<figure>") == (picture is not None)
+
+
+def test_a_figure_of_another_folder_is_not_taken(tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    for subject in ("../outside", "/outside", "*"):
+        (inside / "study.md").write_text(f"# What must you know, how well: {subject}\n", encoding="utf-8")
+        for file in (tmp_path / "outside.png", inside / "other.png"):
+            cv2.imwrite(str(file), np.full((8, 8, 3), 77, np.uint8))
+        assert "<figure>" not in report_page(inside)
+
+
+def test_half_a_surrogate_pair_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "map.json").write_text('{"sweep": {"scenario": "\\ud800"}, "rows": [], "by_drake": null}')
+    with pytest.raises(InputError, match=r"map\.json: holds text that is no Unicode"):
+        report(tmp_path / "map.json")
 
 
 def test_rows_alike_are_a_table() -> None:
@@ -117,6 +215,9 @@ def test_html_in_a_text_is_shown_as_it_stands() -> None:
     ("name", "content", "said"),
     [
         ("fly.json", b'{"scenario": "x", "seed": 0}', "not written by a command that reports"),
+        ("rows.json", b'[{"number": 1}, {"label": 2}]', "not written by a command that reports"),
+        ("empty.json", b"[]", "not written by a command that reports"),
+        ("map.csv", b"loss,rms\n0.5,0.1\n", "is no JSON"),
         ("list.json", b"[1, 2]", "not written by a command that reports"),
         ("deep.json", b"[" * 100_000, "is no JSON"),
         ("text.json", b"hello", "is no JSON"),
@@ -145,7 +246,7 @@ def test_a_folder_without_a_report_a_missing_file_and_a_false_picture_are_refuse
 
 def test_the_file_reported_on_is_not_overwritten(tmp_path: Path) -> None:
     file = tmp_path / "written.json"
-    file.write_text(json.dumps(WRITTEN["tables"]), encoding="utf-8")
+    file.write_text(json.dumps(WRITTEN["tables --preset"]), encoding="utf-8")
     with pytest.raises(InputError, match="is the file to report on"):
         report(file, file)
 

@@ -113,6 +113,10 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert run("rare", "nominal_imu_uwb", "--set", SHORT[0], *options, "--out", str(out), "--json", str(file)) == 0
     found = json.loads(file.read_text(encoding="utf-8"))
     assert found["corridor"] == 0.8
+    assert found["scenario"] == "nominal_imu_uwb"
+    assert run("report", str(file)) == run("report", str(out)) == 0
+    assert found["verdict"] in file.with_suffix(".html").read_text(encoding="utf-8")
+    assert found["verdict"] in (out / "report.html").read_text(encoding="utf-8")
     assert len(found["repetitions"]) == 2
     assert found["counted"]["flights"] == 20
     printed = capsys.readouterr().out
