@@ -89,7 +89,7 @@ def test_the_vehicles_is_zero_since_every_eigenvalue_is_one() -> None:
 def test_an_undetectable_pair_names_its_modes() -> None:
     with pytest.raises(InputError, match=r"eigenvalue 1 \(6 times\) in x, y, z, x_dot, y_dot, z_dot"):
         critical_rate(VEHICLE.A, VEHICLE.C[6:])
-    with pytest.raises(InputError, match=r"not detectable: C never sees eigenvalue 2 in state 1"):
+    with pytest.raises(InputError, match=r"not detectable: C never sees eigenvalue 2 in state 2"):
         critical_rate(np.diag([1.5, 2.0, 0.3]), np.array([[1.0, 0.0, 1.0]]))
 
 

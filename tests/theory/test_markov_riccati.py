@@ -66,7 +66,7 @@ def test_critical_recovery_of_a_scalar(a: float) -> None:
                 X = markov_upper_bound(scalar(a), chain)
                 assert np.all(np.isfinite(X))
             else:
-                with pytest.raises(InputError, match=rf"eigenvalue {a:g} in state 0 is seen too seldom"):
+                with pytest.raises(InputError, match=rf"eigenvalue {a:g} in state 1 is seen too seldom"):
                     markov_upper_bound(scalar(a), chain)
 
 

@@ -61,7 +61,7 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
         T = np.roll(np.linalg.svd(hidden)[0], -lost, axis=1)
     Phi, C, W = T.T @ Phi @ T, C @ T, T.T @ W @ T
     s, l = slice(seen), slice(seen, None)  # noqa: E741 - the letter of the equations
-    names = tuple(f"combination {k}" for k in range(seen))
+    names = tuple(f"combination {k + 1}" for k in range(seen))
     P_s = solve(Phi[s, s].T, C[:, s].T, W[s, s], V, names=names, dual=True)
     S = C[:, s] @ P_s @ C[:, s].T + V
     K_s = np.linalg.solve(S, C[:, s] @ P_s @ Phi[s, s].T).T

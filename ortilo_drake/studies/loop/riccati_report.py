@@ -10,7 +10,7 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
-from ortilo_drake.theory.riccati.riccati import RAW, by_drake, solve
+from ortilo_drake.theory.riccati.riccati import RAW, solve
 from ortilo_drake.theory.riccati.riccati_check import RiccatiCheck, assess
 from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, SolverOutcomes, solver_outcomes
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
@@ -78,9 +78,8 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
 def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
     """Return the quality of each solver's X.
 
-    Drake refuses a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so, or
-    that it refuses that too, as with errors that last for minutes, which it takes for no decay at all. Its
-    residual is that of the equation as posed, so the residual shows the effect.
+    Drake may refuse a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so, or
+    that it refuses that too. Its residual is that of the equation as posed, so the residual shows the effect.
 
     Raises:
         InputError: naming the modes, if the equation is ill-posed.
@@ -95,9 +94,11 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
             notes[solver] = str(error)
     if "drake" in notes:
         try:
-            solutions["drake"] = by_drake(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R)
-            notes["drake"] = f"Drake refuses the semidefinite weight of the states; solved with {DRAKE_LIFT:g} I added"
-        except (SystemExit, RuntimeError):
+            solutions["drake"] = solve(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R, solver="drake", names=names, dual=dual)
+            notes["drake"] = (
+                f"Drake refuses the equation; solved with {DRAKE_LIFT:g} I added to the weight of the states"
+            )
+        except InputError:
             notes["drake"] = f"Drake refuses the equation also with {DRAKE_LIFT:g} I added to the weight of the states"
     rows: Solutions = {}
     for solver in RAW:

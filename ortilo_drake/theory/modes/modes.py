@@ -57,10 +57,10 @@ class Mode(NamedTuple):
 
 
 def names_of(n: int) -> tuple[str, ...]:
-    """Return the names of n states: of the vehicle (12), with the integral (15), of the loop (27), else numbers."""
+    """Return the names of n states: the vehicle's (12, 15 with the integral), the loop's (27), else numbers from 1."""
     believed = tuple(f"{name}_hat" for name in STATE_NAMES)
     named = (STATE_NAMES, XBAR_NAMES, (*STATE_NAMES, *believed, *INTEGRAL_NAMES))
-    numbers = tuple(f"state {k}" for k in range(n))
+    numbers = tuple(f"state {k + 1}" for k in range(n))
     return dict(zip((N_X, N_XBAR, N_X + N_XBAR), named, strict=True)).get(n, numbers)
 
 

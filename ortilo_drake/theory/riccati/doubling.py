@@ -24,7 +24,8 @@ def doubling(
 ) -> np.ndarray:
     """Return X of the DARE by doubling A_0 = A - B R^-1 N^T, G_0 = B R^-1 B^T, H_0 = Q - N R^-1 N^T.
 
-    Converges quadratically where the closed loop is stable. A singular R is made regular first (riccati_problem).
+    Converges quadratically where the closed loop is stable. A nearly singular R is made regular first
+    (riccati_problem).
 
     Raises:
         InputError: if it does not converge within the limit, or overflows.
@@ -38,11 +39,11 @@ def doubling(
             try:
                 A_k, G, H_next = double(A_k, G, H)
             except np.linalg.LinAlgError:
-                raise InputError("doubling: I + G H is singular: the equation has no stabilising solution") from None
+                raise InputError("doubling: I + G H is singular") from None
             if not np.isfinite(H_next).all():
-                raise InputError("doubling: overflows: the equation has no stabilising solution")
+                raise InputError("doubling: overflows")
             change = np.linalg.norm(H_next - H)
             H = H_next
             if change <= 1e-16 * np.linalg.norm(H):
                 return symmetrise(regular.X_0 + H)
-    raise InputError(f"doubling: no limit within {limit} doublings: the closed loop would be on the unit circle")
+    raise InputError(f"doubling: no limit within {limit} doublings")

@@ -4,13 +4,18 @@
 
 The filter's equation is the same by duality: A = Phi^T, B = C^T, Q = W, R = V.
 
-- drake: Schur method (DiscreteAlgebraicRiccatiEquation); it ends the process (SystemExit) on a problem it refuses.
-- scipy: QZ of the extended pencil (solve_discrete_are); may return a solution that does not stabilise.
-- doubling: structured doubling, doubling.py.
+- drake: Schur method (DiscreteAlgebraicRiccatiEquation); it ends the process (SystemExit) on a problem it refuses, and
+  gives up digits of small weights: with A = diag(0.5, 0.9), Q = diag(1, 1e-11) its X_22 is 0.1 % off.
+- scipy: QZ of the extended pencil (solve_discrete_are); may return a solution that does not stabilise. The default.
+- doubling: structured doubling, doubling.py; it has no pencil to order, and is the witness of the other two.
 - recursion: the paper's own, S <- Q + Phi^T S Phi - Phi^T S Gamma (Gamma^T S Gamma + R)^-1 Gamma^T S Phi.
 
-RAW holds the bare solvers. SOLVERS holds them behind require_well_posed, with one signature and the same errors. All
-refuse complex matrices (InputError): the equation is that of real matrices.
+RAW holds the bare solvers. SOLVERS holds them between require_well_posed, which decides the same for all whether there
+is a solution, and refine, which measures the error of X: with one signature and the same errors. All refuse complex
+matrices (InputError): the equation is that of real matrices.
+
+Of 800 random equations (n to 4, weights of condition to 1e15, units apart by up to 2^60), against 120 digits: SciPy
+was right 775 times, doubling 757 and Drake 749, to 1e-8 and better; they refused the others, and were never wrong.
 """
 
 import warnings
@@ -23,6 +28,7 @@ from scipy.linalg import LinAlgWarning, solve_discrete_are
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.riccati.doubling import doubling
+from ortilo_drake.theory.riccati.refinement import refine
 from ortilo_drake.theory.riccati.riccati_problem import (
     is_positive_definite,
     real_matrices,
@@ -76,7 +82,7 @@ def by_recursion(
             change, size = float(np.linalg.norm(X_next - X)), float(np.linalg.norm(X_next))
             X = X_next
             if not np.isfinite(size):
-                raise InputError("recursion: overflows: the equation has no stabilising solution")
+                raise InputError("recursion: overflows")
             waited = 0 if change < least else waited + 1
             least = min(least, change)
             if change <= tolerance * size or (waited >= 100 and change <= 1e-11 * size):
@@ -99,11 +105,14 @@ def solve(
     R: np.ndarray,
     N: np.ndarray | None = None,
     *,
-    solver: str = "doubling",
+    solver: str = "scipy",
     names: tuple[str, ...] | None = None,
     dual: bool = False,
 ) -> np.ndarray:
-    """Return the stabilising solution X >= 0 (n x n) by one solver.
+    """Return the stabilising solution X >= 0 (n x n) by one solver, right to 1e-8 of sqrt(X_ii X_jj) and better.
+
+    The solver gets the equation in balanced units (balancing.py), and its X is returned as it is where its error is at
+    most 1e-11, or refined (refinement.py).
 
     Args:
         A: dynamics (n x n).
@@ -117,23 +126,20 @@ def solve(
 
     Raises:
         InputError: if the problem is ill-posed, before solving and the same for every solver, naming the modes; or if
-            the solver fails on a well-posed one, or its solution does not stabilise.
+            the solver fails on a well-posed one, its X does not stabilise, or cannot be refined.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")
-    A, B, Q, R = real_matrices(A=A, B=B, Q=Q, R=R)
-    cross = require_well_posed(A, B, Q, R, N, names, dual)
-    if solver == "drake" and not is_positive_definite(symmetrise(R)):
+    problem = require_well_posed(A, B, Q, R, N, names, dual)
+    if solver == "drake" and not is_positive_definite(problem.R):
         raise InputError("R: Drake takes positive definite ones only: use another solver")
     try:
-        X = RAW[solver](A, B, Q, R, cross if cross.any() else None)
-    except (SystemExit, RuntimeError, np.linalg.LinAlgError) as error:
-        raise InputError(f"Riccati equation: {solver} fails on a well-posed problem: {error}") from None
-    z = np.linalg.eigvals(A - B @ gain(A, B, R, X, cross))
-    if not abs(z).max() < 1.0:
-        worst = z[abs(z).argmax()]
-        raise InputError(f"Riccati equation: {solver} leaves the closed loop an eigenvalue {worst:.6g}, not inside 1")
-    return symmetrise(X)
+        with np.errstate(all="ignore"):  # refine sees what overflows
+            X = refine(problem, symmetrise(RAW[solver](*problem[:4], problem.N if problem.N.any() else None)))
+    except (SystemExit, RuntimeError, ValueError) as error:  # InputError and LinAlgError are ValueErrors
+        reason = str(error).removeprefix(f"{solver}: ")
+        raise InputError(f"Riccati equation: {solver} fails on a well-posed problem: {reason}") from None
+    return problem.in_given_units(X)
 
 
 SOLVERS: dict[str, Solver] = {name: partial(solve, solver=name) for name in RAW}

@@ -8,6 +8,9 @@ where A_1 = A - B R^-1 N^T and Q_1 = Q - N R^-1 N^T. Undetectable modes on the u
 symplectic pencil there, so no stabilising solution exists. With undetectable modes outside the circle there is one, but
 it is not the least cost and the recursion does not reach it.
 
+All of this is decided numerically, in balanced units (balancing.py): what is 0, or on the circle, but for rounding
+counts as such, and the decision is the same for every solver.
+
 A singular R >= 0 is made regular by a shift: for every symmetric X_0, Y = X - X_0 solves the DARE of
 R + B^T X_0 B, N + A^T X_0 B and Q + A^T X_0 A - X_0. A few steps of the recursion from 0 give an X_0 for which the
 first is positive definite and the last still positive semidefinite, as the recursion only grows.
@@ -16,11 +19,17 @@ first is positive definite and the last still positive semidefinite, as the recu
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import eigvals
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.modes.modes import listed, unreached_modes, unseen_modes
+from ortilo_drake.theory.modes.modes import Mode, listed, unreached_modes, unseen_modes
+from ortilo_drake.theory.riccati.balancing import Balanced, balance, unit_diagonal
 
 EPS = float(np.finfo(float).eps)
+NEARLY_SINGULAR = 1e-8  # least eigenvalue of R over the largest below which the problem is posed anew
+SINGULAR = 1e-10  # relative eigenvalue of R + B^T X B that counts as 0 in its pseudoinverse
+ROUNDING = 2e-14  # what counts as 0 in a weight, relatively
+ON_THE_CIRCLE = 1e-8  # an eigenvalue of the pencil as near counts as on the circle: the root of the rounding error
 
 
 class RegularProblem(NamedTuple):
@@ -54,9 +63,8 @@ def symmetrise(X: np.ndarray) -> np.ndarray:
 
 
 def is_positive_definite(R: np.ndarray) -> bool:
-    """Return whether R > 0 beyond rounding."""
-    eigenvalues = np.linalg.eigvalsh(R)
-    return bool(eigenvalues[0] > len(R) * EPS * abs(eigenvalues).max())
+    """Return whether R, scaled to a unit diagonal, is > 0 beyond rounding."""
+    return bool(np.linalg.eigvalsh(unit_diagonal(R))[0] > len(R) * EPS)
 
 
 def riccati_step(
@@ -68,12 +76,12 @@ def riccati_step(
     try:
         L = np.linalg.solve(M, F)
     except np.linalg.LinAlgError:
-        L = np.linalg.pinv(M, hermitian=True) @ F
+        L = np.linalg.pinv(M, rcond=SINGULAR, hermitian=True) @ F
     return symmetrise(Q + A.T @ XA - F.T @ L)
 
 
 def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> RegularProblem:
-    """Return the equivalent problem with R > 0 and N = 0; X_0 = 0 where R > 0 already.
+    """Return the equivalent problem with R > 0, far from singular if it can be, and N = 0; X_0 = 0 where R is so.
 
     Raises:
         InputError: if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
@@ -81,13 +89,44 @@ def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np
     X_0 = np.zeros_like(Q)
     for _ in range(len(A) + 2):
         R_1 = symmetrise(R + B.T @ X_0 @ B)
-        if is_positive_definite(R_1):
-            N_1 = N + A.T @ X_0 @ B
-            L = np.linalg.solve(R_1, N_1.T)
-            return RegularProblem(A - B @ L, B, symmetrise(Q + A.T @ X_0 @ A - X_0 - N_1 @ L), R_1, X_0)
+        eigenvalues = np.linalg.eigvalsh(R_1)
+        if eigenvalues[0] > NEARLY_SINGULAR * eigenvalues[-1]:
+            break
         F = B.T @ X_0 @ A + N.T
-        X_0 = symmetrise(Q + A.T @ X_0 @ A - F.T @ np.linalg.pinv(R_1, hermitian=True) @ F)
-    raise InputError("R: R + B^T X B stays singular: some control has no weight and moves nothing that has one")
+        X_0 = symmetrise(Q + A.T @ X_0 @ A - F.T @ np.linalg.pinv(R_1, rcond=SINGULAR, hermitian=True) @ F)
+    else:
+        X_0, R_1 = np.zeros_like(Q), R
+        if not is_positive_definite(R):
+            raise InputError("R: R + B^T X B stays singular: some control has no weight and moves nothing that has one")
+    N_1 = N + A.T @ X_0 @ B
+    L = np.linalg.solve(R_1, N_1.T)
+    return RegularProblem(A - B @ L, B, symmetrise(Q + A.T @ X_0 @ A - X_0 - N_1 @ L), R_1, X_0)
+
+
+def output_of(regular: RegularProblem, Q: np.ndarray) -> np.ndarray:
+    """Return C with as many rows as the rank of the regular problem's Q, and the kernel of that: its eigenvectors.
+
+    Where X_0 is not 0, that Q is a difference of matrices of the size of X_0 and of the given Q.
+    """
+    size = np.linalg.norm(Q, 2) + np.linalg.norm(regular.X_0, 2) * (1.0 + np.linalg.norm(regular.A, 2) ** 2)
+    values, vectors = np.linalg.eigh(regular.Q)
+    return np.asarray(vectors[:, values > ROUNDING * size].T)
+
+
+def distance_to_circle(problem: Balanced) -> float:
+    """Return the least ||z| - 1| of the eigenvalues z of the problem's extended symplectic pencil.
+
+    The pencil is [[A, 0, B], [-Q, I, -N], [N^T, 0, R]] - z [[I, 0, 0], [0, A^T, 0], [0, -B^T, 0]]. Its eigenvalues are
+    those of the closed loop, their inverses, and infinity.
+    """
+    A, B, Q, R, N, _ = problem
+    n, m = B.shape
+    eye, zero = np.eye(n), np.zeros
+    left = np.block([[A, zero((n, n)), B], [-Q, eye, -N], [N.T, zero((m, n)), R]])
+    right = np.block([[eye, zero((n, n + m))], [zero((n, n)), A.T, zero((n, m))], [zero((m, n)), -B.T, zero((m, m))]])
+    with np.errstate(all="ignore"):
+        z = eigvals(left, right)
+    return float(abs(abs(z[np.isfinite(z)]) - 1.0).min())
 
 
 def _require_shapes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> None:
@@ -107,18 +146,23 @@ def _require_shapes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, 
 
 def _require_weights(Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> None:
     for name, M in (("Q", Q), ("R", R)):
-        size = np.linalg.norm(M, 2)
-        if np.linalg.norm(M - M.T, 2) > 1e-10 * size:
+        if abs(unit_diagonal(M) - unit_diagonal(M).T).max() > 1e-10:
             raise InputError(f"{name}: differs from its transpose by {abs(M - M.T).max():.3g}: must be symmetric")
-        least = np.linalg.eigvalsh(symmetrise(M))[0]
-        if least < -1e-12 * size:
+        if not _is_semidefinite(M):
+            least = np.linalg.eigvalsh(symmetrise(M))[0]
             raise InputError(f"{name}: eigenvalue {least:.6g}: must be positive semidefinite")
-    if N.any():
-        R_plus = np.linalg.pinv(R, hermitian=True)
-        free = np.linalg.norm(N - N @ R_plus @ R, 2)
-        least = np.linalg.eigvalsh(symmetrise(Q - N @ R_plus @ N.T))[0]
-        if free > 1e-10 * np.linalg.norm(N, 2) or least < -1e-10 * np.linalg.norm(Q, 2):
-            raise InputError(f"N: [[Q, N], [N^T, R]] is indefinite (Schur complement {least:.6g}): must be at least 0")
+    if N.any() and not _is_semidefinite(both := np.block([[Q, N], [N.T, R]])):
+        least = np.linalg.eigvalsh(symmetrise(both))[0]
+        raise InputError(f"N: [[Q, N], [N^T, R]] is indefinite (eigenvalue {least:.6g}): must be at least 0")
+
+
+def _is_semidefinite(M: np.ndarray) -> bool:
+    return bool(np.linalg.eigvalsh(symmetrise(unit_diagonal(M)))[0] >= -1e-12)
+
+
+def _lasting(modes: list[Mode]) -> list[Mode]:
+    """Return hidden modes if one is numerically on or outside the unit circle; rounding may have split it into all."""
+    return modes if any(abs(mode.eigenvalue) >= 1.0 - ON_THE_CIRCLE for mode in modes) else []
 
 
 def require_well_posed(
@@ -129,8 +173,8 @@ def require_well_posed(
     N: np.ndarray | None = None,
     names: tuple[str, ...] | None = None,
     dual: bool = False,
-) -> np.ndarray:
-    """Return N (zeros where None) of a DARE that has a stabilising solution X >= 0; see the module.
+) -> Balanced:
+    """Return a DARE that has a stabilising solution X >= 0, in balanced units; see the module.
 
     Args:
         A: dynamics (n x n).
@@ -148,17 +192,25 @@ def require_well_posed(
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=N)
     _require_shapes(A, B, Q, R, N)
     _require_weights(Q, R, N)
-    if modes := unreached_modes(A, B, names):
+    problem = balance(A, B, symmetrise(Q), symmetrise(R), N)
+    if modes := _lasting(unreached_modes(problem.A, problem.B, names)):
         what = "(Phi, C) is not detectable: no sensor sees" if dual else "(A, B) is not stabilisable: no control moves"
         raise InputError(f"Riccati equation: {what} {listed(modes)}: no stabilising solution exists")
-    regular = regularise(A, B, Q, R, N)
-    if modes := unseen_modes(regular.A, regular.Q, names):
+    regular = regularise(*problem[:5])
+    if modes := _lasting(unseen_modes(regular.A, output_of(regular, problem.Q), names)):
         what = "(Phi, W) is not stabilisable: no noise drives" if dual else "(A, Q) is not detectable: no weight sees"
-        circle = any(abs(mode.eigenvalue) < 1.0 + 1e-6 for mode in modes)
+        if regular.X_0.any():
+            what = f"with the controls that {'V' if dual else 'R'} makes free, {what}"
+        circle = any(abs(mode.eigenvalue) < 1.0 + ON_THE_CIRCLE for mode in modes)
         why = (
-            "on the unit circle, an eigenvalue of the symplectic pencil, so no stabilising solution exists"
+            "numerically on the unit circle, an eigenvalue of the symplectic pencil, so no stabilising solution exists"
             if circle
             else "outside the unit circle, so the recursion's limit does not stabilise"
         )
         raise InputError(f"Riccati equation: {what} {listed(modes)}, {why}")
-    return N
+    if (distance := distance_to_circle(problem)) < ON_THE_CIRCLE:
+        raise InputError(
+            f"Riccati equation: an eigenvalue of the symplectic pencil is {distance:.1g} from the unit circle, "
+            "numerically on it: no stabilising solution exists"
+        )
+    return problem
