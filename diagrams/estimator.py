@@ -128,8 +128,8 @@ class IntermittentEstimator(Diagram):
 
         builder = DiagramBuilder()
         opens = settings.robust is not None
-        extras = extra_states(settings, scenario.vehicle, h, scenario.flown_rows)
-        model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras)
+        extras = extra_states(settings, scenario.vehicle, h, scenario.flown_rows, scenario.yaw)
+        model = augmented_model(settings, scenario.vehicle, settings.integrator, h, extras, scenario.yaw)
         P_0, hover_thrust = initial_covariance(settings, extras), scenario.vehicle.hover_thrust
         seen = augmented_rows(measurement.rows, extras)
         arguments = model, seen, hover_thrust, xbar_0, P_0, h
@@ -178,7 +178,8 @@ class IntermittentEstimator(Diagram):
 
         V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
         sizes = {s.name: fixes[s.name].size() if s.name in fixes else message_size(s, scenario, room) for s in sensors}
-        handler = builder.AddSystem(MeasurementHandler(measurement, sizes, V, dict(settings.gates), h, settings.delay))
+        late_ones = settings.delay, settings.horizon
+        handler = builder.AddSystem(MeasurementHandler(measurement, sizes, V, dict(settings.gates), h, *late_ones))
         for s in sensors:
             if s.name in fixes:
                 builder.Connect(fixes[s.name], handler.GetInputPort(s.name))

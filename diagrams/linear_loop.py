@@ -76,8 +76,10 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
     first order. Ports: input [y (p); u (4); reference (9)], output [xhat; i] (N + 3).
     """
     vehicle = scenario.vehicle
-    extras = extra_states(scenario.estimator, vehicle, scenario.h, scenario.flown_rows)
-    model = augmented_model(scenario.estimator, vehicle, scenario.estimator.integrator, scenario.h, extras)
+    extras = extra_states(scenario.estimator, vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
+    model = augmented_model(
+        scenario.estimator, vehicle, scenario.estimator.integrator, scenario.h, extras, scenario.yaw
+    )
     measurement = augmented_rows(scenario.measurement.rows, extras)
     Delta, E, p = measurement.arrival_matrix(delta), measurement.selection_matrix(delta), measurement.sizes["y"]
     integrator, N = scenario.estimator.integrator, len(model.Phi)
@@ -116,7 +118,7 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
         K: predictor gain (N x p) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals (s).
     """
-    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows)
+    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     measurement, names = augmented_rows(scenario.measurement.rows, extras), (*STATE_NAMES, *names_of(extras))
     N, rows = len(names), measurement.arrival_matrix(delta) @ measurement.layout.C
     builder = DiagramBuilder()

@@ -54,7 +54,7 @@ def initial_estimate(scenario: Belief, r_0: np.ndarray) -> np.ndarray:
     xbar_0[0:3] = r_0
     xbar_0[5] = scenario.yaw
     if isinstance(scenario.servo, LqServo):
-        L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+        L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
         xbar_0[12:15] = resting_integral(L, r_0, scenario.servo.form)
     return xbar_0
 
@@ -129,7 +129,8 @@ class Onboard(Diagram):
             timeline["timeline"] = parts_flown["command_log"].GetOutputPort("timeline")
         if commands.servo == "predicted":
             size = timeline["timeline"].size()
-            ahead = builder.AddSystem(StateAhead(scenario.vehicle, h, size, estimator.HasOutputPort("force")))
+            knows_force = estimator.HasOutputPort("force")
+            ahead = builder.AddSystem(StateAhead(scenario.vehicle, h, size, knows_force, scenario.yaw))
             parts_flown["state_ahead"] = ahead
             instead["servo"] = {name: ahead.GetOutputPort(f"{name}_ahead") for name in ("estimate", "reference")}
         wants_force = any(part.HasInputPort("force") for part in parts_flown.values())

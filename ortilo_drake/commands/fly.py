@@ -23,6 +23,7 @@ from ortilo_drake.commands.terminal import (
     out,
     progress_bar,
     say_if_compiling,
+    say_warnings,
     say_written,
     show_rows,
     write_json,
@@ -100,6 +101,7 @@ def fly(
     check_writable(html, png, video, out_file, rerun, json_file)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.blackouts import in_blackout
+    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flight import fly as fly_once
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary
@@ -117,6 +119,7 @@ def fly(
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
     quiet_drake()
+    say_warnings(cautions(chosen))
     say_if_compiling()
 
     with progress_bar() as progress:

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption, quiet_drake
-from ortilo_drake.commands.terminal import out
+from ortilo_drake.commands.terminal import out, say_warnings
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
@@ -35,12 +35,14 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario: all that `ortilo fly` would refuse is refused here."""
+    """Check a scenario: all that `ortilo fly` would refuse is refused here, and warned of what it would warn of."""
     chosen = load_scenario(scenario, tuple(settings or ()))
+    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
 
     quiet_drake()
     seconds = check_flyable(chosen) * chosen.h
+    say_warnings(cautions(chosen))
     out.print(f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}")
 
 

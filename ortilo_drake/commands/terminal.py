@@ -5,7 +5,7 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
@@ -98,6 +98,12 @@ def say_if_compiling() -> None:
 def say_error(line: str) -> None:
     """Say a line on stderr, as it is."""
     err.print(line, markup=False, soft_wrap=True)
+
+
+def say_warnings(lines: Iterable[str]) -> None:
+    """Say on stderr what the flight about to begin will hardly have been meant to be; it is flown all the same."""
+    for line in lines:
+        say_error(f"warning  {line}")
 
 
 def show_rows(rows: dict[str, str]) -> None:

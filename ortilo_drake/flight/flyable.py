@@ -47,7 +47,7 @@ def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
     check_room(scenario, room)
     ticks = flight_ticks(scenario, plan)
     if isinstance(scenario.servo, LqServo):
-        servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+        servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
     for sensor, errors in dict(scenario.truth.sensors).items():
         if sensor in scenario.sensors:
             check_size(sensor, errors, message_size(described(sensor), scenario, room) - PAYLOAD)

@@ -72,7 +72,7 @@ def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np
     i, j = np.nonzero(np.isfinite(sd))
     parts = []
     for age in scenario.h * np.arange(samples) / samples:
-        C = rows_matrix([seen_earlier(its, age) for its in sensor.rows])
+        C = rows_matrix([seen_earlier(its, age, scenario.yaw) for its in sensor.rows])
         parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2, j))
     return np.concatenate(parts)
 
@@ -83,7 +83,7 @@ def rate_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     parts, variances = [], np.full(len(ticks), scenario.imu.rate_sd**2)
     for age in scenario.h * np.arange(n) / n:
         for j, rate in enumerate(STATE_NAMES[9:]):
-            C = rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age)])
+            C = rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age, scenario.yaw)])
             parts.append(rows_of(ticks, np.tile(C, (len(ticks), 1)), variances, j))
     return np.concatenate(parts)
 
@@ -143,10 +143,10 @@ def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple
 
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi and W (12 x 12) of a tick, W of what is not measured of the world's disturbance."""
-    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     disturbance = scenario.world.disturbance
     force_sd = disturbance.force_sd * np.sqrt(1.0 - measured_share(scenario))
-    return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd)
+    return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd, scenario.yaw)
 
 
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:

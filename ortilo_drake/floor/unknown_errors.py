@@ -87,7 +87,7 @@ def _sd(*parts: tuple[float, ...] | float, number: int = 3) -> np.ndarray:
 def _forces(scenario: Scenario, k: float) -> list[Error]:
     vehicle, force, imu = scenario.truth.vehicle, scenario.truth.force, scenario.truth.imu
     m, h = scenario.vehicle.mass, scenario.h
-    _, Gamma_d = discretize(hover_A(), hover_B_d(scenario.vehicle), h)
+    _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), h)
     factors = (vehicle.mass_factor - 1.0, vehicle.mass_factor_sd, vehicle.thrust_factor - 1.0, vehicle.thrust_factor_sd)
     lift = tuple((0.0, 0.0, m * GRAVITY * factor) for factor in factors)
     lasting, push, pull = {"force": own(3)}, (1.0 - k) * Gamma_d[:, :3], -k * m * Gamma_d[:, :3]

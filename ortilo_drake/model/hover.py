@@ -1,6 +1,7 @@
 """The vehicle linearised at hover, in continuous and discrete time (paper, section II-B).
 
-The deviation from hover obeys x_dot = A x + B u + B_d d, with u the control less [m g, 0, 0, 0] and d the
+Hover is at rest under a heading psi, 0 in the paper: tilt accelerates along axes that are turned by psi, all else is
+the same. The deviation from hover obeys x_dot = A x + B u + B_d d, with u the control less [m g, 0, 0, 0] and d the
 disturbance [force in W, torque in B]. A is nilpotent (A^4 = 0), so the series below are finite and exact.
 """
 
@@ -12,12 +13,13 @@ from ortilo_drake.model.signals import N_U, N_X, N_Y
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 
 
-def hover_A() -> np.ndarray:
-    """Return A (12 x 12): x_ddot = g theta, y_ddot = -g phi."""
+def hover_A(yaw: float = 0.0) -> np.ndarray:
+    """Return A (12 x 12): [x_ddot, y_ddot] = R_z(yaw) [g theta, -g phi], yaw [rad] the heading that is held."""
+    c, s = math.cos(yaw), math.sin(yaw)
     A = np.zeros((N_X, N_X))
     A[0:6, 6:12] = np.eye(6)
-    A[6, 4] = GRAVITY
-    A[7, 3] = -GRAVITY
+    A[6, 3:5] = GRAVITY * s, GRAVITY * c
+    A[7, 3:5] = -GRAVITY * c, GRAVITY * s
     return A
 
 
@@ -55,7 +57,7 @@ def output_C() -> np.ndarray:
     return C
 
 
-def disturbance_W(vehicle: Vehicle, h: float, force_sd: float, torque_sd: float) -> np.ndarray:
+def disturbance_W(vehicle: Vehicle, h: float, force_sd: float, torque_sd: float, yaw: float = 0.0) -> np.ndarray:
     """Return W (12 x 12) of a disturbance held over each tick: Gamma_d diag(sd^2) Gamma_d^T.
 
     Args:
@@ -63,6 +65,7 @@ def disturbance_W(vehicle: Vehicle, h: float, force_sd: float, torque_sd: float)
         h: tick [s].
         force_sd: standard deviation of the force per axis [N].
         torque_sd: standard deviation of the torque per axis [N m].
+        yaw: the heading that is held [rad].
     """
-    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+    _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
     return Gamma_d @ np.diag([force_sd**2] * 3 + [torque_sd**2] * 3) @ Gamma_d.T

@@ -45,14 +45,14 @@ def rows_matrix(rows: Iterable[Row]) -> np.ndarray:
     return np.array([[sum(c for state, c in own.sees if state == name) for name in STATE_NAMES] for own in rows], float)
 
 
-def seen_earlier(own: Row, age: float) -> Row:
+def seen_earlier(own: Row, age: float, yaw: float = 0.0) -> Row:
     """Return what a row tells of the state now if it was measured some time ago [s]: C (I - age A), to first order.
 
-    A is the hover model's (model/hover.py). Left out are the control and the disturbance that acted since: a constant
-    angular acceleration alpha changes an angle by alpha age^2 / 2 beyond it.
+    A is the hover model's under that yaw [rad] (model/hover.py). Left out are the control and the disturbance that
+    acted since: a constant angular acceleration alpha changes an angle by alpha age^2 / 2 beyond it.
     """
     C = rows_matrix([own])[0]
-    C = C - age * (C @ hover_A())
+    C = C - age * (C @ hover_A(yaw))
     return Row(own.name, tuple((STATE_NAMES[i], float(C[i])) for i in np.flatnonzero(C)))
 
 

@@ -228,7 +228,10 @@ def find_part(role: str, kind: str) -> Part | None:
 
 
 def measurement_of(
-    sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA, ages: Mapping[str, float] | None = None
+    sensors: Iterable[str],
+    camera: tuple[Row, ...] = CAMERA,
+    ages: Mapping[str, float] | None = None,
+    yaw: float = 0.0,
 ) -> Measurement:
     """Return the measurement of the paper's three sensors and of the registered ones among those named.
 
@@ -236,13 +239,14 @@ def measurement_of(
         sensors: their names.
         camera: the rows that a landmark fix fills.
         ages: how old the values of some sensors are on average [s], of those that are faster than the tick.
+        yaw: the heading that is held [rad].
     """
     own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
     paper = ((name, camera if name == "camera" else rows) for name, rows in PAPER)
     rows = (*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None))
     old = ages or {}
     return make_measurement(
-        tuple((name, tuple(seen_earlier(r, old[name]) for r in its) if name in old else its) for name, its in rows)
+        tuple((name, tuple(seen_earlier(r, old[name], yaw) for r in its) if name in old else its) for name, its in rows)
     )
 
 

@@ -150,7 +150,7 @@ class Belief(Frozen):
         """
         faster = {sensor: self.samples(sensor) for sensor in self.faster_sensors}
         ages = {sensor: 0.5 * (n - 1) / n * self.h for sensor, n in faster.items()}
-        return measurement_of(self.sensors, self.landmark_fix.rows, ages)
+        return measurement_of(self.sensors, self.landmark_fix.rows, ages, self.yaw)
 
     def load_room(self) -> Room:
         """Return the room as it was surveyed; InputError if its file is wrong."""

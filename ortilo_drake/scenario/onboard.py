@@ -1,5 +1,6 @@
 """Settings of the onboard half beside its estimator: detector, fixes and servo."""
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, model_validator
@@ -160,12 +161,19 @@ class LqServo(Frozen):
         form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
             forward, as in the authors' code.
         velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
-        yaw: psi_r [rad], small: the hover model of filter and servo is that of yaw 0. Only in the error form.
+        yaw: psi_r, the heading that is held [rad]; filter and servo are linear about hover under it. Only in the error
+            form.
         weights: Q and R.
     """
 
     kind: Literal["lq"] = "lq"
     form: Literal["paper", "error"] = "error"
     velocities: Literal["estimate", "truth"] = "estimate"
-    yaw: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
+    yaw: Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)] = 0.0
     weights: ServoWeights = ServoWeights()
+
+    @model_validator(mode="after")
+    def _paper_holds_no_yaw(self) -> "LqServo":
+        if self.form == "paper" and self.yaw != 0.0:
+            raise ValueError(f".yaw: {self.yaw}: must be 0 with form 'paper', which holds none; form 'error' does")
+        return self

@@ -197,6 +197,12 @@ class Scenario(Belief):
         return Scenario.model_validate_json, (self.model_dump_json(),)
 
     @model_validator(mode="after")
+    def _linear_is_of_yaw_0(self) -> "Scenario":
+        if self.world.kinematics == "linear" and self.yaw != 0.0:
+            raise ValueError(f"servo.yaw: {self.yaw}: must be 0 with world.kinematics linear, the paper's at yaw 0")
+        return self
+
+    @model_validator(mode="after")
     def _sensors_differ(self) -> "Scenario":
         if len(set(self.sensors)) != len(self.sensors):
             raise ValueError(f"sensors: {list(self.sensors)} names one twice")

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
+from ortilo_drake.model.equations import small_angle_dynamics
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d, output_C
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.vehicle import M100, Vehicle
@@ -51,11 +53,25 @@ def test_discretisation_is_scipys(vehicle: Vehicle, h: float) -> None:
     np.testing.assert_allclose(Gamma, Gamma_zoh, rtol=1e-13, atol=1e-17)
 
 
-def test_W_is_the_covariance_of_a_held_disturbance_by_quadrature() -> None:
-    A, B_d = hover_A(), hover_B_d(M100)
+@pytest.mark.parametrize("yaw", [0.0, 0.7, np.pi / 2, -2.2, np.pi])
+def test_A_and_B_are_the_slopes_of_the_equations_of_motion_under_any_heading(yaw: float) -> None:
+    """Drake's automatic differentiation of the nonlinear plant at hover; Phi follows by SciPy's exponential."""
+    x, u = np.zeros(12), np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
+    x[5] = yaw
+    at = InitializeAutoDiff(np.concatenate([x, u]))[:, 0]
+    inertia = np.array(M100.inertia)
+    slopes = ExtractGradient(small_angle_dynamics(at[:12], at[12:], np.zeros(6), M100.mass, inertia))
+    np.testing.assert_allclose(hover_A(yaw), slopes[:, :12], atol=1e-14)
+    np.testing.assert_allclose(hover_B(M100), slopes[:, 12:], atol=1e-14)
+    np.testing.assert_allclose(discretize(hover_A(yaw), hover_B(M100), H)[0], expm(H * slopes[:, :12]), atol=1e-15)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_W_is_the_covariance_of_a_held_disturbance_by_quadrature(yaw: float) -> None:
+    A, B_d = hover_A(yaw), hover_B_d(M100)
     effect, _ = quad_vec(lambda s: expm(A * (H - s)) @ B_d, 0.0, H, epsabs=1e-16, epsrel=1e-13)
     W = effect @ np.diag([0.27**2] * 3 + [0.005**2] * 3) @ effect.T
-    np.testing.assert_allclose(disturbance_W(M100, H, 0.27, 0.005), W, rtol=1e-11, atol=1e-22)
+    np.testing.assert_allclose(disturbance_W(M100, H, 0.27, 0.005, yaw), W, rtol=1e-11, atol=1e-22)
 
 
 def test_W_is_the_covariance_of_sampled_disturbances() -> None:

@@ -334,8 +334,9 @@ def test_a_wrong_mass_is_a_vertical_force_whatever_the_tilt() -> None:
         d_z = f_T * (M / heavier - 1.0)  # (f_T + d_z) / m = f_T / heavier
         xbar = np.concatenate([x, [0.0, 0.0, d_z], np.zeros(3)])
         u = np.array([f_T - M * GRAVITY, 0.0, 0.0, 0.0])
-        hover = np.array([GRAVITY * x[4], -GRAVITY * x[3], (u[0] + d_z) / M])
-        np.testing.assert_allclose(hover + tilted_lift(xbar, u, M), true, atol=1e-12)
+        yaw = rng.uniform(-np.pi, np.pi)
+        hover = hover_A(yaw)[6:9] @ x + [0.0, 0.0, (u[0] + d_z) / M]
+        np.testing.assert_allclose(hover + tilted_lift(xbar, u, M, yaw), true, atol=1e-12)
 
 
 def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:

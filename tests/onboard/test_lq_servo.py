@@ -86,7 +86,8 @@ def test_linear_loop_settles_at_the_reference_from_elsewhere(form: str) -> None:
 def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
     rng = np.random.default_rng(31)
     xbar, reference, v = rng.normal(size=15), rng.normal(size=9), rng.normal(size=6)
-    servo = make_lq_servo(Settings(form=form, velocities=velocities, yaw=0.1), M100, H)
+    yaw = 2.1 if form == "error" else 0.0  # the paper's law holds none
+    servo = make_lq_servo(Settings(form=form, velocities=velocities, yaw=yaw), M100, H)
     context = servo.CreateDefaultContext()
     servo.GetInputPort("estimate").FixValue(context, xbar)
     servo.GetInputPort("reference").FixValue(context, reference)
@@ -94,5 +95,7 @@ def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
     if velocities == "truth":
         servo.GetInputPort("velocity").FixValue(context, [1.0, 0.0, *v])
         known[6:12] = v
-    expected = servo_control(known, reference, L, M100.mass, 0.1, form == "error")
+    expected = servo_control(
+        known, reference, servo_gain(M100, ServoWeights(), H, yaw), M100.mass, yaw, form == "error"
+    )
     np.testing.assert_array_equal(servo.get_output_port().Eval(context), expected)

@@ -168,9 +168,12 @@ def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
     assert inputs({"camera": 0.99}, SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
 
 
+HORIZON = 4 * H  # of 'replay'
+
+
 def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
     """What the handler gives at tick k of messages that old, one for each sensor."""
-    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay)
+    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay, HORIZON)
     context = handler.CreateDefaultContext()
     context.SetTime(k * H)
     for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
@@ -197,10 +200,16 @@ def test_stamps_are_given_to_replay() -> None:
         np.testing.assert_array_equal(found[name], value)
 
 
+def test_replay_counts_nothing_that_is_older_than_its_horizon() -> None:
+    """It was counted as used, though the filter keeps no such tick: a flight without one fix said 70 %."""
+    found = handled("replay", (5, 4, 0))[1]
+    np.testing.assert_array_equal(found["delta"], [0.0, 1.0, 1.0])
+
+
 @pytest.mark.parametrize("delay", ["ignore", "drop", "replay"])
 def test_what_is_given_follows_what_comes_and_when(delay: str) -> None:
     """Drake keeps an output until something that it names as needed changes."""
-    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay)
+    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay, HORIZON)
     context = handler.CreateDefaultContext()
     for k, stamped in [(10, 10), (11, 11), (12, 9), (14, 14)]:
         context.SetTime(k * H)

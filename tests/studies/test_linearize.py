@@ -103,14 +103,15 @@ def test_rotors_two_linearisations_differ_in_their_lag_alone() -> None:
 @pytest.mark.parametrize("form", ["paper", "error"])
 @pytest.mark.parametrize("velocities", ["estimate", "truth"])
 def test_servo_is_the_slope_of_the_compiled_law(form: str, velocities: str) -> None:
-    scenario = flown(form=form, velocities=velocities, yaw=0.07)
-    L = servo_gain(M100, scenario.servo.weights, H)
+    yaw = 0.7 if form == "error" else 0.0
+    scenario = flown(form=form, velocities=velocities, yaw=yaw)
+    L = servo_gain(M100, scenario.servo.weights, H, yaw)
 
     def u(inputs: np.ndarray) -> np.ndarray:
         xbar = inputs[:15].copy()
         if velocities == "truth":
             xbar[6:12] = inputs[24:]
-        return servo_control(xbar, inputs[15:24], L, M100.mass, 0.07, form == "error")
+        return servo_control(xbar, inputs[15:24], L, M100.mass, yaw, form == "error")
 
     servo = linearize(scenario, "servo", ON_THE_WAY)
     slope = differences(u, np.zeros(30 if velocities == "truth" else 24), 1.0)
@@ -129,8 +130,9 @@ def test_operating_point_accelerates_as_planned(kinematics: str) -> None:
 
 @pytest.mark.parametrize("kinematics", KINEMATICS)
 def test_plant_on_the_way_has_the_slopes_of_drakes_symbols(kinematics: str) -> None:
-    scenario = flown(kinematics, yaw=0.08)
-    x_0, u_0 = operating_point(M100, kinematics, ON_THE_WAY, 0.08)
+    yaw = 0.0 if kinematics == "linear" else 0.8
+    scenario = flown(kinematics, yaw=yaw)
+    x_0, u_0 = operating_point(M100, kinematics, ON_THE_WAY, yaw)
     plant = QuadrotorPlant_[float](vehicle=M100, kinematics=kinematics).ToScalarType[Expression]()
     context = plant.CreateDefaultContext()
     x, u = MakeVectorContinuousVariable(12, "x"), MakeVectorContinuousVariable(4, "u")

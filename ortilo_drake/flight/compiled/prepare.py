@@ -35,7 +35,7 @@ from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_st
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.estimator.late_measurements import slot_of
-from ortilo_drake.onboard.estimator.measurement_handler import incoming_of
+from ortilo_drake.onboard.estimator.measurement_handler import incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.robust.system import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import first_state, weighing_of
 from ortilo_drake.onboard.estimator.tight.model import aids_of, first_states, layout_of, motion_of
@@ -112,7 +112,7 @@ def constants_of(scenario: Scenario) -> FlightConstants:
         others_of(scenario, room, estimator.incoming.start) if isinstance(estimator, FilterConstants) else (),
         estimator,
         ServoConstants(
-            servo_gain(vehicle, scenario.servo.weights, h),
+            servo_gain(vehicle, scenario.servo.weights, h, scenario.yaw),
             vehicle.mass,
             scenario.servo.yaw,
             scenario.servo.form == "error",
@@ -166,7 +166,7 @@ def _estimator(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstan
 
 def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
     settings, measurement, vehicle, h = scenario.estimator, scenario.measurement, scenario.vehicle, scenario.h
-    extras = extra_states(settings, vehicle, h, scenario.flown_rows)
+    extras = extra_states(settings, vehicle, h, scenario.flown_rows, scenario.yaw)
     P_0 = initial_covariance(settings, extras)
     xbar_0 = initial_estimate(scenario, r_0)
     sensors = [flown(name, scenario) for name in measurement.sensors if name in scenario.sensors]
@@ -174,7 +174,8 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
     handed = {"uwb": FIX_SIZE, "camera": camera, "imu": IMU_SIZE}
     sizes = {s.name: handed[s.name] if s.name in handed else handed_size(scenario, s.name) for s in sensors}
     V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
-    incoming = incoming_of(measurement, sizes, V, dict(settings.gates))
+    oldest = oldest_used(settings.delay, settings.horizon, h)
+    incoming = incoming_of(measurement, sizes, V, dict(settings.gates), oldest)
     starts = dict(zip(measurement.sensors, incoming.start.tolist(), strict=True))
     exclude = scenario.multilateration.exclude
     variances, augmented = imu_variances(scenario), augmented_rows(measurement.rows, extras)
@@ -183,8 +184,8 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
         max(sum(sizes.values()), 1),
         (starts["uwb"], starts["imu"], starts["camera"]),
         measurement.layout,
-        settings.delay == "drop",
-        augmented_model(settings, vehicle, settings.integrator, h, extras),
+        settings.delay != "ignore",
+        augmented_model(settings, vehicle, settings.integrator, h, extras, scenario.yaw),
         augmented.layout,
         measurement.sensors.index("imu"),
         np.zeros(0) if variances is None else variances,

@@ -11,7 +11,7 @@ from ortilo_drake.flight.compiled.kept import Sensed, SensorMemory
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.model.triples import Triple
-from ortilo_drake.onboard.estimator.tight.sense import take_messages
+from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, clone_of, take_messages
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose, one_ahead
 
 
@@ -93,13 +93,13 @@ def tight_handed_of(
     others: tuple[OtherConstants, ...],
     kept: tuple[SensorMemory, ...],
 ) -> np.ndarray:
-    """Return [y, delta, V2] of tick k: what arrived, y NaN of ranges and boxes. Arguments as handed_of's."""
+    """Return [y, delta, V2] of tick k: what can be used, y NaN of ranges and boxes. Arguments as handed_of's."""
     first, block = estimator.handled.first, estimator.handled.block
     p, s = first[-1], first.size - 1
     handed, imu = memory.handed, sensed.imu.message
     fill(handed, 0.0)
     for j, message in ((estimator.numbers[0], sensed.uwb.message), (estimator.numbers[2], sensed.camera.message)):
-        if j >= 0 and message[ARRIVED] != 0.0:
+        if j >= 0 and clone_of(message, k * h, h, estimator.layout.clones) != NOT_TAKEN:
             handed[first[j] : first[j + 1]] = np.nan
             handed[p + j] = 1.0
     j = estimator.numbers[1]

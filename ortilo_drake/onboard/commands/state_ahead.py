@@ -97,12 +97,13 @@ class StateAhead(LeafSystem):
         h: tick [s].
         size: n.
         takes_force: whether it is told the force.
+        yaw: the heading that is held [rad].
     """
 
-    def __init__(self, vehicle: Vehicle, h: float, size: int, takes_force: bool):
+    def __init__(self, vehicle: Vehicle, h: float, size: int, takes_force: bool, yaw: float = 0.0):
         super().__init__()
         self.set_name("state_ahead")
-        self._h, self._A, self._B = h, hover_A(), hover_B(vehicle)
+        self._h, self._A, self._B = h, hover_A(yaw), hover_B(vehicle)
         self._by_force = np.ascontiguousarray(hover_B_d(vehicle)[:, :3])
         self._lift = -self._B[:, 0] * vehicle.hover_thrust
         self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)

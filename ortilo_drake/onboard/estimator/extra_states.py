@@ -100,15 +100,15 @@ def _names_of_rows(sensor: str) -> tuple[str, ...]:
     return tuple(its.name for its in IMU_ROWS[sensor][1])
 
 
-def _force(walks: Walks, vehicle: Vehicle, h: float) -> Extra:
-    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+def _force(walks: Walks, vehicle: Vehicle, h: float, yaw: float) -> Extra:
+    _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
     return _slow(D, Walk(walks.force_sd, walks.force_rate * np.sqrt(h)), (), Gamma_d[:, :3])
 
 
-def _torque(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
+def _torque(walks: Walks, vehicle: Vehicle, h: float, yaw: float) -> list[Extra]:
     if walks.torque_sd == 0.0:
         return []
-    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+    _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
     return [_slow(N, Walk(walks.torque_sd, walks.torque_rate * np.sqrt(h)), (), Gamma_d[:, 3:])]
 
 
@@ -139,7 +139,11 @@ def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
 
 
 def extra_states(
-    settings: FilterSettings, vehicle: Vehicle, h: float, flown: tuple[str, ...] = PAPERS_ROWS
+    settings: FilterSettings,
+    vehicle: Vehicle,
+    h: float,
+    flown: tuple[str, ...] = PAPERS_ROWS,
+    yaw: float = 0.0,
 ) -> tuple[Extra, ...]:
     """Return the extra states of a scenario's filter, in their order in xbar: the force comes first.
 
@@ -148,13 +152,20 @@ def extra_states(
         vehicle: as it is believed to be.
         h: tick [s].
         flown: names of the rows of y that may come; of others there is no bias.
+        yaw: the heading that is held [rad].
     """
     if settings.force == "none":
         return ()
     measured = _accelerometer(settings.walks, vehicle, h) if settings.force == "measured" else []
-    torque = _torque(settings.walks, vehicle, h)
+    torque = _torque(settings.walks, vehicle, h, yaw)
     gyroscope = [_gyroscope(settings.walks, h)] if settings.rates == "measured" else []
-    return (_force(settings.walks, vehicle, h), *measured, *torque, *gyroscope, *_biases(settings.biases, h, flown))
+    return (
+        _force(settings.walks, vehicle, h, yaw),
+        *measured,
+        *torque,
+        *gyroscope,
+        *_biases(settings.biases, h, flown),
+    )
 
 
 def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:

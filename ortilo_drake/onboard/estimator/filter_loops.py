@@ -156,14 +156,14 @@ def step_in_place(
 
     Arguments as intermittent_step, after those of to_work_in.
     """
-    Phi, Gamma, W, integrator, Gamma_a, mass, known = model
+    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known = model
     _, _, _, first, block, is_position = layout
     N = Phi.shape[0]
     n = N + N_I
     structure = known_structure(known, Phi)
     columns, values, counts, _, _ = structure
     P = belief[n:].reshape((n, n))
-    lift = tilted_lift(belief, u, mass) if N > N_X else (0.0, 0.0, 0.0)
+    lift = tilted_lift(belief, u, mass, yaw) if N > N_X else (0.0, 0.0, 0.0)
     chosen = integrated_sensor(delta, is_position, integrator)
     for i in range(N_I):
         if integrator == INTEGRATOR_ESTIMATE:

@@ -12,12 +12,12 @@ from ortilo_drake.scenario import DiagonalW, DisturbanceW
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 
-def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float) -> np.ndarray:
-    """Return W (12 x 12) as the scenario gives it."""
+def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: float = 0.0) -> np.ndarray:
+    """Return W (12 x 12) as the scenario gives it, under that yaw [rad]."""
     W = settings.W
     if isinstance(W, DiagonalW):
         return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3))
-    return disturbance_W(vehicle, h, W.force_sd, W.torque_sd)
+    return disturbance_W(vehicle, h, W.force_sd, W.torque_sd, yaw)
 
 
 def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ()) -> np.ndarray:
@@ -33,23 +33,38 @@ def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ())
     return P[np.ix_(from_, from_)]
 
 
-def filter_model(settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float) -> FilterModel:
-    """Return what the paper's filter believes of the vehicle; integrator is 'literal', 'hold' or 'estimate'."""
-    Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
-    W = process_noise(settings, vehicle, h)
+def filter_model(
+    settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, yaw: float = 0.0
+) -> FilterModel:
+    """Return what the paper's filter believes of the vehicle.
+
+    Args:
+        settings: of the filter.
+        vehicle: as it is believed to be.
+        integrator: 'literal', 'hold' or 'estimate'.
+        h: tick [s].
+        yaw: the heading that is held [rad].
+    """
+    Phi, Gamma = discretize(hover_A(yaw), hover_B(vehicle), h)
+    W = process_noise(settings, vehicle, h, yaw)
     return FilterModel(Phi, Gamma, W, INTEGRATORS[integrator], structure=structure_of(Phi))
 
 
 def augmented_model(
-    settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, extras: tuple[Extra, ...]
+    settings: FilterSettings,
+    vehicle: Vehicle,
+    integrator: str,
+    h: float,
+    extras: tuple[Extra, ...],
+    yaw: float = 0.0,
 ) -> FilterModel:
     """Return what the filter believes of [x; e], see extra_states.py; without extra states that is filter_model."""
-    model = filter_model(settings, vehicle, integrator, h)
+    model = filter_model(settings, vehicle, integrator, h, yaw)
     if not extras:
         return model
     names = names_of(extras)
     N = N_X + len(names)
-    _, Gamma_d = discretize(hover_A(), hover_B_d(vehicle), h)
+    _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
     Phi, Gamma, W = np.zeros((N, N)), np.zeros((N, N_U)), np.zeros((N, N))
     by_force = np.zeros((N, 6))  # how the new part of the disturbance enters [x; e]
     Phi[:N_X, :N_X], Gamma[:N_X], by_force[:N_X] = model.Phi, model.Gamma, Gamma_d
@@ -67,4 +82,4 @@ def augmented_model(
     W[:N_X, :N_X] = model.W
     Gamma_a = np.zeros((N, N_I))
     Gamma_a[:N_X] = vehicle.mass * Gamma_d[:, :3]
-    return FilterModel(Phi, Gamma, W, model.integrator, Gamma_a, vehicle.mass, structure_of(Phi))
+    return FilterModel(Phi, Gamma, W, model.integrator, Gamma_a, vehicle.mass, yaw, structure_of(Phi))

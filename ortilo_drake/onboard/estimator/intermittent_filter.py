@@ -55,6 +55,7 @@ class FilterModel(NamedTuple):
         Gamma_a: how an acceleration enters (N, 3); read where there are states e: in the paper's hover model lift does
             not tilt.
         mass: m [kg]; read where lift tilts.
+        yaw: heading of the hover that the model is linear about [rad]; read where lift tilts.
         structure: where Phi is not 0; None has every step look for it.
     """
 
@@ -64,24 +65,28 @@ class FilterModel(NamedTuple):
     integrator: int
     Gamma_a: np.ndarray = np.zeros((N_X, 3))
     mass: float = 1.0
+    yaw: float = 0.0
     structure: Structure | None = None
 
 
 @register_jitable
-def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float) -> Triple:
+def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Triple:
     """Return what the hover model leaves out of the lift's acceleration in W (3).
 
     The lift is l = (f_T + d_z) / m, d_z the vertical part of the disturbance force, in which a wrong mass or thrust
-    shows. It acts along z_B; the hover model takes l z_B to be [g theta, -g phi, l].
+    shows. It acts along z_B; the hover model takes l z_B to be R_z(yaw) [g theta, -g phi, l].
 
     Args:
         xbar: [x; d; ...].
         u: control less hover (4).
         mass: m [kg].
+        yaw: heading of the hover model [rad].
     """
     lift = GRAVITY + (u[0] + xbar[N_X + 2]) / mass
     z_B = thrust_direction(xbar[3], xbar[4], xbar[5])
-    return lift * z_B[0] - GRAVITY * xbar[4], lift * z_B[1] + GRAVITY * xbar[3], lift * (z_B[2] - 1.0)
+    c, s = np.cos(yaw), np.sin(yaw)
+    a_x, a_y = GRAVITY * (c * xbar[4] + s * xbar[3]), GRAVITY * (s * xbar[4] - c * xbar[3])
+    return lift * z_B[0] - a_x, lift * z_B[1] - a_y, lift * (z_B[2] - 1.0)
 
 
 @register_jitable
@@ -135,7 +140,7 @@ def intermittent_step(
         model: what the filter believes of the vehicle.
         layout: of the measurement.
     """
-    Phi, Gamma, W, integrator, Gamma_a, mass, _ = model
+    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, _ = model
     N = Phi.shape[0]
     n = N + N_I
     arrived = arrived_rows(delta, layout.first)
@@ -173,7 +178,7 @@ def intermittent_step(
 
     Gammabar_a = np.zeros(n, xhat.dtype)
     if N > N_X:
-        Gammabar_a[:N] = Gamma_a @ np.array(tilted_lift(xhat, u, mass))
+        Gammabar_a[:N] = Gamma_a @ np.array(tilted_lift(xhat, u, mass, yaw))
 
     K = np.ascontiguousarray(solve(H @ P @ H.T + V2, (Phibar @ P @ H.T + Ebar_V12).T).T)
     P_next = Phibar @ P @ Phibar.T + Ebar_V1_EbarT - K @ (H @ P @ Phibar.T + Ebar_V12.T)

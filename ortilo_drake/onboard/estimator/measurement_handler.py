@@ -5,7 +5,8 @@ noise covariance (model/measurement.py). The filter forms H_k = Delta_k Cbar and
 
 What becomes of a measurement that comes late is the scenario's to say (estimator.delay). With 'ignore' it enters as if
 it were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as if it
-were current; with 'replay' the stamps go to the filter, see late_measurements.py.
+were current; with 'replay' the stamps go to the filter, see late_measurements.py, and what is older than the ticks that
+it keeps does not count as arrived.
 """
 
 import sys
@@ -20,7 +21,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Mult
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.cholesky import forward_in_place
-from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in, values_of
@@ -39,12 +40,14 @@ class Incoming(NamedTuple):
         V2: the covariances that are believed where none comes with the message (q).
         with_message: whether a sensor's covariance comes with its message, behind the value (s).
         gates: largest squared Mahalanobis distance of each sensor from the prediction, inf for none (s).
+        oldest: largest age of a value that is used [ticks].
     """
 
     start: np.ndarray
     V2: np.ndarray
     with_message: np.ndarray
     gates: np.ndarray
+    oldest: int
 
 
 @njit(cache=True)
@@ -106,7 +109,7 @@ def put_measurements(
         layout: of the measurement.
     """
     C, _, _, first, block, _ = layout
-    start, V2, with_message, gates = incoming
+    start, V2, with_message, gates, oldest = incoming
     s, p, q = start.size, first[-1], block[-1]
     delta, stamps = out[p : p + s], out[p + s + q :]
     put(V2, out, p + s)
@@ -129,7 +132,7 @@ def put_measurements(
                         e[i] -= C[first[j] + i, n] * xhat[n]
             if squared_distance(e, C[first[j] : first[j + 1]], P, values_of(V).reshape(m, m)) > gates[j]:
                 continue
-        if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > MAX_AGE:
+        if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > oldest:
             continue
         put(message[2 : 2 + m], out, first[j])
         delta[j] = 1.0
@@ -146,8 +149,17 @@ def stack_measurements(
     return out
 
 
+def oldest_used(delay: str, horizon: float, h: float) -> int:
+    """Return the largest age of a measurement that is used [ticks], as estimator.delay and its horizon [s] have it."""
+    return history_ticks(horizon, h) - 1 if delay == "replay" else MAX_AGE
+
+
 def incoming_of(
-    measurement: Measurement, sizes: dict[str, int], V: dict[str, np.ndarray | None], gates: dict[str, float]
+    measurement: Measurement,
+    sizes: dict[str, int],
+    V: dict[str, np.ndarray | None],
+    gates: dict[str, float],
+    oldest: int = MAX_AGE,
 ) -> Incoming:
     """Return how messages stand in one vector.
 
@@ -156,6 +168,7 @@ def incoming_of(
         sizes: of the message of each sensor that flies, in their order in the vector.
         V: covariance that is believed of each sensor; None where it comes with the message.
         gates: probability with which a right value stays within its gate, for the sensors that have one.
+        oldest: largest age of a value that is used [ticks], where any is dropped.
     """
     ends = np.cumsum([0, *sizes.values()])
     starts = dict(zip(sizes, ends[:-1].tolist(), strict=True))
@@ -169,7 +182,7 @@ def incoming_of(
             squared[j] = squared_gate(gates[sensor], m)
     start = np.array([starts.get(sensor, -1) for sensor in measurement.sensors], dtype=np.int64)
     with_message = np.array([V.get(sensor) is None for sensor in measurement.sensors])
-    return Incoming(start, V2, with_message, squared)
+    return Incoming(start, V2, with_message, squared, oldest)
 
 
 # Without a scope Drake reads the sources of all frames to find it.
@@ -249,6 +262,7 @@ class MeasurementHandler(Diagram):
         gates: probability with which a right value stays within its gate, for the sensors that have one.
         h: tick [s], by which 'drop' judges.
         delay: 'ignore', 'drop' or 'replay': what becomes of a late measurement.
+        horizon: how far back 'replay' goes [s].
     """
 
     def __init__(
@@ -259,12 +273,13 @@ class MeasurementHandler(Diagram):
         gates: dict[str, float],
         h: float,
         delay: str = "ignore",
+        horizon: float = 0.0,
     ):
         super().__init__()
         builder = DiagramBuilder()
-        incoming = incoming_of(measurement, sizes, V, gates)
+        incoming = incoming_of(measurement, sizes, V, gates, oldest_used(delay, horizon, h))
         size = max(sum(sizes.values()), 1)
-        stack = builder.AddSystem(MeasurementStack_[float](size, incoming, measurement.layout, h, delay == "drop"))
+        stack = builder.AddSystem(MeasurementStack_[float](size, incoming, measurement.layout, h, delay != "ignore"))
         if sizes:
             together = builder.AddSystem(Multiplexer(list(sizes.values())))
             for i, sensor in enumerate(sizes):

@@ -26,9 +26,9 @@ def split_delay(delay: float, h: float) -> tuple[int, float]:
     return d, max(0.0, d - delay / h)
 
 
-def delayed_pair(vehicle: Vehicle, h: float, delay: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return Phi and Gamma of [x; i; u_{k-1}; ...; u_{k-d}], n = 15 + 4 d; delay [s]."""
-    Phibar, Gammabar = augmented_pair(vehicle, h)
+def delayed_pair(vehicle: Vehicle, h: float, delay: float, yaw: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return Phi and Gamma of [x; i; u_{k-1}; ...; u_{k-d}], n = 15 + 4 d; delay [s], yaw held [rad]."""
+    Phibar, Gammabar = augmented_pair(vehicle, h, yaw)
     d, theta = split_delay(delay, h)
     n = N_XBAR + N_U * d
     Phi, Gamma = np.zeros((n, n)), np.zeros((n, N_U))
@@ -36,7 +36,7 @@ def delayed_pair(vehicle: Vehicle, h: float, delay: float) -> tuple[np.ndarray, 
     if d == 0:
         return Phibar, Gammabar
     late = np.zeros_like(Gammabar)
-    late[:N_X] = discretize(hover_A(), hover_B(vehicle), theta * h)[1]
+    late[:N_X] = discretize(hover_A(yaw), hover_B(vehicle), theta * h)[1]
     Phi[:N_XBAR, n - N_U :] = Gammabar - late
     if d == 1:
         Gamma[:N_XBAR] = late
@@ -47,9 +47,9 @@ def delayed_pair(vehicle: Vehicle, h: float, delay: float) -> tuple[np.ndarray, 
     return Phi, Gamma
 
 
-def delayed_gain(vehicle: Vehicle, weights: ServoWeights, h: float, delay: float) -> np.ndarray:
+def delayed_gain(vehicle: Vehicle, weights: ServoWeights, h: float, delay: float, yaw: float = 0.0) -> np.ndarray:
     """Return L (4 x 15 + 4 d) of delayed_pair; raises as lq_gain."""
-    Phi, Gamma = delayed_pair(vehicle, h, delay)
+    Phi, Gamma = delayed_pair(vehicle, h, delay, yaw)
     Q, R = weight_matrices(weights)
     wide = np.zeros_like(Phi)
     wide[:N_XBAR, :N_XBAR] = Q

@@ -31,7 +31,7 @@ class AugmentedServo(LeafSystem):
     def __init__(self, settings: LqServo, vehicle: Vehicle, h: float, delay: float, takes_force: bool):
         super().__init__()
         self.set_name("augmented_servo")
-        L = delayed_gain(vehicle, settings.weights, h, delay)
+        L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
         self._L_x, self._L_u = np.ascontiguousarray(L[:, :N_XBAR]), L[:, N_XBAR:]
         self._law = self._L_x, vehicle.mass, settings.yaw, settings.form == "error"
         d = self._L_u.shape[1] // N_U

@@ -10,9 +10,9 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import ServoWeights
 
 
-def augmented_pair(vehicle: Vehicle, h: float) -> tuple[np.ndarray, np.ndarray]:
+def augmented_pair(vehicle: Vehicle, h: float, yaw: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return Phibar = [[Phi, 0], [-E C, I]] and Gammabar = [Gamma; 0] with E = [I 0 0], so E C = [I 0 0 0]."""
-    Phi, Gamma = discretize(hover_A(), hover_B(vehicle), h)
+    Phi, Gamma = discretize(hover_A(yaw), hover_B(vehicle), h)
     Phibar = np.eye(N_XBAR)
     Phibar[:N_X, :N_X] = Phi
     Phibar[N_X:, :N_I] = -np.eye(N_I)
@@ -61,7 +61,7 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
     return L, S
 
 
-def servo_gain(vehicle: Vehicle, weights: ServoWeights, h: float) -> np.ndarray:
-    """Return L (4 x 15) of the augmented pair; raises as lq_gain."""
-    L, _ = lq_gain(*augmented_pair(vehicle, h), *weight_matrices(weights))
+def servo_gain(vehicle: Vehicle, weights: ServoWeights, h: float, yaw: float = 0.0) -> np.ndarray:
+    """Return L (4 x 15) of the augmented pair about hover under that yaw [rad]; raises as lq_gain."""
+    L, _ = lq_gain(*augmented_pair(vehicle, h, yaw), *weight_matrices(weights))
     return L

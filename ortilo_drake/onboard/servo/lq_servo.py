@@ -169,4 +169,5 @@ def make_lq_servo(settings: ServoSettings, vehicle: Vehicle, h: float, takes_for
         h: tick [s].
         takes_force: whether it is told the disturbance force.
     """
-    return LqServo_[float](settings, vehicle.mass, servo_gain(vehicle, settings.weights, h), takes_force)
+    L = servo_gain(vehicle, settings.weights, h, settings.yaw)
+    return LqServo_[float](settings, vehicle.mass, L, takes_force)

@@ -115,7 +115,7 @@ def _growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> fl
     theta = _ticks_above(delay) - delay
     if theta > 0.0:
         G_late += theta * loop.G  # of a force held for that share of the tick
-        _, G_late[:N_X] = discretize(hover_A(), hover_B(scenario.vehicle), theta * scenario.h)
+        _, G_late[:N_X] = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), theta * scenario.h)
     return growth(delayed_matrices(loop, delay, G_late))
 
 

@@ -85,9 +85,9 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
     """Return u_k of the scenario's servo where every command acts after so many ticks."""
     vehicle, h, weights, kind = scenario.vehicle, scenario.h, scenario.servo.weights, scenario.commands.servo
     nothing, tail = np.zeros(REFERENCE_SIZE), (vehicle.mass, 0.0, True)
-    A, B, B_d = hover_A(), hover_B(vehicle), hover_B_d(vehicle)
-    Gammabar = augmented_pair(vehicle, h)[1]
-    L = delayed_gain(vehicle, weights, h, scenario.commands.delay or 0.0 if kind == "augmented" else 0.0)
+    A, B, B_d = hover_A(scenario.yaw), hover_B(vehicle), hover_B_d(vehicle)
+    Gammabar = augmented_pair(vehicle, h, scenario.yaw)[1]
+    L = delayed_gain(vehicle, weights, h, scenario.commands.delay or 0.0 if kind == "augmented" else 0.0, scenario.yaw)
     L_x, L_u = np.ascontiguousarray(L[:, :N_XBAR]), L[:, N_XBAR:]
 
     def law(xbar: np.ndarray, force: np.ndarray, us: np.ndarray) -> np.ndarray:

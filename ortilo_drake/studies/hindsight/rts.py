@@ -95,7 +95,7 @@ def run_forward(model: FilterModel, x_0: np.ndarray, P_0: np.ndarray, ticks: lis
         found.gradient[k], found.information[k] = HT_S @ (y - H @ x), HT_S @ H
         left = np.eye(N) - P @ found.information[k]
         found.carries[k] = model.Phi @ left
-        u_a = model.Gamma_a @ np.array(tilted_lift(x, u, model.mass)) if len(x) > N_X else 0.0
+        u_a = model.Gamma_a @ np.array(tilted_lift(x, u, model.mass, model.yaw)) if len(x) > N_X else 0.0
         x = model.Phi @ (x + P @ found.gradient[k]) + model.Gamma @ u + u_a
         gain = P @ HT_S
         P = model.Phi @ (left @ P @ left.T + gain @ V @ gain.T) @ model.Phi.T + model.W  # Joseph
@@ -128,8 +128,8 @@ def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, n
     scenario, flight = recorded.scenario, recorded.flight
     belief = scenario.belief
     settings, vehicle = belief.estimator, belief.vehicle
-    extras = extra_states(settings, vehicle, belief.h, belief.flown_rows)
-    model = augmented_model(settings, vehicle, settings.integrator, belief.h, extras)
+    extras = extra_states(settings, vehicle, belief.h, belief.flown_rows, belief.yaw)
+    model = augmented_model(settings, vehicle, settings.integrator, belief.h, extras, belief.yaw)
     measurement = augmented_rows(belief.measurement.rows, extras)
     N = len(model.Phi)
     x_0 = np.zeros(N)

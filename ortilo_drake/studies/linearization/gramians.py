@@ -75,7 +75,7 @@ def _in_units(scenario: Scenario, horizon: float) -> tuple[np.ndarray, np.ndarra
     """Return Phi and Gamma in STATE_UNITS and CONTROL_UNITS, and the horizon's ticks; InputError below one."""
     if not 0.999 * scenario.h <= horizon < np.inf:
         raise InputError(f"horizon: {horizon:g}: must be at least a tick, {scenario.h:g} s")
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     return (
         Phi * STATE_UNITS / STATE_UNITS[:, None],
         Gamma * CONTROL_UNITS / STATE_UNITS[:, None],

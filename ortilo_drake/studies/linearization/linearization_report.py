@@ -107,7 +107,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     loop, scale = hover_loop(scenario), tick_scaling(scenario.h)
     level = heading_ahead(scenario)
     K, delta = frozen_gain(scenario, V)
-    Phibar, Gammabar = augmented_pair(scenario.vehicle, scenario.h)
+    Phibar, Gammabar = augmented_pair(scenario.vehicle, scenario.h, scenario.yaw)
     Phi, Gamma = loop.Phi[:N_X, :N_X], loop.Gamma[:N_X]  # the vehicle's own
     subsets = sensor_subsets(scenario.sensors)
     uwb, imu = scenario.every("uwb"), scenario.every("imu")
@@ -116,7 +116,8 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     eigenvalues = {
         "plant": linearize(level, "plant").A,
         "sampled_plant": linearize(level, "sampled_plant").A,
-        "servo_loop": Phibar - Gammabar @ servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h),
+        "servo_loop": Phibar
+        - Gammabar @ servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw),
         "filter": loop.Phi - K @ loop.C,
         "closed_loop": linearize(level, "closed_loop", frozen=(K, delta)).A,
     }

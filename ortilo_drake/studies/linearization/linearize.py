@@ -129,7 +129,7 @@ def linearize(
 
 
 def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
-    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h)
+    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
     return np.concatenate([x, resting_integral(L, x[:N_I], scenario.servo.form)])
 
 

@@ -24,7 +24,7 @@ def rows_of(sensors: tuple[str, ...]) -> np.ndarray:
 
 def check_sensors(scenario: Scenario) -> None:
     """Raise InputError naming the modes that the scenario's sensors leave unseen, all of them where it has none."""
-    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     what = f"sensors: [{', '.join(scenario.sensors)}]"
     check_detectable(Phi, rows_of(scenario.sensors), what, scale=tick_scaling(scenario.h))
 
@@ -36,7 +36,7 @@ def unobservable_states(scenario: Scenario) -> dict[str, list[str]]:
     e_j lies in N's complement, the row space of [C; C Phi; C Phi^2; ...], so the state is a combination of the outputs
     of finitely many ticks.
     """
-    Phi, _ = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     table = {}
     for name, sensors in sensor_subsets(scenario.sensors).items():
         N = unobservable_subspace(*rescale(Phi, rows_of(sensors), tick_scaling(scenario.h)))

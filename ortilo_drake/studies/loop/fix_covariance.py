@@ -74,7 +74,7 @@ def _solvers(scenario: Scenario) -> tuple[System, LandmarkFix]:
 @lru_cache(maxsize=16)
 def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the IMU alone, after settling."""
-    model = filter_model(scenario.estimator, scenario.vehicle, "estimate", scenario.h)
+    model = filter_model(scenario.estimator, scenario.vehicle, "estimate", scenario.h, scenario.yaw)
     measurement, every = scenario.measurement, scenario.every("imu")
     belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())

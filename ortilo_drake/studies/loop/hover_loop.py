@@ -90,7 +90,7 @@ def filter_measurement(scenario: Scenario) -> Measurement:
 
     They are over the vehicle's twelve states alone where it has no others.
     """
-    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows)
+    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     return augmented_rows(scenario.measurement.rows, extras) if extras else scenario.measurement
 
 
@@ -100,13 +100,13 @@ def filter_V(scenario: Scenario, V: np.ndarray) -> np.ndarray:
     return V if variances is None else np.asarray(block_diag(V, np.diag(variances)))
 
 
-def force_gain(L: np.ndarray, vehicle: Vehicle) -> np.ndarray:
-    """Return the columns (4 x 3) by which the servo counters a disturbance force, u = -L_d d, at yaw 0.
+def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
+    """Return the columns (4 x 3) by which the servo counters a disturbance force, u = -L_d d, under a yaw [rad].
 
-    The servo aims at the roll d_y / (m g) and the pitch -d_x / (m g), and feeds -d_z forward (lq_servo.py).
+    At yaw 0 the servo aims at the roll d_y / (m g) and the pitch -d_x / (m g); it feeds -d_z forward (lq_servo.py).
     """
-    L_d, weight = np.zeros((N_U, 3)), vehicle.mass * GRAVITY
-    L_d[:, 0], L_d[:, 1] = L[:, 4] / weight, -L[:, 3] / weight
+    L_d, weight, c, s = np.zeros((N_U, 3)), vehicle.mass * GRAVITY, np.cos(yaw), np.sin(yaw)
+    L_d[:, 0], L_d[:, 1] = (c * L[:, 4] + s * L[:, 3]) / weight, (s * L[:, 4] - c * L[:, 3]) / weight
     L_d[0, 2] = 1.0
     return L_d
 
@@ -114,13 +114,13 @@ def force_gain(L: np.ndarray, vehicle: Vehicle) -> np.ndarray:
 def hover_loop(scenario: Scenario) -> HoverLoop:
     """Return the loop of a scenario; InputError if it has no servo gain."""
     settings, vehicle, h = scenario.estimator, scenario.vehicle, scenario.h
-    extras = extra_states(settings, vehicle, h, scenario.flown_rows)
-    model = augmented_model(settings, vehicle, settings.integrator, h, extras)
+    extras = extra_states(settings, vehicle, h, scenario.flown_rows, scenario.yaw)
+    model = augmented_model(settings, vehicle, settings.integrator, h, extras, scenario.yaw)
     measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))
-    L = servo_gain(vehicle, scenario.servo.weights, h)
+    L = servo_gain(vehicle, scenario.servo.weights, h, scenario.yaw)
     if extras:
         L_e = np.zeros((N_U, len(names) - N_X))
-        L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle)
+        L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle, scenario.yaw)
         L = np.hstack([L[:, :N_X], L_e, L[:, N_X:]])
     true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
     driven = names_of(tuple(e for e in extras if e.Gamma.any() or e.Gamma_d.any()))

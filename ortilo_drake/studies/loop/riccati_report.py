@@ -56,7 +56,7 @@ class RiccatiReport:
 
 def servo_dare(scenario: Scenario) -> Dare:
     """Return Phibar, Gammabar, Qbar, R of the servo's equation (15 states)."""
-    return (*augmented_pair(scenario.vehicle, scenario.h), *weight_matrices(scenario.servo.weights))
+    return (*augmented_pair(scenario.vehicle, scenario.h, scenario.yaw), *weight_matrices(scenario.servo.weights))
 
 
 def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> Dare:

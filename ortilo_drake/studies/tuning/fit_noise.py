@@ -132,7 +132,7 @@ def fit_noise(
         InputError: if nothing arrived near hover, or the arrivals determine no number.
     """
     before = noise_numbers(scenario)
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     flying = noise_model(scenario, scenario)
     counts = [near_hover(refilter(record, flying, Phi, Gamma)[0], settle) for record in records]
     ticks, settled = sum(map(np.sum, counts)), sum(max(len(c) - settle, 0) for c in counts)

@@ -78,7 +78,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
         force = scenario.estimator.force
         raise InputError(f"estimator.force: {force}: must be none here: noise is fitted to the paper's filter alone")
     numbers, before = noise_numbers(scenario), noise_numbers(recorded)
-    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h)
+    W = process_noise(scenario.estimator, scenario.vehicle, scenario.h, scenario.yaw)
     sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)
     counts = np.array([float(counted is None or s in counted) for s in sensors])
     model = NoiseModel(W, np.zeros((len(sensors), max(sizes), max(sizes))), np.zeros(len(sensors)), counts)

@@ -128,7 +128,7 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
         flights: the flights.
     """
     noise = noise_model(scenario, recorded)
-    Phi, Gamma = discretize(hover_A(), hover_B(scenario.vehicle), scenario.h)
+    Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     measurement, nees = scenario.measurement, list[np.ndarray]()
     nis: dict[str, list[np.ndarray]] = {sensor: [] for sensor in measurement.sensors}
     squares, masks = [], [region_masks(flight) for flight in flights]

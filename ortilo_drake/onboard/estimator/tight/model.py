@@ -77,7 +77,7 @@ def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
     inertia = np.array(scenario.vehicle.inertia, dtype=float)
     variances, silent = np.array([rate_sd**2, force_sd**2]), np.square(imu.silent_rate)
     watches = settings.watch is not None
-    return Motion(variances, coasting, keeps, steps, scenario.vehicle.mass, inertia, h, silent, watches)
+    return Motion(variances, coasting, keeps, steps, scenario.vehicle.mass, inertia, h, silent, watches, scenario.yaw)
 
 
 def watch_of(settings: Settings, h: float) -> Watch | None:

@@ -22,7 +22,7 @@ from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import take_fix
 from ortilo_drake.onboard.estimator.tight.layout import Layout
 from ortilo_drake.onboard.estimator.tight.model import first_states
-from ortilo_drake.onboard.estimator.tight.sense import PRESENT, clone_of, take_messages
+from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, PRESENT, clone_of, take_messages
 from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, RATES, Motion, keep_pose, one_ahead
 from ortilo_drake.onboard.estimator.tight.watch import LAST
 
@@ -105,8 +105,9 @@ class TightFilter(LeafSystem):
         self.DeclareVectorOutputPort("covariance", N_X * N_X, self._calc_covariance, own)
         self.DeclareVectorOutputPort("wide", N_XBAR + N_XBAR**2, self._calc_wide, own)
         messages = {port.ticket() for port in self._ports.values()}
-        self.DeclareVectorOutputPort("y", measurement.sizes["y"], self._calc_y, messages)
-        self.DeclareVectorOutputPort("delta", measurement.sizes["delta"], self._calc_delta, messages)
+        stamped = messages | {self.time_ticket()}
+        self.DeclareVectorOutputPort("y", measurement.sizes["y"], self._calc_y, stamped)
+        self.DeclareVectorOutputPort("delta", measurement.sizes["delta"], self._calc_delta, stamped)
         self.DeclareVectorOutputPort("V2", measurement.sizes["V2"], self._calc_V2, messages)
 
     def _calc_estimate(self, context: Context, output: BasicVector) -> None:
@@ -121,10 +122,17 @@ class TightFilter(LeafSystem):
         P_wide[:N_X, :N_X] = ahead[N_X:].reshape(N_X, N_X)
         output.SetFromVector(np.concatenate((ahead[:N_X], np.zeros(N_XBAR - N_X), P_wide.ravel())))
 
+    def _is_taken(self, name: str, message: np.ndarray, context: Context) -> bool:
+        """Return whether a message is there, and not older than the poses that are kept."""
+        if name == "imu":
+            return bool(message[ARRIVED])
+        clones = self._layout.clones if name in ("uwb", "camera") else 0
+        return clone_of(message, context.get_time(), self._motion.h, clones) != NOT_TAKEN
+
     def _calc_delta(self, context: Context, output: BasicVector) -> None:
         delta = np.zeros(output.size())
         for name, port in self._ports.items():
-            delta[self._measurement.sensors.index(name)] = port.Eval(context)[ARRIVED]
+            delta[self._measurement.sensors.index(name)] = self._is_taken(name, port.Eval(context), context)
         output.SetFromVector(delta)
 
     def _calc_y(self, context: Context, output: BasicVector) -> None:
@@ -132,7 +140,7 @@ class TightFilter(LeafSystem):
         for name, port in self._ports.items():
             its, message = self._measurement.rows_of(name), port.Eval(context)
             if name in ("uwb", "camera"):
-                y[its] = np.nan if message[ARRIVED] else 0.0
+                y[its] = np.nan if self._is_taken(name, message, context) else 0.0
             elif name == "imu":
                 newest = samples_in(message, self._samples)[-1] if self._samples > 1 else message
                 y[its] = newest[PAYLOAD : PAYLOAD + 3] * message[ARRIVED]

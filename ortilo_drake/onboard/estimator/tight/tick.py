@@ -31,6 +31,7 @@ class Motion(NamedTuple):
         h: tick [s].
         silent: what a silent imu lets body rates [rad^2/s^3] and specific force [m^2/s^5] walk (2).
         watches: whether a sample that is the one before again is none.
+        yaw: the heading that is held [rad]: yaw is told within half a turn of it.
     """
 
     variances: np.ndarray
@@ -42,6 +43,7 @@ class Motion(NamedTuple):
     h: float
     silent: np.ndarray
     watches: bool
+    yaw: float
 
 
 @njit(cache=True)
@@ -156,6 +158,7 @@ def one_ahead(x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, mot
     w = kept[RATES:FORCE] + motion.h * u[1:4] / motion.inertia
     inertial_step(y, A, N, 0.5 * (kept[RATES:FORCE] + w), kept[FORCE:TIME], motion.h, motion.coasting)
     rpy = angles_of(y[Q : Q + 4])
+    rpy[2] += 2.0 * np.pi * np.round((motion.yaw - rpy[2]) / (2.0 * np.pi))
     E = inverse_rate_matrix(rpy)
     ahead[0:3], ahead[3:6], ahead[6:9] = y[P : P + 3], rpy, y[V : V + 3]
     ahead[9:12] = _euler_rates(y, w, E)
