@@ -12,6 +12,7 @@ from ortilo_drake.commands.terminal import (
     made_by,
     out,
     progress_bar,
+    say_error,
     say_if_compiling,
     say_written,
     show_markdown,
@@ -20,6 +21,8 @@ from ortilo_drake.commands.terminal import (
 )
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
+
+DOUBTFUL = 3  # exit code of a replay that has doubts
 
 
 def replay(
@@ -33,6 +36,8 @@ def replay(
     json_file: JsonOption = None,
 ) -> None:
     """Drive the onboard half from a log of ours, or with --map filter recorded ranges and IMU and judge by the truth.
+
+    Exit code 3 says that a recording and its map are doubtful: the report says why, and what may mend it.
 
     With --map several motions share one map: FOLDER1 FOLDER2. `ortilo tune FOLDERS --map MAP.yaml` fits the noise.
     """
@@ -90,3 +95,9 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     write_json(json_file, {"map": map_, "motions": motions})
     show_markdown(text)
     say_written(report, *figures, *tracks, json_file)
+    doubtful = [found for found in motions if found.doubts]
+    for found in doubtful:
+        for doubt in found.doubts:
+            say_error(f"{found.name}: doubtful: {doubt}")
+    if doubtful:
+        raise typer.Exit(DOUBTFUL)

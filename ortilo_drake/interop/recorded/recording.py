@@ -15,7 +15,7 @@ from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
 GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
-FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048, "cm/s2": 0.01}
+FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
 
 
 class Ranges(NamedTuple):

@@ -182,7 +182,7 @@ class ImuSource(Source):
         "z up) are, as [y, -x, z].",
     )
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    force_unit: Literal["m/s2", "g", "mg", "ft/s2", "cm/s2"] = "m/s2"
+    force_unit: Literal["m/s2", "g", "mg", "ft/s2"] = "m/s2"
 
     @model_validator(mode="after")
     def _axes_turn(self) -> Self:

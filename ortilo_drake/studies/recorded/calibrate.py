@@ -11,21 +11,19 @@ found.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Estimated
-from ortilo_drake.interop.recorded.recording import Ranges, Recording, Truth
+from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, first_part, seen_by, some_of, truth_path
 
 SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
 COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
 FEW = 400  # ranges that a start goes by
 MANY = 40_000  # that a fit goes by at most
-LEAST = 50  # ranges in the first part
-GAP = 5.0  # an interval of the truth longer than this many medians is a gap
 
 
 class Calibration(NamedTuple):
@@ -52,43 +50,6 @@ class Calibration(NamedTuple):
     def position(self, p: np.ndarray) -> np.ndarray:
         """Return truth's positions (m, 3) in the anchors' frame."""
         return p @ self.F.T + self.shift
-
-
-class TruthPath(NamedTuple):
-    """The truth between its stamps; queries beyond its ends are taken at the ends."""
-
-    p: CubicSpline
-    R: Slerp | None
-    first: float
-    last: float
-
-    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return positions (m, 3) and attitudes (m, 3, 3)."""
-        t = np.clip(t, self.first, self.last)
-        return self.p(t), None if self.R is None else self.R(t).as_matrix()
-
-
-def truth_path(truth: Truth) -> TruthPath:
-    """Return the truth between its stamps: cubic in position, the shortest turn in attitude."""
-    R = None if truth.R is None else Slerp(truth.t, Rotation.from_matrix(truth.R))
-    return TruthPath(CubicSpline(truth.t, truth.p), R, float(truth.t[0]), float(truth.t[-1]))
-
-
-def _first_part(ranges: Ranges, offset: float, path: TruthPath, end: float) -> np.ndarray:
-    then = ranges.t + offset
-    stamps = path.p.x
-    steps = np.diff(stamps)
-    around = steps[np.clip(np.searchsorted(stamps, then) - 1, 0, len(steps) - 1)]
-    seen = around <= GAP * np.median(steps)  # between stamps farther apart the truth is a guess
-    return np.flatnonzero((then >= path.first) & (then <= end) & seen)
-
-
-def _some(chosen: np.ndarray, most: int) -> np.ndarray:
-    """Return at most so many of them, drawn: every k-th would be of some anchors only."""
-    if len(chosen) <= most:
-        return chosen
-    drawn = np.random.Generator(np.random.Philox(0)).choice(chosen, most, replace=False)
-    return np.asarray(np.sort(drawn))
 
 
 class _Fit(NamedTuple):
@@ -154,6 +115,18 @@ def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
     return min(fits, key=lambda found: found.cost).x
 
 
+def offset_centres(recording: Recording, search: float) -> list[float]:
+    """Return the offsets that a search goes around [s]: the files begin together, and they have one clock.
+
+    The second counts only where the first does not reach it and truth and ranges meet by it.
+    """
+    truth, ranges = recording.truth, recording.ranges
+    assert truth is not None
+    one_clock = recording.origin - recording.truth_origin
+    meet = min(truth.t[-1], ranges.t[-1] + one_clock) - max(truth.t[0], ranges.t[0] + one_clock)
+    return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
+
+
 def calibrate(recording: Recording, settings: Estimated, lever: bool = True, near: float | None = None) -> Calibration:
     """Return the calibration of the first part.
 
@@ -171,12 +144,16 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
     assert truth is not None
     path, find = truth_path(truth), isinstance(recording.anchors, int)
     n = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
-    end = float(truth.t[0] + settings.share * (truth.t[-1] - truth.t[0]))
     shift_of_files = recording.truth_origin - recording.origin
+    centres = offset_centres(recording, settings.search)
+
+    def part(offset: float) -> tuple[float, float]:
+        return first_part(truth, ranges, settings.share, offset)
+
     rates = None
     if recording.imu is not None and lever:
         known = None if settings.clock == "estimate" else float(settings.clock) - shift_of_files
-        rates = offset_by_rates(recording.imu, truth, end, settings.search, known)
+        rates = offset_by_rates(recording.imu, truth, part, settings.search, known, centres)
     given = settings.lever if isinstance(settings.lever, tuple) else None
     frees_lever = lever and rates is not None and given is None
     kind = "same" if find else settings.frame
@@ -192,7 +169,7 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
     centre = np.zeros(3) if find else np.asarray(recording.anchors).mean(axis=0)
 
     def start(offset: float, yaw: float) -> tuple[np.ndarray, np.ndarray]:
-        chosen = _first_part(ranges, offset, path, end)
+        chosen = seen_by(ranges, offset, path, part(offset)[1])
         if len(chosen) < LEAST:
             return np.zeros(0), chosen
         p = path.at(ranges.t[chosen] + offset)[0]
@@ -212,7 +189,8 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
 
     offsets = np.array([offset])
     if fit.offset:
-        offsets = np.arange(-settings.search, settings.search + COARSE, COARSE) if near is None else np.array([near])
+        grid = np.arange(-settings.search, settings.search + COARSE, COARSE)
+        offsets = np.concatenate([centre + grid for centre in centres]) if near is None else np.array([near])
     yaws = (0.0,) if kind == "same" else (0.0, np.pi / 2, np.pi, -np.pi / 2)
     best: tuple[float, np.ndarray] | None = None
     held = fit._replace(offset=False, lever=False)
@@ -220,7 +198,7 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
         for yaw in yaws:
             x, chosen = start(float(tried), yaw)
             if len(x):
-                few = _some(chosen, FEW)
+                few = some_of(chosen, FEW)
                 x, cost, _ = _solve(x, held, ranges, few, path, np.asarray(recording.anchors))
                 cost /= len(few)
                 if best is None or cost < best[0]:
@@ -228,11 +206,11 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
     if best is None:
         raise InputError(f"{recording.name}: fewer than {LEAST} ranges in the first {settings.share:.0%} of the truth")
     x = best[1]
-    chosen = _some(_first_part(ranges, x[0], path, end), MANY)
+    chosen = some_of(seen_by(ranges, x[0], path, part(x[0])[1]), MANY)
     x, _, errors = _solve(x, fit, ranges, chosen, path, np.asarray(recording.anchors))
     offset, F, shift, biases, lever_T, found = fit.parts(x)
     anchors = found if find else np.asarray(recording.anchors)
     kept = np.sort(np.abs(errors))[: max(1, int(0.99 * len(errors)))]
     left = float(np.sqrt(np.mean(kept**2)))
     told_mount = None if rates is None else mount
-    return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, end, left)
+    return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, part(offset)[1], left)

@@ -4,6 +4,7 @@ Over each interval of the truth its turn, as a rotation vector, is M times the i
 turn between the two bodies' axes; the offset is where the best M (Kabsch) leaves least.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,23 +25,44 @@ class ByRates(NamedTuple):
     left: float
 
 
-def offset_by_rates(imu: Imu, truth: Truth, end: float, search: float, known: float | None) -> ByRates | None:
+def offset_by_rates(
+    imu: Imu,
+    truth: Truth,
+    part: Callable[[float], tuple[float, float]],
+    search: float,
+    known: float | None,
+    centres: Sequence[float] = (0.0,),
+) -> ByRates | None:
     """Return the offset, or None if the truth has no attitude, hardly turned or the rates do not explain its turns.
 
     Args:
         imu: the body rates.
         truth: its attitude.
-        end: the last stamp of the truth that may be used [s].
-        search: greatest offset tried [s].
+        part: the first and the last stamp of the truth that may be used with an offset [s].
+        search: greatest distance from a centre that is tried [s].
         known: the offset, if only the mount is asked for [s].
+        centres: offsets to search around [s].
     """
     if truth.R is None:
         return None
+    found = best_by_rates(imu, truth, part, search, known, centres)
+    return found if found.left < TELLS else None
+
+
+def best_by_rates(
+    imu: Imu,
+    truth: Truth,
+    part: Callable[[float], tuple[float, float]],
+    search: float,
+    known: float | None,
+    centres: Sequence[float] = (0.0,),
+) -> ByRates:
+    """Return the best offset, however much of the turns it leaves; arguments as above."""
+    assert truth.R is not None
     R = Rotation.from_matrix(truth.R)
-    turns = (R[:-1].inv() * R[1:]).as_rotvec()
+    all_turns = (R[:-1].inv() * R[1:]).as_rotvec()
     steps = np.diff(truth.t)
-    usable = (truth.t[1:] <= end) & (steps < LONGEST * np.median(steps))
-    turns, first, last = turns[usable], truth.t[:-1][usable], truth.t[1:][usable]
+    whole = steps < LONGEST * np.median(steps)
     swept = np.zeros((len(imu.t), 3))
     swept[1:] = np.cumsum((imu.rates[1:] + imu.rates[:-1]) / 2.0 * np.diff(imu.t)[:, None], axis=0)
 
@@ -48,6 +70,9 @@ def offset_by_rates(imu: Imu, truth: Truth, end: float, search: float, known: fl
         return np.column_stack([np.interp(t, imu.t, axis) for axis in swept.T])
 
     def fit(offset: float) -> tuple[float, np.ndarray]:
+        begin, end = part(offset)
+        usable = whole & (truth.t[:-1] >= begin) & (truth.t[1:] <= end)
+        turns, first, last = all_turns[usable], truth.t[:-1][usable], truth.t[1:][usable]
         both = (first - offset >= imu.t[0]) & (last - offset <= imu.t[-1])
         if both.sum() < max(20, 0.3 * len(both)):
             return np.inf, np.eye(3)
@@ -60,7 +85,8 @@ def offset_by_rates(imu: Imu, truth: Truth, end: float, search: float, known: fl
 
     best = known
     if best is None:
-        best = min(np.arange(-search, search + COARSE, COARSE), key=lambda offset: fit(offset)[0])
+        tried = np.concatenate([centre + np.arange(-search, search + COARSE, COARSE) for centre in centres])
+        best = min(tried, key=lambda offset: fit(offset)[0])
         best = min(np.arange(best - COARSE, best + COARSE + FINE, FINE), key=lambda offset: fit(offset)[0])
     left, M = fit(best)
-    return ByRates(float(best), M, left) if left < TELLS else None
+    return ByRates(float(best), M, left)

@@ -16,9 +16,10 @@ from scipy.optimize import minimize
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, truth_path
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.filtered import Known, estimate, innovation_score, noise_of
 from ortilo_drake.studies.recorded.replayed import known_of
+from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
 LIMITS = {  # beyond these a number is no such noise; it also keeps the search from degenerate corners

@@ -15,6 +15,10 @@ def in_short(motions: Sequence[Replayed], share: float) -> list[str]:
     """Return what was found in short, as Markdown's list."""
     lines = []
     for found in motions:
+        if found.doubts:
+            many = "one doubt" if len(found.doubts) == 1 else f"{len(found.doubts)} doubts"
+            lines.append(f"**{found.name}: doubtful, {many}; its figures may mean nothing:**")
+            lines += [f"  {found.name}: {doubt}." for doubt in found.doubts]
         rows = found.rows
         main = next(name for name in (WITH_IMU, CV, *rows) if name in rows)
         if rows[main].rmse is None:
@@ -38,4 +42,4 @@ def in_short(motions: Sequence[Replayed], share: float) -> list[str]:
             lines.append(f"{found.name}: {_axes(found, RAW)} m without any calibration.")
     rejected = sum(sum(found.rejected.values()) for found in motions)
     lines.append(f"{rejected} rows, messages or single ranges could not be used; each motion below says which.")
-    return ["## In short", "", *(f"- {line}" for line in lines), ""]
+    return ["## In short", "", *("  - " + line[2:] if line.startswith("  ") else f"- {line}" for line in lines), ""]

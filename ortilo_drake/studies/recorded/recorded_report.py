@@ -54,12 +54,15 @@ def _calibrated(found: Replayed) -> list[str]:
     if found.offset is None or found.shift is None or found.biases is None or found.lever is None:
         return ["No truth: nothing was calibrated, and no error is known.", ""]
     told = {"rates": "by the body rates", "ranges": "by the ranges", "map": "by the map"}[found.told_by or "map"]
+    plain = "" if found.plain_residual is None else f", {found.plain_residual:.3f} m with one bias for all ranges"
     shift, lever = (", ".join(f"{v:.3f}" for v in vector) for vector in (found.shift, found.lever))
     return [
         f"- Truth's clock less the sensors', {told}: {found.offset:.3f} s.",
         f"- Truth's frame in the anchors': shift ({shift}) m, heading {np.degrees(found.heading or 0.0):.2f}°.",
         f"- Antenna from the truth's point, body axes: ({lever}) m.",
         f"- Biases of the ranges: {', '.join(f'{b:.3f}' for b in found.biases)} m.",
+        f"- Errors of the ranges after the calibration: {found.residual:.3f} m RMS{plain}; the filter counts on "
+        f"{found.range_noise:.3f} m.",
         "",
     ]
 

@@ -8,12 +8,15 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, truth_path
-from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
+from ortilo_drake.studies.recorded.doubted import doubts_of
+from ortilo_drake.studies.recorded.doubts import range_noise
 from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, tilt_disagreement
+from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.scores import Scores, score
 from ortilo_drake.studies.recorded.single_ranges import FIXED
+from ortilo_drake.studies.recorded.truth_path import truth_path
 
 QUERY_RATE = 10.0  # of the estimates where there is no truth [Hz]
 SHORTEST = 3.0  # a recording is judged on no less [s]
@@ -25,7 +28,11 @@ WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibra
 
 @dataclass(frozen=True)
 class Replayed:
-    """A motion's rows and what was found on the way; `drawn` holds estimates and the truth at their stamps, by row."""
+    """A motion's rows and what was found on the way; `drawn` holds estimates and the truth at their stamps, by row.
+
+    residual: RMS of the ranges' errors that the calibration leaves [m]; plain_residual: with one bias for all ranges;
+    range_noise: what the filter counts on [m]; doubts: what makes it doubtful, in sentences.
+    """
 
     name: str
     rows: dict[str, Scores]
@@ -39,6 +46,10 @@ class Replayed:
     judged_from: float
     rejected: dict[str, int]
     notes: list[str]
+    residual: float | None = None
+    plain_residual: float | None = None
+    range_noise: float = 0.0
+    doubts: tuple[str, ...] = ()
 
 
 Drawn = dict[str, tuple[Estimate, np.ndarray | None]]
@@ -60,17 +71,9 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
     return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading)
 
 
-def _notes(recording: Recording, search: float) -> list[str]:
+def _notes(recording: Recording) -> list[str]:
     notes = list(recording.told)
     wrong = None if recording.imu is None else tilt_disagreement(recording.imu)
-    truth, imu = recording.truth, recording.imu
-    if imu is not None and truth is not None and truth.R is not None:
-        end = float(truth.t[-1])
-        if offset_by_rates(imu, truth, end, search, None) is None:
-            other = truth._replace(R=truth.R.transpose(0, 2, 1))
-            turned = offset_by_rates(imu, other, end, search, None) is not None
-            hint = "its inverse does: set `of` to the other of body and world" if turned else "wrong order or axes?"
-            notes.append(f"truth: its attitude does not turn as the body rates say; {hint}")
     if wrong is not None and wrong > TILTED:
         notes.append(
             f"imu: its attitude and its specific force disagree on up by {np.degrees(wrong):.0f}° at the start: "
@@ -90,9 +93,10 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     Raises:
         InputError: if calibration or filter have too little to go by.
     """
-    notes, drawn, rows = _notes(recording, map_.calibration.search), {}, {}
+    notes, drawn, rows = _notes(recording), {}, {}
     ranges, imu, truth = recording.ranges, recording.imu, recording.truth
     calibration = own = None
+    look = first_look(recording, map_)
     if truth is None:
         t = np.arange(ranges.t[0], ranges.t[-1], 1.0 / QUERY_RATE)
         first = t[0] + map_.calibration.share * (t[-1] - t[0])
@@ -169,6 +173,9 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     if calibration is not None:
         heading = float(np.arctan2(calibration.F[1, 0], calibration.F[0, 0]))
         shift, lever, biases = _tuple(calibration.shift), _tuple(calibration.lever), _tuple(calibration.biases)
+    best = next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in rows)
+    p, true = drawn[best][0].p, drawn[best][1]
+    doubts = doubts_of(recording, map_, look, calibration, rows, (p, true))
     of_files = recording.truth_origin - recording.origin
     result = Replayed(
         recording.name,
@@ -183,5 +190,9 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         float(first),
         recording.rejected,
         notes,
+        None if calibration is None else calibration.left,
+        None if look.fit is None else look.fit.left,
+        range_noise(map_.filter, imu is not None),
+        tuple(doubts),
     )
     return result, drawn

@@ -105,6 +105,8 @@ def test_the_filter_is_consistent_and_better_than_constant_velocity(replayed) ->
     assert gaps.gap_end < 0.3
     assert gaps.available < 1.0
     assert found.offset == pytest.approx(OFFSET, abs=0.003)
+    assert found.doubts == ()
+    assert found.residual == pytest.approx(0.03, rel=0.2)
 
 
 def test_evo_agrees_with_the_errors_themselves(replayed) -> None:
@@ -140,10 +142,7 @@ def test_a_flown_command_takes_the_accelerometers_place(folder, recording) -> No
     np.testing.assert_allclose(commanded.imu.rates, recording.imu.rates)
 
 
-def test_wrong_order_and_inverse_attitude_are_told(recording) -> None:
-    inverse = recording._replace(truth=recording.truth._replace(R=recording.truth.R.transpose(0, 2, 1).copy()))
-    found, _ = replay(inverse, as_map(TABLE_MAP), lambda _: None)
-    assert any("its inverse does: set `of`" in note for note in found.notes)
+def test_an_imus_attitude_that_is_not_as_its_force_is_told(recording) -> None:
     attitude = np.tile(Rotation.from_rotvec([0.4, 0, 0]).as_matrix(), (len(recording.imu.t), 1, 1))
     found, _ = replay(
         recording._replace(imu=recording.imu._replace(attitude=attitude)), as_map(TABLE_MAP), lambda _: None
@@ -160,8 +159,7 @@ def test_the_fit_finds_the_noise_of_the_ranges(recording, by) -> None:
 
 
 def test_too_few_ranges_give_one_clear_line(recording) -> None:
-    late = recording.ranges.t > 40.0
-    few = recording._replace(ranges=Ranges(*(part[late] for part in recording.ranges)))
+    few = recording._replace(ranges=Ranges(*(part[::100] for part in recording.ranges)))
     with pytest.raises(InputError, match="fewer than 50 ranges in the first 30%"):
         calibrate(few, as_map(TABLE_MAP).calibration)
     two = recording.ranges.anchor < 2

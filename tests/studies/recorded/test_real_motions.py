@@ -14,11 +14,12 @@ from ortilo_flights import MAP, TABLE_MAP, flight_folder
 from ortilo_drake.interop.recorded.map_file import Gaps, Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
-from ortilo_drake.studies.recorded.calibrate import calibrate, truth_path
+from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import Known, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, known_of, replay
+from ortilo_drake.studies.recorded.truth_path import truth_path
 
 # RMS of x, y, z [m] that the data's notes give for the last 70 %: constant velocity, and smoothed.
 NOTES = {
@@ -98,6 +99,7 @@ def test_the_frames_and_clocks_are_those_of_the_notes(replayed) -> None:
     for name, lever in (("flight1", (0.04, 0.01)), ("flight2", (0.07, 0.01))):
         found = replayed[name]
         assert found.told_by == "rates"
+        assert found.doubts == ()
         np.testing.assert_allclose(found.shift[:2], (4.45, 4.04), atol=0.06)
         assert abs(np.degrees(found.heading) + 1.0) < 1.0
         np.testing.assert_allclose(found.lever[:2], lever, atol=0.02)

@@ -1,0 +1,57 @@
+"""All doubts about one replayed motion, the likely cause first."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.studies.recorded import doubts
+from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
+from ortilo_drake.studies.recorded.first_look import Look
+from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
+from ortilo_drake.studies.recorded.scores import Scores
+
+CALIBRATED = ("with IMU", "constant velocity")
+BARE = ("with IMU, not calibrated (biases online)", "constant velocity, not calibrated")
+
+
+def doubts_of(
+    recording: Recording,
+    map_: Map,
+    look: Look,
+    calibration: Calibration | None,
+    rows: Mapping[str, Scores],
+    found: tuple[np.ndarray, np.ndarray | None],
+) -> list[str]:
+    """Return what makes a replay doubtful, in sentences.
+
+    Args:
+        recording: the motion.
+        map_: how it was read.
+        look: what the cheap fits said.
+        calibration: by the truth, if there is one.
+        rows: figures by row.
+        found: estimates in the anchors' frame (m, 3), and the truth at their stamps, if known.
+    """
+    truth, imu, settings = recording.truth, recording.imu, map_.calibration
+    said = doubts.of_guess(look.guess)
+    if imu is not None:
+        said += force_doubts(imu, map_)
+        if calibration is None:
+            said += rate_doubts(imu, map_)
+        else:
+            # A frame that does not fit says nothing of up.
+            up = calibration.F.T[:, 2] if look.fit is not None and look.guess is None and not said else None
+            said += attitude_doubts(recording, map_, calibration.offset, up)
+    if calibration is not None and truth is not None:
+        noise = doubts.range_noise(map_.filter, imu is not None)
+        lever = calibration.lever if settings.lever == "estimate" else None
+        said += doubts.of_calibration(calibration.left, noise, lever, calibration.biases)
+        centres = offset_centres(recording, settings.search)
+        said += doubts.of_offset(calibration.offset, centres, settings.search, calibration.told_by)
+        said += doubts.of_freezes(doubts.freezes(truth, recording.ranges, calibration.offset))
+    said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
+    if not isinstance(recording.anchors, int):
+        said += doubts.of_plane(np.asarray(recording.anchors), *found)
+    return said

@@ -1,0 +1,156 @@
+"""What makes a replay doubtful, in sentences: each says what is odd and, where it can, the map's key that mends it.
+
+Pure functions of numbers; the readings that they tell of are tried in readings.py and imu_doubts.py.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.interop.recorded.recording import Ranges, Truth, frozen_rows
+from ortilo_drake.studies.recorded.readings import Guess
+from ortilo_drake.studies.recorded.scores import Scores
+
+TIMES = 3.0  # a residual of more than so many standard deviations of the ranges
+LARGE = 0.5  # a lever or a bias [m]
+EDGE = 0.3  # an offset so near the end of its search [s]
+REFUSED = 0.2  # share of the ranges
+OFF_PLANE = 0.3  # of the anchors, root mean square [m]
+FROZEN = 0.5  # a position that stands still for longer [s]
+JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
+MOVED = 0.3  # or ranges that change by so much meanwhile [m]
+
+
+def range_noise(settings: FilterSettings, imu: bool) -> float:
+    """Return the standard deviation of a range that the filter counts on [m]."""
+    return float(np.hypot(settings.range_white, settings.range_correlated)) if imu else settings.baseline_range
+
+
+def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: np.ndarray) -> list[str]:
+    """Return what is doubtful of a calibration.
+
+    Args:
+        left: RMS of the ranges' errors after it [m].
+        noise: standard deviation of a range [m].
+        lever: the antenna's lever, if it was estimated (3) [m].
+        biases: of the ranges (n) [m].
+    """
+    found = []
+    if left > TIMES * noise:
+        found.append(
+            f"the ranges do not fit the truth: {left:.3g} m RMS are left after the calibration, {left / noise:.0f} "
+            f"times the range noise ({noise:.3f} m)"
+        )
+    if lever is not None and np.linalg.norm(lever) > LARGE:
+        found.append(f"the antenna was found {np.linalg.norm(lever):.2f} m from the truth's point: is that so?")
+    large = np.flatnonzero(np.abs(biases) > LARGE)
+    if len(large):
+        told = ", ".join(f"{biases[i]:+.2f} m (anchor {i + 1})" for i in large)
+        found.append(f"biases of more than {LARGE:g} m: {told}")
+    return found
+
+
+def of_guess(guess: Guess | None) -> list[str]:
+    """Return the reading that fits better."""
+    if guess is None:
+        return []
+    errors = f"range errors {guess.before:.3g} m RMS -> {guess.after:.3f} m"
+    return [f"{guess.key} would fit better: {errors} (one bias for all ranges)"]
+
+
+def of_offset(offset: float, centres: list[float], search: float, told_by: str) -> list[str]:
+    """Return whether a clock offset lies at the end of its search [s]; each is from the files' own first stamps."""
+    if told_by == "map":
+        return []
+    inside = search - min(abs(offset - centre) for centre in centres)
+    if inside > min(EDGE, search / 4.0):
+        return []
+    return [
+        f"the clock's offset lies at the end of its search: calibration: {{search: {2 * search:g}}} looks farther, "
+        "{clock: SECONDS} gives it"
+    ]
+
+
+def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
+    """Return which main rows refuse many ranges or came to nothing."""
+    found = []
+    for name in main:
+        if name in rows and not np.isfinite(rows[name].nis):
+            found.append(f"{name}: the filter is lost: no range was taken in the judged part")
+        elif name in rows and rows[name].rejected > REFUSED:
+            found.append(f"{name}: {rows[name].rejected:.0%} of the ranges were refused")
+    return found
+
+
+def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None) -> list[str]:
+    """Return whether the anchors' plane leaves a mirror image.
+
+    Args:
+        anchors: positions (n, 3).
+        p: estimates in the anchors' frame (m, 3).
+        truth: true positions at the same stamps, if known.
+    """
+    middle = anchors.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(anchors - middle)
+    off, normal = float(sizes[-1]) / np.sqrt(len(anchors)) if len(sizes) > 2 else 0.0, axes[-1]
+    if off >= OFF_PLANE:
+        return []
+    mirrored = p - 2.0 * np.outer((p - middle) @ normal, normal)
+    here, there = np.median(p, axis=0), np.median(mirrored, axis=0)
+    said = (
+        f"the anchors stand {off:.2f} m RMS off one plane: the place ({_point(here)}) and its mirror image "
+        f"({_point(there)}) have the same ranges; give `height` (the antenna's z), or calibration: {{frame: same}} if "
+        "the truth's frame is the anchors'"
+    )
+    if truth is not None:
+        error, other = (float(np.sqrt(np.mean(np.sum((q - truth) ** 2, axis=1)))) for q in (p, mirrored))
+        if other < error / 2.0:
+            said += f"; the filter is in the mirror image: {error:.2f} m RMS from the truth, mirrored {other:.2f} m"
+    return [said]
+
+
+def _point(p: np.ndarray) -> str:
+    return ", ".join(f"{v:.1f}" for v in p)
+
+
+def freezes(truth: Truth, ranges: Ranges, offset: float) -> list[tuple[float, float]]:
+    """Return when the truth's position froze, from and to by its own clock [s].
+
+    A body at rest may repeat its position too: it froze if it goes on elsewhere, or the ranges change meanwhile.
+    """
+    rows = frozen_rows(truth.t, truth.p, FROZEN)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], rows, [False])).astype(int)))
+    steps = np.linalg.norm(np.diff(truth.p, axis=0), axis=1)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    found = []
+    for first, end in edges.reshape(-1, 2):
+        jumped = end < len(truth.t) and steps[end - 1] > max(JUMP, STEPS * usual)
+        begin, last = float(truth.t[first - 1]), float(truth.t[end - 1])
+        if jumped or _changed(ranges, begin - offset, last - offset):
+            found.append((begin, last))
+    return found
+
+
+def _changed(ranges: Ranges, begin: float, end: float) -> bool:
+    """Return whether the ranges to two anchors change between two stamps [s]."""
+    third = (end - begin) / 3.0
+    changes = 0
+    for i in np.unique(ranges.anchor):
+        t, r = ranges.t[ranges.anchor == i], ranges.r[ranges.anchor == i]
+        before, after = (r[(t >= a) & (t <= a + third)] for a in (begin, end - third))
+        if len(before) and len(after):
+            changes += abs(float(np.median(after) - np.median(before))) > MOVED
+    return changes >= 2
+
+
+def of_freezes(found: list[tuple[float, float]]) -> list[str]:
+    """Return what froze, and the key that drops it."""
+    if not found:
+        return []
+    begin, end = max(found, key=lambda one: one[1] - one[0])
+    total = sum(end - begin for begin, end in found)
+    return [
+        f"truth: its position freezes {len(found)} times, {total:.1f} s in all, the longest {end - begin:.1f} s at "
+        f"{begin:.1f} s: truth: {{drop_frozen: {FROZEN:g}}} drops these rows"
+    ]

@@ -1,0 +1,142 @@
+"""A cheap fit of ranges to a truth: frame, clock and one bias for all ranges, so that a wrong map cannot hide.
+
+The full calibration has a bias for each anchor, which takes up much of what a wrong unit, axis or anchor does. This one
+minimises
+
+    Σ rho((|F (p(t_k + d) + R l) + s - a_i| + c - r_ki) / 0.06 m) + |l|² / (0.1 m)²,   rho = soft L1
+
+over the heading or the whole turn F, the shift s, one bias c, the lever l where the truth has an attitude, and the
+clock's offset d where it is not held. What is left compares one reading of the files with another.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.interop.recorded.recording import Ranges
+from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, seen_by, some_of
+
+SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
+FEW = 160  # ranges that a fit goes by
+KEPT = 0.95  # share of the errors that counts: the rest may be outliers
+YAWS = (0.0, np.pi / 2, np.pi, -np.pi / 2)
+TURNED = {"same": 0, "yaw": 1, "se3": 3}  # components of the turn that are free, the last ones
+MOST, SCREEN, BEST = 40, 6, 2  # steps of a fit; of each start, and how many of the starts go on
+FLAT, NUDGE = 0.3, 0.7  # anchors less than this off a plane [m]: the fit starts so far above it, not on it [m]
+
+
+class PlainFit(NamedTuple):
+    """Offset [s], turn F (3, 3) and shift s (3), RMS of the range errors left, the largest 5 % aside [m], and cost."""
+
+    offset: float
+    F: np.ndarray
+    shift: np.ndarray
+    left: float
+    cost: float
+
+
+class _Seen(NamedTuple):
+    """At an offset, for each range: place, velocity and attitude of the truth, the anchor and the range."""
+
+    offset: float
+    p: np.ndarray
+    v: np.ndarray
+    R: np.ndarray | None
+    a: np.ndarray
+    r: np.ndarray
+
+
+def plain_fit(
+    ranges: Ranges,
+    anchors: np.ndarray,
+    path: TruthPath,
+    offsets: np.ndarray,
+    *,
+    frame: str = "yaw",
+    moves: bool = False,
+    near: PlainFit | None = None,
+) -> PlainFit | None:
+    """Return the best fit from several starts, or None if truth and ranges hardly meet.
+
+    Args:
+        ranges: single ranges.
+        anchors: positions (n, 3).
+        path: the truth.
+        offsets: of the clocks, to start from [s].
+        frame: between truth and anchors: `yaw`, `se3` or `same`.
+        moves: whether the offset is fitted, too.
+        near: a fit whose frame to start from, in place of four headings.
+    """
+    starts = []
+    flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
+    for offset in offsets:
+        chosen = some_of(seen_by(ranges, float(offset), path), FEW)
+        if len(chosen) < LEAST:
+            continue
+        t = np.clip(ranges.t[chosen] + offset, path.first, path.last)
+        p, R = path.at(t)
+        seen = _Seen(float(offset), p, path.p(t, 1), R, anchors[ranges.anchor[chosen]], ranges.r[chosen])
+        if near is not None:
+            starts.append((seen, near.F, near.shift))
+            continue
+        for yaw in YAWS if frame != "same" else (0.0,):
+            F = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
+            shift = anchors.mean(axis=0) - F @ p.mean(axis=0) + [0.0, 0.0, NUDGE if flat else 0.0]
+            starts.append((seen, F, np.zeros(3) if frame == "same" else shift))
+    if len(starts) > BEST:
+        costs = [_fit(*start, frame, moves, SCREEN).cost for start in starts]
+        starts = [starts[k] for k in np.argsort(costs)[:BEST]]
+    return min((_fit(*start, frame, moves, MOST) for start in starts), key=lambda fit: fit.cost, default=None)
+
+
+def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, frame: str, moves: bool, most: int) -> PlainFit:
+    """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn."""
+    m, free = len(seen.r), TURNED[frame]
+    stiff = np.array([1.0 / LEVER] * 3 + [1.0 if moves else 1e6])
+
+    def placed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return F, and the antenna's places in the truth's frame."""
+        F = Rotation.from_rotvec(np.pad(x[8:], (3 - free, 0))).as_matrix() @ F0 if free else F0
+        q = seen.p + x[7] * seen.v
+        return F, q if seen.R is None else q + seen.R @ x[4:7]
+
+    def errors(x: np.ndarray) -> np.ndarray:
+        F, q = placed(x)
+        return np.linalg.norm(q @ F.T + x[:3] - seen.a, axis=1) + x[3] - seen.r
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([errors(x) / SPREAD, x[4:8] * stiff])
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        F, q = placed(x)
+        d = q @ F.T + x[:3] - seen.a
+        u = d / np.maximum(np.linalg.norm(d, axis=1), 1e-9)[:, None]
+        J = np.zeros((m + 4, 8 + free))
+        J[:m, :3] = 0.0 if frame == "same" else u
+        J[:m, 3] = 1.0
+        if seen.R is not None:
+            J[:m, 4:7] = np.einsum("ki,kij->kj", u @ F, seen.R)
+        J[:m, 7] = np.einsum("ki,ki->k", u @ F, seen.v)
+        if free:  # u . (w x Fq) = w . (Fq x u)
+            around = np.cross(q @ F.T, u) @ _left_jacobian(np.pad(x[8:], (3 - free, 0)))
+            J[:m, 8:] = around[:, 3 - free :]
+        J[:m] /= SPREAD
+        J[m:, 4:8] = np.diag(stiff)
+        return J
+
+    start = np.concatenate([shift, np.zeros(5 + free)])
+    x = least_squares(residuals, start, jac=slopes, loss="soft_l1", x_scale="jac", max_nfev=most)
+    kept = np.sort(np.abs(errors(x.x)))[: max(1, int(KEPT * m))]
+    left = float(np.sqrt(np.mean(kept**2)))
+    return PlainFit(seen.offset + float(x.x[7]), placed(x.x)[0], x.x[:3], left, float(x.cost) / m)
+
+
+def _left_jacobian(a: np.ndarray) -> np.ndarray:
+    """Return J with exp(a + da) = exp(J da) exp(a), to first order (Solà, arXiv 1711.02508, equation 183)."""
+    angle = float(np.linalg.norm(a))
+    K = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    if angle < 1e-6:
+        return np.eye(3) + K / 2.0
+    return np.asarray(np.eye(3) + (1 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * (K @ K))

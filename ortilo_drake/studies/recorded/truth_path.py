@@ -1,0 +1,66 @@
+"""The truth between its stamps, which ranges it sees, and which part of it calibrates."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from ortilo_drake.interop.recorded.recording import Ranges, Truth
+
+GAP = 5.0  # an interval of the truth longer than this many medians is a gap
+LEAST = 50  # ranges that a calibration needs
+WAITS = 5.0  # a truth that is this much longer than the ranges at either end counts only while there are ranges [s]
+
+
+class TruthPath(NamedTuple):
+    """The truth between its stamps; queries beyond its ends are taken at the ends."""
+
+    p: CubicSpline
+    R: Slerp | None
+    first: float
+    last: float
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return positions (m, 3) and attitudes (m, 3, 3)."""
+        t = np.clip(t, self.first, self.last)
+        return self.p(t), None if self.R is None else self.R(t).as_matrix()
+
+
+def truth_path(truth: Truth) -> TruthPath:
+    """Return the truth between its stamps: cubic in position, the shortest turn in attitude."""
+    R = None if truth.R is None else Slerp(truth.t, Rotation.from_matrix(truth.R))
+    return TruthPath(CubicSpline(truth.t, truth.p), R, float(truth.t[0]), float(truth.t[-1]))
+
+
+def seen_by(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf) -> np.ndarray:
+    """Return which ranges fall between stamps of the truth, up to an end by its clock [s], and not in its gaps."""
+    then = ranges.t + offset
+    stamps = path.p.x
+    steps = np.diff(stamps)
+    around = steps[np.clip(np.searchsorted(stamps, then) - 1, 0, len(steps) - 1)]
+    near = around <= GAP * np.median(steps)  # between stamps farther apart the truth is a guess
+    return np.flatnonzero((then >= path.first) & (then <= min(end, path.last)) & near)
+
+
+def some_of(chosen: np.ndarray, most: int) -> np.ndarray:
+    """Return at most so many of them, drawn: every k-th would be of some anchors only."""
+    if len(chosen) <= most:
+        return chosen
+    drawn = np.random.Generator(np.random.Philox(0)).choice(chosen, most, replace=False)
+    return np.asarray(np.sort(drawn))
+
+
+def first_part(truth: Truth, ranges: Ranges, share: float, offset: float) -> tuple[float, float]:
+    """Return the first and the last stamp of the part that calibrates, by the truth's clock [s].
+
+    It is a share of the truth's time. Where the truth began, or ended, more than 5 s before, or after, the ranges, only
+    the time of both counts.
+    """
+    first, last = float(truth.t[0]), float(truth.t[-1])
+    heard_first, heard_last = float(ranges.t[0]) + offset, float(ranges.t[-1]) + offset
+    if heard_first - first > WAITS:
+        first = heard_first
+    if last - heard_last > WAITS:
+        last = heard_last
+    return first, first + share * max(0.0, last - first)

@@ -1,0 +1,245 @@
+"""What a replay doubts: files read wrongly in one way each, and the key that is named; right ones give no doubt."""
+
+import re
+
+import numpy as np
+import pytest
+from made_up_motion import ANCHORS, GRAVITY, TABLE_MAP, made_up
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording, Truth
+from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.studies.recorded import doubts
+from ortilo_drake.studies.recorded.calibrate import calibrate
+from ortilo_drake.studies.recorded.doubted import doubts_of
+from ortilo_drake.studies.recorded.first_look import first_look
+from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
+from ortilo_drake.studies.recorded.scores import Scores
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def as_map(text: str = "") -> Map:
+    return validate(Map, parse_yaml(TABLE_MAP + text, "MAP.yaml"), "MAP.yaml")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    m = made_up(duration=40.0)
+    t, first = m.t_r - m.t_r[0], m.t_truth[0]
+    ranges = Ranges(np.repeat(t, 6), np.tile(np.arange(6), len(t)), m.r.ravel())
+    imu = Imu(m.t_imu - m.t_r[0], m.imu[:, :3], m.imu[:, 3:], None)
+    truth = Truth(m.t_truth - first, m.p, m.R)
+    return Recording("walk", ranges, imu, truth, ANCHORS, float(m.t_r[0]), float(first), [], {})
+
+
+def with_truth(recording: Recording, **changes: np.ndarray) -> Recording:
+    return recording._replace(truth=recording.truth._replace(**changes))
+
+
+def doubted(recording: Recording, map_: Map) -> list[str]:
+    look = first_look(recording, map_)
+    calibration = calibrate(recording, map_.calibration)
+    p = calibration.position(recording.truth.p)
+    return doubts_of(recording, map_, look, calibration, {}, (p, p))
+
+
+def test_a_recording_read_rightly_gives_no_doubt(recording) -> None:
+    assert doubted(recording, as_map()) == []
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 0.001), ("cm", 0.01), ("in", 0.0254)])
+def test_lengths_that_are_no_metres_end_in_one_line_with_the_scale(recording, unit, metres) -> None:
+    small = recording._replace(ranges=recording.ranges._replace(r=recording.ranges.r / metres))
+    with pytest.raises(InputError, match=rf"ranges: {{scale: {metres:g}}} \({unit}\) fits: .* -> 0\.0"):
+        first_look(small, as_map())
+    with pytest.raises(InputError, match=rf"truth: {{scale: {metres:g}}} \({unit}\) fits: .* -> 0\.0"):
+        first_look(with_truth(recording, p=recording.truth.p / metres), as_map())
+
+
+def test_without_truth_ranges_in_mm_are_told_by_the_size_of_the_room(recording) -> None:
+    small = recording._replace(ranges=recording.ranges._replace(r=recording.ranges.r * 1000.0), truth=None)
+    with pytest.raises(InputError, match=r"m for anchors 10\.4 m apart: in mm\? ranges: {scale: 0\.001}"):
+        first_look(small, as_map())
+
+
+def read_otherwise(recording: Recording) -> dict[str, Recording]:
+    """Return recordings that are wrong in one way, by the key that mends it."""
+    truth, ranges = recording.truth, recording.ranges
+    y_up, ned = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([1.0, -1.0, -1.0])
+    tilt = Rotation.from_rotvec([0.3, -0.2, 0.0]).as_matrix()
+    swapped = np.arange(6)
+    swapped[[1, 4]] = 4, 1
+    return {
+        "ranges: {scale: 0.3048} (ft)": recording._replace(ranges=ranges._replace(r=ranges.r / 0.3048)),
+        "truth: {axes: [x, -z, y]} (y is up)": with_truth(recording, p=truth.p @ y_up.T, R=y_up @ truth.R),
+        "truth: {axes: [x, -y, -z]} (z is down)": with_truth(recording, p=truth.p @ ned.T, R=ned @ truth.R),
+        "truth: {axes: [x, -z, y], scale: 0.001} (y is up, mm)": with_truth(
+            recording, p=1000 * truth.p @ y_up.T, R=y_up @ truth.R
+        ),
+        "calibration: {frame: se3}": with_truth(recording, p=truth.p @ tilt.T, R=tilt @ truth.R),
+        "anchors: entries 2 and 5 change places": recording._replace(anchors=ANCHORS[swapped]),
+        "anchors: in reverse order": recording._replace(anchors=ANCHORS[::-1]),
+        "anchors: in metres, those of the map times 0.01 (cm)": recording._replace(anchors=ANCHORS * 100),
+    }
+
+
+KEYS = (
+    "ranges: {scale: 0.3048} (ft)",
+    "truth: {axes: [x, -z, y]} (y is up)",
+    "truth: {axes: [x, -y, -z]} (z is down)",
+    "calibration: {frame: se3}",
+    "anchors: entries 2 and 5 change places",
+    "anchors: in reverse order",
+)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_the_key_that_mends_it_is_named_with_how_much_better_the_fit_is(recording, key) -> None:
+    guess = first_look(read_otherwise(recording)[key], as_map()).guess
+    assert guess.key == key
+    assert guess.after < 0.1 < guess.before  # the biases differ by up to 0.15 m from their mean
+    assert doubts.of_guess(guess)[0].startswith(f"{key} would fit better: range errors ")
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["truth: {axes: [x, -z, y], scale: 0.001} (y is up, mm)", "anchors: in metres, those of the map times 0.01 (cm)"],
+)
+def test_what_cannot_be_calibrated_ends_in_a_line_that_names_the_key(recording, key) -> None:
+    with pytest.raises(InputError, match=re.escape(f"{key} fits: range errors ")):
+        first_look(read_otherwise(recording)[key], as_map())
+
+
+@pytest.mark.parametrize("later", [-20.0, 12.0])
+def test_one_clock_is_tried_where_the_files_begin_far_apart(recording, later) -> None:
+    """The truth began 20 s before the ranges, or 12 s after them; both files have one clock but for 0.73 s."""
+    t = recording.truth.t
+    if later < 0:
+        extra = np.arange(-20.0, -0.01, 0.05)
+        p = np.tile(recording.truth.p[0], (len(extra), 1)) + 0.001 * np.sin(extra)[:, None]
+        R = np.tile(recording.truth.R[0], (len(extra), 1, 1))
+        truth = Truth(
+            np.concatenate([extra, t]) + 20.0, np.vstack([p, recording.truth.p]), np.vstack([R, recording.truth.R])
+        )
+    else:
+        kept = t >= later
+        truth = Truth(t[kept] - t[kept][0], recording.truth.p[kept], recording.truth.R[kept])
+    first = recording.truth_origin + later
+    found = calibrate(recording._replace(truth=truth, truth_origin=first), as_map().calibration)
+    assert found.offset + first - recording.origin == pytest.approx(0.73, abs=0.03)
+    assert found.left < 0.05
+
+
+def test_a_clock_beyond_the_search_is_found_by_a_wider_one(recording) -> None:
+    late = recording._replace(truth_origin=recording.truth_origin + 300.0, imu=None)
+    t = recording.truth.t
+    kept = t >= 11.0  # a clock of its own, that begins 11 s after the ranges
+    cut = late._replace(truth=Truth(t[kept] - t[kept][0], recording.truth.p[kept], None))
+    guess = first_look(cut, as_map()).guess
+    assert guess.key == "calibration: {clock: estimate, search: 12}"
+    assert guess.after < 0.15 < guess.before
+
+
+@pytest.mark.parametrize(
+    ("text", "metres", "unit"),
+    [("", GRAVITY, "g"), ("", 0.3048, "ft/s2"), ("", GRAVITY / 1000, "mg"), ("g", 1 / GRAVITY, "m/s2")],
+)
+def test_a_force_in_another_unit_is_told_by_gravity(recording, text, metres, unit) -> None:
+    map_ = validate(Map, parse_yaml(TABLE_MAP.replace("force: [", f"force_unit: {text or 'm/s2'}, force: ["), "M"), "M")
+    imu = recording.imu._replace(force=recording.imu.force / metres)
+    said = force_doubts(imu, map_)
+    assert len(said) == 1
+    assert (
+        f"imu: {{force_unit: {unit}}} makes it 9." in said[0] or f"imu: {{force_unit: {unit}}} makes it 10." in said[0]
+    )
+    assert force_doubts(recording.imu._replace(force=recording.imu.force * 1.06), as_map()) == []  # a unit 6 % wrong
+    gone = force_doubts(recording.imu._replace(force=recording.imu.force - [0, 0, GRAVITY]), as_map())
+    assert "gravity was taken out" in gone[0]
+
+
+def test_rates_in_degrees_are_told_with_and_without_the_truths_attitude(recording) -> None:
+    imu = recording.imu._replace(rates=np.degrees(recording.imu.rates))
+    offset = calibrate(recording, as_map().calibration).offset
+    said = attitude_doubts(recording._replace(imu=imu), as_map(), offset, UP)
+    assert len(said) == 1
+    assert ": imu: {rate_unit: deg/s} leaves 0." in said[0]
+    assert "imu: {rate_unit: deg/s}" in rate_doubts(imu, as_map())[0]
+    assert rate_doubts(recording.imu, as_map()) == []
+    assert attitude_doubts(recording, as_map(), offset, UP) == []
+    radians = validate(Map, parse_yaml(TABLE_MAP.replace("rates: [", "rate_unit: deg/s, rates: ["), "M"), "M")
+    slow = recording._replace(imu=recording.imu._replace(rates=np.radians(recording.imu.rates)))
+    assert ": imu: {rate_unit: rad/s} leaves" in attitude_doubts(slow, radians, offset, UP)[0]
+
+
+@pytest.mark.parametrize("level", [False, True])
+def test_the_quaternions_order_and_sense_are_found(recording, level) -> None:
+    """Also for a body that turns about z only: its inverse attitude is by the rates alone that of one upside down."""
+    R = Rotation.from_matrix(recording.truth.R)
+    offset = calibrate(recording, as_map().calibration).offset
+    if level:
+        yaw = R.as_euler("ZYX")[:, 0]
+        R = Rotation.from_rotvec(yaw[:, None] * UP)
+        imu_t = recording.imu.t + offset
+        w = np.interp(imu_t, recording.truth.t, np.gradient(np.unwrap(yaw), recording.truth.t))
+        imu = recording.imu._replace(
+            rates=np.column_stack([0 * w, 0 * w, w]), force=np.tile([0, 0, GRAVITY], (len(w), 1))
+        )
+        recording = recording._replace(imu=imu)
+    q = R.as_quat()
+    wxyz = Rotation.from_quat(q[:, [3, 0, 1, 2]]).as_matrix()  # columns w x y z, read as x y z w
+    said = attitude_doubts(with_truth(recording, R=wxyz), as_map(), offset, UP)
+    assert len(said) == 1
+    assert ": truth: {rotation: {order: wxyz}} leaves 0." in said[0]
+    said = attitude_doubts(with_truth(recording, R=R.inv().as_matrix()), as_map(), offset, UP)
+    assert ": truth: {rotation: {of: world}} leaves 0." in said[0]
+    assert attitude_doubts(with_truth(recording, R=R.as_matrix()), as_map(), offset, UP) == []
+
+
+def test_poses_that_freeze_are_told_and_a_body_at_rest_is_not(recording) -> None:
+    truth, offset = recording.truth, calibrate(recording, as_map().calibration).offset
+    p = truth.p.copy()
+    p[100:160] = p[100]
+    p[300:340] = p[300]
+    found = doubts.freezes(truth._replace(p=p), recording.ranges, offset)
+    np.testing.assert_allclose(found, [(truth.t[100], truth.t[159]), (truth.t[300], truth.t[339])])
+    assert "2 times, 4.9 s in all" in doubts.of_freezes(found)[0]
+    p = truth.p.copy()
+    p[-80:] = p[-80]  # to the end: only the ranges tell
+    assert len(doubts.freezes(truth._replace(p=p), recording.ranges, offset)) == 1
+    rest = Truth(
+        np.concatenate([truth.t, truth.t + 40.0]), np.vstack([truth.p[:1].repeat(len(truth.t), 0), truth.p]), None
+    )
+    still = recording.ranges._replace(r=recording.ranges.r[:6][recording.ranges.anchor])
+    assert doubts.freezes(rest, still, offset) == []
+    assert doubts.freezes(truth, recording.ranges, offset) == []
+
+
+def test_anchors_in_a_plane_leave_a_mirror_image(recording) -> None:
+    flat = np.column_stack([ANCHORS[:4, :2], np.full(4, 2.1)])
+    p = np.array([[1.0, 2.0, 0.2], [2.0, 2.0, 0.2], [2.0, 3.0, 0.2]])
+    said = doubts.of_plane(flat, p, p)
+    assert "(2.0, 2.0, 0.2) and its mirror image (2.0, 2.0, 4.0)" in said[0]
+    assert "the filter is in the mirror image" not in said[0]
+    assert "3.80 m RMS from the truth, mirrored 0.00 m" in doubts.of_plane(flat, p + [0, 0, 3.8], p)[0]
+    assert doubts.of_plane(ANCHORS, p, p) == []
+
+
+def test_numbers_of_calibration_and_rows_are_doubted_beyond_their_limits() -> None:
+    small, large = np.full(3, 0.1), np.array([0.0, 0.6, -0.9])
+    assert doubts.of_calibration(0.1, 0.05, small, small) == []
+    said = doubts.of_calibration(0.5, 0.05, large, large)
+    assert "10 times the range noise (0.050 m)" in said[0]
+    assert "the antenna was found 1.08 m" in said[1]
+    assert "+0.60 m (anchor 2), -0.90 m (anchor 3)" in said[2]
+    assert doubts.of_offset(4.2, [0.0], 5.0, "ranges") == []
+    assert "lies at the end of its search" in doubts.of_offset(-4.9, [0.0], 5.0, "ranges")[0]
+    assert doubts.of_offset(-4.9, [0.0, -6.0], 5.0, "ranges") == []
+    assert doubts.of_offset(9.0, [0.0], 5.0, "map") == []
+    good = Scores(None, None, None, None, None, 1.0, 0.1, 1.0)
+    bad, lost = Scores(*[None] * 5, 1.0, 0.3, 1.0), Scores(*[None] * 5, float("nan"), 1.0, 1.0)
+    assert doubts.of_rows({"a": good, "b": bad, "c": lost}, ("a", "b", "c", "d")) == [
+        "b: 30% of the ranges were refused",
+        "c: the filter is lost: no range was taken in the judged part",
+    ]
