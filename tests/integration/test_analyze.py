@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from command_line import run
 
+import ortilo_drake as od
+
 PARTS = {"plant", "sampled_plant", "closed_loop"}
 
 
@@ -98,3 +100,18 @@ def test_modes_that_no_sensor_sees_are_named(
 
 def test_flights_must_be_a_number_of_flights() -> None:
     assert run("analyze", "--flights", "-1") == 2
+
+
+def test_without_linear_theory_flights_are_judged_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("analyze", "tight_imu_uwb", "--out", str(tmp_path / "out"), "--workers", "1")
+    assert run(*words, "--flights", "0") == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("ortilo: estimator.kind: tight: must be kalman")
+    short = ("--set", "planner={kind: hover, duration: 1.0}", "--set", "settle=0.0", "--json", str(tmp_path / "a.json"))
+    assert run(*words, *short, "--flights", "1") == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert found["no_theory"].startswith("estimator.kind: tight")
+    assert set(found) == {"scenario", "no_theory", "flights", "honesty", "no_tube"}
+    (flight,) = od.fly_many("tight_imu_uwb", [0], [word for word in short if "=" in word])
+    position = found["honesty"]["nees"]["position"]["all"]["mean"]
+    assert position == pytest.approx(flight.summary()["nees"], rel=1e-9)

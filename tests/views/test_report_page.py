@@ -57,7 +57,7 @@ def keys_of(kind: Any) -> dict[str, Any]:
 WRITTEN: dict[str, Any] = {
     "fly": keys_of(Summary) | {"scenario": "own", "mse": {"x": 0.001}},
     "tables --preset": {"preset": "tuned", "flights": 2, "estimation": {"a": {"x": 1.5}}, "path": {}, "paper": {}},
-    "analyze": {"scenario": "own", "linearization": {}, "riccati": {}, "margins": {}},
+    "analyze": {"scenario": "own", "no_theory": None, "flights": 0, "no_tube": None},
     "sensitivity": {
         "scenario": "own",
         "rows": [{"name": "mass", "value": 2.5}, {"name": "yaw", "value": 0.5}],

@@ -209,5 +209,5 @@ def V_at(scenario: Scenario, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _hovering_at(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray:
     x = np.zeros(N_X)
-    x[:3], x[5] = p_WB, scenario.servo.yaw
+    x[:3], x[5] = p_WB, scenario.yaw
     return x

@@ -20,7 +20,7 @@ from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augme
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -111,8 +111,22 @@ def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
     return L_d
 
 
+def why_no_loop(scenario: Scenario) -> str | None:
+    """Return why a scenario's loop is no HoverLoop, None if it is one.
+
+    It is one with the paper's filter, whatever that estimates beside the vehicle's states, and the LQ servo.
+    """
+    if not isinstance(scenario.estimator, IntermittentFilter):
+        return f"estimator.kind: {scenario.estimator.kind}: must be kalman: the linear theory is that of its filter"
+    if not isinstance(scenario.servo, LqServo):
+        return f"servo.kind: {scenario.servo.kind}: must be lq: the linear theory is that of its gain"
+    return None
+
+
 def hover_loop(scenario: Scenario) -> HoverLoop:
-    """Return the loop of a scenario; InputError if it has no servo gain."""
+    """Return the loop of a scenario; InputError if its estimator or servo has no matrices, or there is no gain."""
+    if why := why_no_loop(scenario):
+        raise InputError(why)
     settings, vehicle, h = scenario.estimator, scenario.vehicle, scenario.h
     extras = extra_states(settings, vehicle, h, scenario.flown_rows, scenario.yaw)
     model = augmented_model(settings, vehicle, settings.integrator, h, extras, scenario.yaw)

@@ -148,11 +148,12 @@ def _case_row(case: CommandCase) -> list[str]:
 def analysis_text(found: Analysis) -> str:
     """Return what studies.report.analyze found, as Markdown."""
     lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
-    lines += linearization_text(found.linearization) + riccati_text(found.riccati) + margins_text(found.margins)
-    lines += arrivals_text(found.arrivals) + commands_text(found.commands, found.command_flights)
+    if theory := found.theory:
+        lines += linearization_text(theory.linearization) + riccati_text(theory.riccati) + margins_text(theory.margins)
+        lines += arrivals_text(theory.arrivals) + commands_text(theory.commands, found.command_flights)
     if found.tube:
         lines += tube_text(found.tube)
-    else:
+    elif theory:
         lines += ["## The tube along the path", "", f"Not predicted: {found.no_tube}.", ""]
     if found.honesty:
         lines += honesty_text(found.honesty)

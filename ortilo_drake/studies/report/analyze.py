@@ -10,6 +10,7 @@ from ortilo_drake.flight.ensemble import flights_of, fly_many
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport, arrival_report
 from ortilo_drake.studies.command_link.command_flights import CommandFlights, command_cases, command_flights, hover_V
@@ -18,7 +19,7 @@ from ortilo_drake.studies.consistency.consistency_figures import nees_figure, wh
 from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, consistency_report
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport, linearization_report
 from ortilo_drake.studies.linearization.observability import check_sensors
-from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, why_no_loop
 from ortilo_drake.studies.loop.margins import LoopMargins, margins_report
 from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_report
 from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_table
@@ -34,7 +35,6 @@ COMMAND_SEEDS = range(4)
 class Theory:
     """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands."""
 
-    scenario: str
     linearization: LinearizationReport
     riccati: RiccatiReport
     margins: dict[str, LoopMargins]
@@ -50,10 +50,13 @@ class Honesty(ConsistencyReport):
 
 
 @dataclass(frozen=True)
-class Analysis(Theory):
+class Analysis:
     """The theory of a scenario and the flights that check it.
 
     Attributes:
+        scenario: its name.
+        no_theory: why there is no theory, None if there is one.
+        theory: what needs no flight.
         flights: of the scenario and of each pair of arrival rates.
         command_flights: behind command links; None if none was flown.
         honesty: of the scenario's own flights; None if none was flown.
@@ -61,6 +64,9 @@ class Analysis(Theory):
         tube: the tube along the path.
     """
 
+    scenario: str
+    no_theory: str | None
+    theory: Theory | None
     flights: int
     command_flights: CommandFlights | None
     honesty: Honesty | None
@@ -69,9 +75,10 @@ class Analysis(Theory):
 
 
 def analysis_data(analysis: Analysis) -> dict[str, Any]:
-    """Return an analysis as plain data for JSON, without the parts that there are not."""
+    """Return an analysis as plain data for JSON, the theory's parts beside the others, without those there are not."""
     data: dict[str, Any] = as_data(analysis)
-    return {key: value for key, value in data.items() if value is not None or key == "no_tube"}
+    data |= data.pop("theory") or {}
+    return {key: value for key, value in data.items() if value is not None or key.startswith("no_")}
 
 
 def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> Theory:
@@ -103,7 +110,7 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
     arrivals = arrival_report(loop, filter_V(scenario, V), uwb, camera)
     begin("commands")
     commands = command_report(scenario, V)
-    return Theory(scenario.name, linearization, riccati, margins, arrivals, commands)
+    return Theory(linearization, riccati, margins, arrivals, commands)
 
 
 def honesty_section(
@@ -137,32 +144,33 @@ def analyze(
     Args:
         scenario: the scenario.
         flights: of the scenario and of each pair of arrival rates, seeds as in the flights' sections; 0 flies none.
+            Those of a scenario without theory (why_no_loop) are judged all the same.
         out: folder of figures and flights; flights that are already there are not flown again.
         workers: processes that fly.
         step: called with what is being done, how far and of how much.
 
     Raises:
-        InputError: as theory.
+        InputError: as theory; or if there is neither theory nor flights.
     """
-    found, figures = theory(scenario, step), []
+    why = why_no_loop(scenario)
+    if why and not flights:
+        raise InputError(f"{why}; of any other its flights are judged, with --flights 1 or more")
+    found, figures = None if why else theory(scenario, step), []
     flown = honesty = tube = None
-    if flights:
-        links = command_cases(LOSSES, ("hold", "zero"), DELAYS)
+    if flights and found:
         flown = command_flights(
             without_blackouts(scenario),
-            links,
+            command_cases(LOSSES, ("hold", "zero"), DELAYS),
             COMMAND_SEEDS,
             out / "flights",
             workers=workers,
             progress=lambda case: step("command flights", 0, 1),
         )
+    if flights:
         honesty, drawn = honesty_section(scenario, flights, out, workers, step)
         figures += drawn
-    no_tube = why_no_tube(scenario)
+    no_tube = why or why_no_tube(scenario)
     if no_tube is None:
         tube, drawn = tube_report(scenario, flights, out, workers, step)
         figures += drawn
-    analysis = Analysis(
-        **vars(found), flights=flights, command_flights=flown, honesty=honesty, no_tube=no_tube, tube=tube
-    )
-    return analysis, figures
+    return Analysis(scenario.name, why, found, flights, flown, honesty, no_tube, tube), figures

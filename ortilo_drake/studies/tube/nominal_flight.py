@@ -48,9 +48,11 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return x_ref (n, 12) and u_ff (n, 4) for references r, r_dot, r_ddot (n, 9), by the servo's own law.
 
-    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row.
+    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row. A servo of one's own
+    tells no law: it is taken to aim as the LQ servo's form 'error' does, at the tilt of the planned acceleration.
     """
-    vehicle, yaw, error_form = scenario.vehicle, scenario.servo.yaw, scenario.servo.form == "error"
+    vehicle, yaw = scenario.vehicle, scenario.yaw
+    error_form = getattr(scenario.servo, "form", "error") == "error"
     nothing, hover = np.zeros(15), np.array([vehicle.mass * GRAVITY, 0.0, 0.0, 0.0])
     x_ref, u_ff = np.zeros((len(reference), N_X)), np.zeros((len(reference), N_U))
     picks = [np.eye(4, 15, 4 * part) for part in range(3)]

@@ -45,7 +45,7 @@ KINDS: Final = (
     ),
     Kind(
         "ortilo analyze",
-        frozenset({"scenario", "linearization", "riccati", "margins"}),
+        frozenset({"scenario", "flights", "no_theory", "no_tube"}),
         "scenario",
         r"# Analysis of (\S+)",
         "*.png",
