@@ -39,7 +39,7 @@ def attitude(t):
     return Rotation.from_euler("ZYX", angles)
 
 
-def made_up(duration=60.0, seed=1, noise=0.03, outliers=0.0):
+def made_up(duration=60.0, seed=1, noise=0.03, outliers=0.0, place=place):
     rng = np.random.default_rng(seed)
     t_r, t_imu = np.arange(0.05, duration, 0.05), np.arange(0.0, duration, 0.02)
     p_tag = place(t_r) + attitude(t_r).apply(LEVER)

@@ -105,6 +105,13 @@ class Map(Frozen):
     imu: ImuSource | None = None
     command: CommandSource | None = None
     truth: TruthSource | None = None
+    planar: bool = Field(default=False, description="Whether the antenna keeps one height, as on a ground robot.")
+    height: float | None = Field(
+        default=None, ge=-1e4, le=1e4, description="The antenna's height, z in the anchors' frame, if it is known [m]."
+    )
+    height_sd: Positive | None = Field(
+        default=None, description="By how much it differs from that, standard deviation (0.05) [m]."
+    )
     calibration: Estimated = Estimated()
     filter: FilterSettings = FilterSettings()
     imposed: Imposed = Imposed()
@@ -126,6 +133,8 @@ class Map(Frozen):
             raise ValueError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
         if isinstance(self.anchors, Find) and self.truth is None:
             raise ValueError("anchors: find: needs `truth`; without it `ortilo room survey` finds anchors")
+        if self.height_sd is not None and self.height is None:
+            raise ValueError("height_sd: belongs to `height`, which is not given")
         if self.command is not None and self.imu is None:
             raise ValueError("command: needs `imu`, whose body rates turn it")
         return self

@@ -5,7 +5,7 @@ With the truth p_k, R_k at the ranges' stamps, F and s the turn and shift betwee
     Σ rho((|F (p_k + R_k l) + s - a_i| + c_i - r_ki) / 0.06 m) + |l|² / (0.1 m)² + Σ c_i² / (0.2 m)²,   rho = soft L1
 
 over F, s, c, l, the clock's offset unless the body rates or the map tell it, and the anchors a_i if they are to be
-found.
+found. A known height of the antenna is one more square, (mean z - height)² / sd².
 """
 
 from typing import NamedTuple
@@ -18,12 +18,14 @@ from ortilo_drake.interop.recorded.map_file import Estimated
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, first_part, seen_by, some_of, truth_path
 
 SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
 COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
 FEW = 400  # ranges that a start goes by
 MANY = 40_000  # that a fit goes by at most
+FLAT = 0.5  # anchors whose heights differ by less do not tell what is above them from what is below [m]
 
 
 class Calibration(NamedTuple):
@@ -60,6 +62,7 @@ class _Fit(NamedTuple):
     lever: bool
     find: bool
     n: int
+    level: Level = UNKNOWN_LEVEL
 
     def parts(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return offset, F, shift, biases, lever and found anchors of a vector of unknowns."""
@@ -80,7 +83,7 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
     free = fit.free()
     fixed = None if fit.offset else path.at(t + x[0])
 
-    def errors(y: np.ndarray) -> np.ndarray:
+    def errors(y: np.ndarray) -> tuple[np.ndarray, float]:
         full = x.copy()
         full[free] = y
         offset, F, shift, biases, lever, found = fit.parts(full)
@@ -88,18 +91,21 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
         if R is not None:
             p = p + R @ lever
         place = found if fit.find else anchors
-        return np.linalg.norm(p @ F.T + shift - place[which], axis=1) + biases[which] - r
+        p = p @ F.T + shift
+        return np.linalg.norm(p - place[which], axis=1) + biases[which] - r, float(p[:, 2].mean())
 
     def residuals(y: np.ndarray) -> np.ndarray:
         full = x.copy()
         full[free] = y
         _, _, _, biases, lever, _ = fit.parts(full)
-        return np.concatenate([errors(y) / SPREAD, lever / LEVER, biases / BIAS])
+        e, z = errors(y)
+        height = [(z - fit.level.height) / fit.level.deviation] * bool(fit.level.deviation < np.inf)
+        return np.concatenate([e / SPREAD, lever / LEVER, biases / BIAS, height])
 
     solved = least_squares(residuals, x[free], loss="soft_l1")
     full = x.copy()
     full[free] = solved.x
-    return full, float(solved.cost), errors(solved.x)
+    return full, float(solved.cost), errors(solved.x)[0]
 
 
 def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -127,7 +133,13 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
 
 
-def calibrate(recording: Recording, settings: Estimated, lever: bool = True, near: float | None = None) -> Calibration:
+def calibrate(
+    recording: Recording,
+    settings: Estimated,
+    lever: bool = True,
+    near: float | None = None,
+    level: Level = UNKNOWN_LEVEL,
+) -> Calibration:
     """Return the calibration of the first part.
 
     Args:
@@ -136,6 +148,7 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
         lever: whether to look for the antenna's lever and to let the body rates tell the clock; not for a filter
             without IMU.
         near: where to start the search for the clock's offset, if that is roughly known [s].
+        level: what is known of the antenna's height in the anchors' frame.
 
     Raises:
         InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
@@ -165,8 +178,9 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
         offset, told_by = rates.offset, "rates"
     else:
         offset, told_by = 0.0, "ranges"
-    fit = _Fit(kind, told_by == "ranges", frees_lever, find, n)
+    fit = _Fit(kind, told_by == "ranges", frees_lever, find, n, level)
     centre = np.zeros(3) if find else np.asarray(recording.anchors).mean(axis=0)
+    flat = not find and float(np.ptp(np.asarray(recording.anchors)[:, 2])) < FLAT
 
     def start(offset: float, yaw: float) -> tuple[np.ndarray, np.ndarray]:
         chosen = seen_by(ranges, offset, path, part(offset)[1])
@@ -175,6 +189,10 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
         p = path.at(ranges.t[chosen] + offset)[0]
         turned = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix() @ p.mean(axis=0)
         shift = np.zeros(3) if kind == "same" else centre - turned
+        if level.deviation < np.inf and kind != "same":
+            shift[2] = level.height - turned[2]
+        elif flat and kind != "same":
+            shift[2] = 0.0  # of two mirror images the one whose frames have their floor in common
         found = np.zeros(0)
         if find:
             few = [np.flatnonzero(ranges.anchor[chosen] == i) for i in range(n)]
@@ -204,7 +222,10 @@ def calibrate(recording: Recording, settings: Estimated, lever: bool = True, nea
                 if best is None or cost < best[0]:
                     best = cost, x
     if best is None:
-        raise InputError(f"{recording.name}: fewer than {LEAST} ranges in the first {settings.share:.0%} of the truth")
+        raise InputError(
+            f"{recording.name}: fewer than {LEAST} ranges in the first {settings.share:.0%} of the truth; "
+            "a larger calibration.share takes more of it"
+        )
     x = best[1]
     chosen = some_of(seen_by(ranges, x[0], path, part(x[0])[1]), MANY)
     x, _, errors = _solve(x, fit, ranges, chosen, path, np.asarray(recording.anchors))

@@ -10,6 +10,7 @@ from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import Look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
+from ortilo_drake.studies.recorded.level import height_doubts
 from ortilo_drake.studies.recorded.scores import Scores
 
 CALIBRATED = ("with IMU", "constant velocity")
@@ -51,7 +52,8 @@ def doubts_of(
         centres = offset_centres(recording, settings.search)
         said += doubts.of_offset(calibration.offset, centres, settings.search, calibration.told_by)
         said += doubts.of_freezes(doubts.freezes(truth, recording.ranges, calibration.offset))
+        said += height_doubts(map_, calibration, recording)
     said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
-    if not isinstance(recording.anchors, int):
+    if not isinstance(recording.anchors, int) and map_.height is None:
         said += doubts.of_plane(np.asarray(recording.anchors), *found)
     return said

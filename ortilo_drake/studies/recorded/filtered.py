@@ -3,42 +3,51 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Ranges
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.single_ranges import (
+from ortilo_drake.studies.recorded.filter_types import (
     FIXED,
     IMU,
     QUERY,
     RANGE,
+    UNKNOWN_LEVEL,
     Events,
+    Level,
     Noise,
     Run,
-    Start,
-    run_filter,
-    turn,
+    State,
 )
+from ortilo_drake.studies.recorded.first_fix import fix_of, ranges_for_a_fix
+from ortilo_drake.studies.recorded.propagation import turn
+from ortilo_drake.studies.recorded.reacquired import NEVER, WATCH, Lost, run_on
 from ortilo_drake.studies.recorded.smoother import smooth
 
+TILT, BIAS = 0.05, 0.3  # standard deviations of a tilt [rad] and of the accelerometer's bias [m/s²]
 AT_REST = 1.0  # the first samples tell how the body is tilted [s]
 HEADINGS = 8  # tried, where none is known
 TRIAL = 30.0  # how long each is tried [s]
-FIRST_RANGES = 1.0  # the ranges that a first position goes by [s]
 
 
 class Known(NamedTuple):
-    """What the filter is told: anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None."""
+    """What the filter is told.
+
+    anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, and what is known of the height.
+    """
 
     anchors: np.ndarray
     biases: np.ndarray | None
     lever: np.ndarray
     heading: float | None
+    level: Level = UNKNOWN_LEVEL
 
 
 class Estimate(NamedTuple):
-    """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3); and the run behind it."""
+    """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3).
+
+    Then the run behind it, the stamps of its ranges, and when the filter was lost.
+    """
 
     t: np.ndarray
     p: np.ndarray
@@ -46,6 +55,7 @@ class Estimate(NamedTuple):
     R: np.ndarray
     run: Run
     range_stamps: np.ndarray
+    lost: list[Lost]
 
 
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
@@ -57,27 +67,6 @@ def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate)
 
 
-def first_position(ranges: Ranges, known: Known) -> np.ndarray:
-    """Return the position that the median range to each anchor in the first second gives, by robust least squares.
-
-    Raises:
-        InputError: if fewer than three anchors are heard in it.
-    """
-    early = ranges.t <= ranges.t[0] + FIRST_RANGES
-    heard = np.unique(ranges.anchor[early])
-    if len(heard) < 3:
-        raise InputError(f"ranges: {len(heard)} anchors heard in the first {FIRST_RANGES:g} s, at least 3 are needed")
-    r = np.array([np.median(ranges.r[early & (ranges.anchor == i)]) for i in heard])
-    r = r - (0.0 if known.biases is None else known.biases[heard])
-    a = known.anchors[heard]
-    middle = a.mean(axis=0)
-    fits = [
-        least_squares(lambda p: np.linalg.norm(p - a, axis=1) - r, middle + [0, 0, dz], loss="soft_l1", f_scale=0.1)
-        for dz in (-0.5, 0.5)
-    ]
-    return min(fits, key=lambda found: found.cost).x
-
-
 def first_tilt(imu: Imu) -> np.ndarray:
     """Return the attitude with heading 0 (3, 3): the unit's own tilt if it computes one, else the specific force's."""
     early = imu.t <= imu.t[0] + AT_REST
@@ -86,6 +75,17 @@ def first_tilt(imu: Imu) -> np.ndarray:
     forward = np.array([1.0, 0.0, 0.0]) - up_B[0] * up_B
     forward = forward / np.linalg.norm(forward)
     return np.vstack([forward, np.cross(up_B, forward), up_B])
+
+
+def tilt_deviation(imu: Imu) -> float:
+    """Return the standard deviation of that tilt [rad]: larger where the body accelerates meanwhile.
+
+    A horizontal acceleration a turns the specific force by a / G and makes it sqrt(G² + a²), which a bias may do too.
+    """
+    if imu.attitude is not None:
+        return TILT
+    force = float(np.linalg.norm(imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)))
+    return max(TILT, float(np.sqrt(max(0.0, force**2 - (GRAVITY + BIAS) ** 2))) / GRAVITY)
 
 
 def tilt_disagreement(imu: Imu) -> float | None:
@@ -118,20 +118,23 @@ def _events(ranges: Ranges, imu: Imu | None, queries: np.ndarray, begin: float) 
 
 def _start(
     ranges: Ranges, imu: Imu | None, known: Known, settings: FilterSettings, heading: float, sure: bool
-) -> Start:
+) -> State:
     n = len(known.anchors)
     variances = np.zeros(FIXED + 2 * n)
-    variances[:6] = [0.3**2] * 3 + [0.3**2] * 3
     c = np.zeros(n) if known.biases is None else known.biases.copy()
     R = np.eye(3)
     if imu is not None:
         R = turn(np.array([0.0, 0.0, heading])) @ first_tilt(imu)
-        variances[6:8], variances[8] = 0.05**2, (0.1 if sure else 0.4) ** 2
-        variances[9:12], variances[12:15] = 0.01**2, 0.3**2
+        variances[6:8], variances[8] = tilt_deviation(imu) ** 2, (0.1 if sure else 0.4) ** 2
+        variances[9:12], variances[12:15] = 0.01**2, BIAS**2
         variances[FIXED : FIXED + n] = settings.bias_start**2 if known.biases is None else 0.0
         variances[FIXED + n :] = settings.range_correlated**2
-    zero = np.zeros(3)
-    return Start(first_position(ranges, known) - R @ known.lever, zero, R, zero.copy(), zero.copy(), c, variances)
+    fix = fix_of(ranges_for_a_fix(ranges), known.anchors, c, known.level)
+    variances[:6] = fix.variances
+    zero, N = np.zeros(3), len(variances)
+    at_rest = np.append(zero, R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
+    p, v, P = fix.x[:3] - R @ known.lever, fix.x[3:], np.diag(variances)
+    return State(float(ranges.t[0]), p, v, R, zero, zero.copy(), c, np.zeros(n), P, at_rest, np.eye(N))
 
 
 def innovation_score(run: Run, gate: float) -> float:
@@ -158,7 +161,12 @@ def estimate(
         queries: stamps, rising [s].
         smoothed: whether to smooth.
         noise: in place of the settings' noise.
+
+    Raises:
+        InputError: if fewer than three anchors are heard at the start.
     """
+    if not len(ranges.t):
+        raise InputError("ranges: none are left")
     begin = float(ranges.t[0])
     queries = queries[queries >= begin]
     noise = noise_of(settings, imu is not None) if noise is None else noise
@@ -167,18 +175,19 @@ def estimate(
     imu = None if imu is None else _since(imu, begin)
     samples = np.zeros((0, 6)) if imu is None else np.column_stack([imu.rates, imu.force])
 
-    def run(heading: float, sure: bool, until: float, whole: bool) -> Run:
+    def run(heading: float, sure: bool, until: float, whole: bool) -> tuple[Run, list[Lost]]:
         events = _events(ranges, imu, queries, begin)
         events = Events(*(part[events.t <= until] for part in events))
         start = _start(ranges, imu, known, settings, heading, sure)
-        return run_filter(events, samples, known.anchors, known.lever, start, noise, GRAVITY, whole)
+        watch = WATCH if until == np.inf else NEVER  # a wrong heading must not be mended while it is tried
+        return run_on(events, samples, known.anchors, known.lever, start, known.level, noise, watch, whole)
 
     heading = known.heading
     if heading is None:
         tried = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS if imu is not None else np.zeros(1)
-        scores = [innovation_score(run(h, False, begin + TRIAL, False), noise.gate) for h in tried]
+        scores = [innovation_score(run(h, False, begin + TRIAL, False)[0], noise.gate) for h in tried]
         heading = float(tried[int(np.argmax(scores))])
-    found = run(heading, known.heading is not None, np.inf, smoothed)
+    found, lost = run(heading, known.heading is not None, np.inf, smoothed)
     at = np.searchsorted(found.t, queries)
     p, R, P = (smooth(found)) if smoothed else (found.x[:, :3], found.R, found.P)
-    return Estimate(queries, p[at], P[at], R[at], found, ranges.t)
+    return Estimate(queries, p[at], P[at], R[at], found, ranges.t, lost)

@@ -18,6 +18,7 @@ from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.filtered import Known, estimate, innovation_score, noise_of
+from ortilo_drake.studies.recorded.level import given_level
 from ortilo_drake.studies.recorded.replayed import known_of
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
@@ -56,10 +57,10 @@ class Fitted(NamedTuple):
 def _part(recording: Recording, map_: Map) -> _Part:
     calibration, end = None, map_.calibration.share * recording.ranges.t[-1]
     anchors = np.asarray(recording.anchors)
-    known = Known(anchors, None, np.zeros(3), None)
+    known = Known(anchors, None, np.zeros(3), None, given_level(map_))
     queries = np.zeros(0)
     if recording.truth is not None:
-        calibration = calibrate(recording, map_.calibration, lever=recording.imu is not None)
+        calibration = calibrate(recording, map_.calibration, lever=recording.imu is not None, level=given_level(map_))
         known, end = known_of(calibration, recording, map_), calibration.end - calibration.offset
         queries = recording.truth.t - calibration.offset
         queries = queries[(queries >= SETTLED) & (queries <= end)]

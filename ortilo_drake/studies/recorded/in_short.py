@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from ortilo_drake.studies.recorded.lost_lines import lost_line
 from ortilo_drake.studies.recorded.replayed import CV, RAW, WITH_IMU, Replayed
 
 
@@ -21,6 +22,8 @@ def in_short(motions: Sequence[Replayed], share: float) -> list[str]:
             lines += [f"  {found.name}: {doubt}." for doubt in found.doubts]
         rows = found.rows
         main = next(name for name in (WITH_IMU, CV, *rows) if name in rows)
+        if rows[main].lost:
+            lines.append(f"{found.name}: {lost_line(rows[main])} ({main}).")
         if rows[main].rmse is None:
             lines.append(
                 f"{found.name}: no truth; NIS {rows[main].nis:.2f}, {rows[main].rejected:.2%} of the ranges rejected."

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ortilo_drake.studies.recorded.in_short import in_short
+from ortilo_drake.studies.recorded.lost_lines import lost_lines
 from ortilo_drake.studies.recorded.replayed import Replayed
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.views.markdown import table
@@ -78,5 +79,7 @@ def report_text(motions: Sequence[Replayed], share: float) -> str:
     for found in motions:
         lines += [f"## {found.name}", "", *table(HEADER, [_cells(name, s) for name, s in found.rows.items()])]
         lines += _calibrated(found)
+        if lost := lost_lines(found.rows):
+            lines += ["The filter was lost (times since the first range):", "", *(f"- {line}" for line in lost), ""]
         lines += [f"- {note}" for note in found.notes] + [""] * bool(found.notes)
     return "\n".join([*lines, LEGEND, ""])

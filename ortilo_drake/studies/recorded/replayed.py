@@ -11,11 +11,12 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.doubts import range_noise
+from ortilo_drake.studies.recorded.filter_types import FIXED
 from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, tilt_disagreement
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
+from ortilo_drake.studies.recorded.level import calibrated_level, given_level
 from ortilo_drake.studies.recorded.scores import Scores, score
-from ortilo_drake.studies.recorded.single_ranges import FIXED
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 QUERY_RATE = 10.0  # of the estimates where there is no truth [Hz]
@@ -68,7 +69,8 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
         R = calibration.F @ truth_path(truth).at(np.clip(at, 0.0, None))[1][0] @ calibration.mount  # type: ignore[index]
         heading = float(np.arctan2(R[1, 0], R[0, 0]))
     biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
-    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading)
+    level = calibrated_level(map_, calibration, recording)
+    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading, level)
 
 
 def _notes(recording: Recording) -> list[str]:
@@ -94,16 +96,18 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         InputError: if calibration or filter have too little to go by.
     """
     notes, drawn, rows = _notes(recording), {}, {}
+    left_out: dict[str, str] = {}
     ranges, imu, truth = recording.ranges, recording.imu, recording.truth
     calibration = own = None
+    given = given_level(map_)
     look = first_look(recording, map_)
     if truth is None:
         t = np.arange(ranges.t[0], ranges.t[-1], 1.0 / QUERY_RATE)
         first = t[0] + map_.calibration.share * (t[-1] - t[0])
     else:
         say("calibration")
-        calibration = calibrate(recording, map_.calibration)
-        own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset)
+        calibration = calibrate(recording, map_.calibration, level=given)
+        own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset, level=given)
         t = truth.t - calibration.offset
         t = t[(t >= ranges.t[0]) & (t <= ranges.t[-1])]
         first = calibration.end - calibration.offset
@@ -125,14 +129,21 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         name: str, known: Known, by: Calibration | None, with_imu: bool, heard: Ranges = ranges, smoothed: bool = False
     ) -> None:
         say(name)
-        found = estimate(heard, imu if with_imu else None, known, map_.filter, t, smoothed)
+        try:
+            found = estimate(heard, imu if with_imu else None, known, map_.filter, t, smoothed)
+        except InputError as error:
+            left_out[name] = str(error)
+            return
+        if not len(found.t) or found.t[-1] - max(first, found.t[0]) < SHORTEST:
+            left_out[name] = f"less than {SHORTEST:g} s are left to judge after the first range"
+            return
         true = true_at(found.t, by)
         rows[name], drawn[name] = score(found, found.t > first, true, map_.available), (found, true)
 
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
-    raw = Known(anchors, None, np.zeros(3), None)
+    raw = Known(anchors, None, np.zeros(3), None, given)
     if own is not None:
-        plain = Known(own.anchors, own.biases, np.zeros(3), None)
+        plain = Known(own.anchors, own.biases, np.zeros(3), None, calibrated_level(map_, own, recording))
         row(CV, plain, own, False)
         if smooths:
             row(CV_SMOOTH, plain, own, False, smoothed=True)
@@ -149,7 +160,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     if imu is not None:
         row(RAW, raw, calibration, True)
     if imu is None and own is not None:
-        known = Known(own.anchors, own.biases, np.zeros(3), None)
+        known = plain
     by = own if imu is None else calibration
     imposed = map_.imposed
     if imposed.lost:
@@ -161,7 +172,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         if truth is not None and by is not None:
             ends = ends[ends + by.offset < truth.t[-1]]
         row(name, known, by, imu is not None, lose_gaps(ranges, imposed.gaps, ends))
-        if len(ends):
+        if len(ends) and name in rows:
             heard = lose_gaps(ranges, imposed.gaps, ends)
             at_end = estimate(heard, imu if imu is not None else None, known, map_.filter, ends - 1e-6)
             true = true_at(at_end.t, by)
@@ -169,11 +180,14 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
                 errors = np.linalg.norm(at_end.p - true, axis=1)
                 figures = {"gap_end": float(np.sqrt(np.mean(errors**2))), "gap_end_largest": float(errors.max())}
                 rows[name] = Scores(**{**vars(rows[name]), **figures, "gaps": len(errors)})
+    best = next((name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in rows), None)
+    if best is None:
+        raise InputError(f"{recording.name}: {next(iter(left_out.values()))}")
+    notes += [f"{name}: this row is left out: {why}" for name, why in left_out.items()]
     heading = shift = lever = biases = None
     if calibration is not None:
         heading = float(np.arctan2(calibration.F[1, 0], calibration.F[0, 0]))
         shift, lever, biases = _tuple(calibration.shift), _tuple(calibration.lever), _tuple(calibration.biases)
-    best = next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in rows)
     p, true = drawn[best][0].p, drawn[best][1]
     doubts = doubts_of(recording, map_, look, calibration, rows, (p, true))
     of_files = recording.truth_origin - recording.origin

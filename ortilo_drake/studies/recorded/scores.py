@@ -6,6 +6,7 @@ import numpy as np
 
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.studies.recorded.filtered import Estimate
+from ortilo_drake.studies.recorded.reacquired import Lost
 
 RPE_OVER = 1.0  # the relative error is over this time [s]
 
@@ -17,8 +18,8 @@ class Scores:
     rmse: by axis [m]; ate, ate_aligned: RMSE of the absolute position error, as it is and after the best SE(3) [m];
     rpe: RMSE of the relative position error over 1 s [m]; nees: mean of e' P^-1 e (3 if consistent); nis: mean over the
     ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps
-    at
-    which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends [m].
+    at which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends
+    [m]; lost: when the filter was lost; rmse_found: by axis, at other times [m].
     """
 
     rmse: tuple[float, float, float] | None
@@ -32,6 +33,8 @@ class Scores:
     gap_end: float | None = None
     gap_end_largest: float | None = None
     gaps: int = 0
+    lost: tuple[Lost, ...] = ()
+    rmse_found: tuple[float, float, float] | None = None
 
 
 def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float, float]:
@@ -73,12 +76,36 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
     since = found.t[judged][0]
     counted = found.range_stamps >= since
     taken = found.run.taken & counted
-    nis = float(np.mean(found.run.innovation[taken] ** 2 / found.run.variance[taken]))
+    squares = found.run.innovation[taken] ** 2 / found.run.variance[taken]
+    nis = float(np.mean(squares)) if len(squares) else float("nan")
     rejected = float(1.0 - taken.sum() / max(1, counted.sum()))
     available = float(np.mean(deviation < available_below))
+    lost = tuple(found.lost)
     if truth is None:
-        return Scores(None, None, None, None, None, nis, rejected, available)
+        return Scores(None, None, None, None, None, nis, rejected, available, lost=lost)
     e, P = (found.p - truth)[judged], found.P[judged]
     nees = float(np.mean(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])))
+    there = found_at(found.t[judged], lost)
+    return Scores(
+        _rms(e),
+        *by_evo(found.t[judged], found.p[judged], truth[judged]),
+        nees,
+        nis,
+        rejected,
+        available,
+        lost=lost,
+        rmse_found=_rms(e[there]) if there.any() else None,
+    )
+
+
+def found_at(t: np.ndarray, lost: tuple[Lost, ...]) -> np.ndarray:
+    """Return at which stamps the filter was not lost (m)."""
+    there = np.ones(len(t), dtype=bool)
+    for since, until in lost:
+        there &= (t <= since) | (t >= (np.inf if until is None else until))
+    return there
+
+
+def _rms(e: np.ndarray) -> tuple[float, float, float]:
     x, y, z = (float(axis) for axis in np.sqrt(np.mean(e**2, axis=0)))
-    return Scores((x, y, z), *by_evo(found.t[judged], found.p[judged], truth[judged]), nees, nis, rejected, available)
+    return x, y, z

@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.studies.recorded.single_ranges import Run, turn
+from ortilo_drake.studies.recorded.filter_types import Run
+from ortilo_drake.studies.recorded.propagation import turn
 
 TINY = 1e-12  # keeps P_k+1|k regular where a state has no variance [squared units of the state]
 

@@ -1,0 +1,122 @@
+"""The filter kept going: where it is lost it starts anew from the ranges alone, as the paper's robust form does.
+
+After an outage the position's deviation is metres and more, so that a range's row, taken where the filter believes to
+be, points the wrong way: the filter then believes a wrong place firmly and refuses every range for ever. So before the
+first range that finds it so far astray, and where most anchors were refused for a second, position and velocity are
+found by least squares (first_fix.py). The fix enters as a measurement; what of P contradicts it is opened first. It is
+left out if fewer ranges agree with it than with the filter: then the ranges are wrong, not the filter.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.recording import GRAVITY, Ranges
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.filter_types import FIXED, RANGE, Anew, Events, Level, Noise, Run, State, Watch
+from ortilo_drake.studies.recorded.first_fix import agreeing, fix_of, ranges_for_a_fix
+from ortilo_drake.studies.recorded.single_ranges import run_filter
+
+ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
+REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors
+AGAIN = 1.0  # before the next trial [s]
+SURPRISE = 3.0  # standard deviations beyond which a fix contradicts the filter
+TILT, HEADING, GYRO, ACCELEROMETER = 0.1, 0.3, 0.01, 0.1  # opened then [rad, rad, rad/s, m/s²]
+WATCH = Watch(-np.inf, ASTRAY, REFUSED, SHARE)
+NEVER = Watch(np.inf, ASTRAY, REFUSED, SHARE)
+
+
+class Lost(NamedTuple):
+    """When the filter was lost and when it was found again [s]; `found` is None if it was not."""
+
+    since: float
+    found: float | None
+
+
+def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Return what is added to P's diagonal, so that position and velocity x (6) do not contradict the state."""
+    off = np.square(x - np.concatenate((state.p, state.v)))
+    P = np.diag(state.P)
+    beyond = off > SURPRISE**2 * (P[:6] + variances)
+    opening = np.zeros(len(P))
+    opening[:6][beyond] = off[beyond]
+    if beyond.any():
+        opening[6:9], opening[9:12], opening[12:15] = [TILT**2, TILT**2, HEADING**2], GYRO**2, ACCELEROMETER**2
+        opening[6:][P[6:] == 0.0] = 0.0  # not estimated
+    return opening
+
+
+def run_on(
+    events: Events,
+    samples: np.ndarray,
+    anchors: np.ndarray,
+    lever: np.ndarray,
+    start: State,
+    level: Level,
+    noise: Noise,
+    watch: Watch,
+    whole: bool,
+) -> tuple[Run, list[Lost]]:
+    """Run the filter over all events, and return the run and when it was lost.
+
+    Args:
+        events: in order of time.
+        samples: body rates and specific force, body axes (k, 6).
+        anchors: positions (n, 3).
+        lever: from the estimated point to the antenna, body axes (3).
+        start: the state before the first event.
+        level: what is known of the height.
+        noise: the noise.
+        watch: when it is lost; NEVER keeps it from starting anew.
+        whole: whether to keep what a smoother needs.
+    """
+    heard = events.kind == RANGE
+    ranges = Ranges(events.t[heard], events.which[heard], events.r[heard])
+    before = np.concatenate([[0], np.cumsum(heard)])  # ranges before each event
+    N = FIXED + 2 * len(anchors)
+    nothing = Anew(np.zeros(6), np.full(6, np.inf), np.zeros(N))
+    parts: list[Run] = []
+    lost: list[Lost] = []
+    state, anew, done, since = start, nothing, 0, None
+    last = float(events.t[0])  # range that was taken
+    while True:
+        rest = Events(*(part[done:] for part in events))
+        first = before[done]
+        run, state, taken_in = run_filter(
+            rest, samples, anchors, lever, state, anew, level, noise, GRAVITY, watch, whole
+        )
+        parts.append(run)
+        done += taken_in
+        if since is not None and run.taken[-len(anchors) :].mean() > 0.5:
+            since = None  # what was refused has passed, and the filter was right
+        if run.taken.any():
+            last = float(ranges.t[first + np.flatnonzero(run.taken)[-1]])
+        if done == len(events.t):
+            break
+        t = float(events.t[done])
+        astray = np.trace(state.P[:3, :3]) > ASTRAY**2
+        since = since if since is not None else last if astray else min(last, t - REFUSED)
+        anew = _anew(ranges, int(before[done]), anchors, lever, state, level, astray) or nothing
+        watch = watch._replace(wait=t + AGAIN)
+        if anew is not nothing:
+            lost.append(Lost(since, t))
+            since = None
+    if since is not None:
+        lost.append(Lost(since, None))
+    return Run(*(np.concatenate(part) for part in zip(*parts, strict=True))), lost
+
+
+def _anew(
+    ranges: Ranges, first: int, anchors: np.ndarray, lever: np.ndarray, state: State, level: Level, astray: bool
+) -> Anew | None:
+    arm, c = state.R @ lever, state.c
+    try:
+        window = ranges_for_a_fix(ranges, first)
+    except InputError:
+        return None
+    x = np.concatenate((state.p + arm, state.v))
+    fix = fix_of(window, anchors, c, level, state.p + arm)
+    if fix.agreeing < 0.5 or (not astray and fix.agreeing <= agreeing(window, anchors, c, x)):
+        return None
+    found = fix.x - np.append(arm, np.zeros(3))
+    return Anew(found, fix.variances, opening_of(state, found, fix.variances))
