@@ -94,6 +94,7 @@ def test_an_own_sensor_has_the_noise_it_says_and_makes_the_height_known() -> Non
     assert flight.summary()["floor"]["z"] < plain.summary()["floor"]["z"]
 
 
+@pytest.mark.long
 def test_an_own_sensor_that_gives_a_compiled_step_joins_the_engine() -> None:
     example("barometer")
     planner = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"

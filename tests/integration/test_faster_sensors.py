@@ -110,6 +110,7 @@ def test_the_filter_gets_the_mean_of_a_tick_with_an_eighth_of_the_variance(fligh
     assert np.sum(late**2) > np.sum(noise**2)
 
 
+@pytest.mark.long
 def test_the_innovations_of_the_means_are_as_large_as_the_filter_says(flight: xr.Dataset) -> None:
     rows = ["phi_imu", "theta_imu", "psi_imu"]
     nu = flight["innovation"].sel(output=rows).values[30:]

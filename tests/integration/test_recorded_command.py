@@ -70,6 +70,7 @@ def test_replay_without_truth_or_imu(capsys: pytest.CaptureFixture[str], place: 
     assert "by the ranges" in said
 
 
+@pytest.mark.long
 def test_tune_writes_a_map_that_replays(capsys: pytest.CaptureFixture[str], place: Path, tmp_path: Path) -> None:
     tuned = tmp_path / "tuned.yaml"
     words = ("--map", str(place / "MAP.yaml"), "--out", str(tuned), "--json", str(tmp_path / "t.json"))

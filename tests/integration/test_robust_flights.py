@@ -1,5 +1,6 @@
 """Flights with the robust form of the paper's filter: the plain ones where all is right, and through faults."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,11 @@ def flown(name: str, fault: dict[str, Any] | None) -> xr.Dataset:
     return fly(load_scenario(name, settings, 1))
 
 
+@cache
+def calm_error() -> float:
+    return error_of(flown("robust_imu_uwb_yolo", None))
+
+
 @pytest.mark.parametrize(
     ("fault", "plain_fails"),
     [
@@ -53,7 +59,7 @@ def flown(name: str, fault: dict[str, Any] | None) -> xr.Dataset:
     ids=lambda value: value["kind"] + value.get("sensor", "") if isinstance(value, dict) else "",
 )
 def test_a_fault_costs_little(fault: dict[str, Any], plain_fails: bool) -> None:
-    calm = error_of(flown("robust_imu_uwb_yolo", None))
+    calm = calm_error()
     assert error_of(flown("robust_imu_uwb_yolo", fault)) < 4.0 * calm
     if plain_fails:
         plain = flown("imu_uwb_yolo", fault)

@@ -24,7 +24,7 @@ from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.sensors.camera_calibration import CALIBRATION, CameraCalibration
 
 CASES = int(os.environ.get("ORTILO_FUZZ_CASES", "2000"))
-BLOCK, FEW = 100, 4  # cases of a test, and how many such tests are not long
+BLOCK, FEW = 100, 1  # cases of a test, and how many such tests are not long
 BLOCKS = max(1, CASES // BLOCK)
 FLOWN = 8  # of so many accepted cases one is flown
 TICKS = 12  # that far

@@ -49,6 +49,7 @@ def test_braking_goes_on_from_the_flight_and_ends_at_rest(t: float) -> None:
     np.testing.assert_allclose(last[:, 2], 0.0, atol=0.01 * ACCELERATION)
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(ANY_TIME)
 def test_braking_keeps_its_limits_and_its_curve(t: float) -> None:

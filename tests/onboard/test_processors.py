@@ -31,6 +31,7 @@ def distances(**variables: str) -> str:
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64"), reason="OpenBLAS has Nehalem's kernels on x86-64 alone"
 )

@@ -92,6 +92,7 @@ def test_a_further_command_acts_after_the_last() -> None:
     assert with_command(rows, 0.7, np.array(u(3)))[-1, 0] == 0.7
 
 
+@pytest.mark.long
 def test_the_log_of_an_onboard_half_without_reports_goes_by_the_delay_that_it_is_told() -> None:
     log = CommandLog(8, HOVER, 0.25, H, hears=False)
     simulator = Simulator(log)

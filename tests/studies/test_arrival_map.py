@@ -26,6 +26,7 @@ TUNED_W = disturbance_W(M100, H, 0.27, 0.005)
 RATES = np.linspace(0.0, 1.0, 21)
 
 
+@pytest.mark.long
 def test_the_whole_map_in_time_and_as_its_points() -> None:
     W = TUNED_W
     riccati_map(W, V, H, [0.0, 0.5], [0.0, 0.5])  # compiles

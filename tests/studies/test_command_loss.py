@@ -147,6 +147,7 @@ def test_hold_of_a_scalar_loop(share: float, delay: int) -> None:
     )
 
 
+@pytest.mark.long
 def test_bursts_of_their_own_mean_length_are_independent_losses() -> None:
     # A chain that loses in its bad state with a = 1 - b is memoryless.
     share = 0.3

@@ -103,6 +103,7 @@ def test_it_is_the_flying_filter() -> None:
         x, Pbar = out[:15], out[15:].reshape(15, 15)
 
 
+@pytest.mark.long
 def test_the_known_noise_is_found_within_its_errors() -> None:
     rng = np.random.default_rng(3)
     records = [simulate(rng, 450) for _ in range(8)]
@@ -126,6 +127,7 @@ def test_the_known_noise_is_found_within_its_errors() -> None:
         assert 0.3 < error / fit.errors[name] < 3.0, name
 
 
+@pytest.mark.long
 def test_a_tilt_is_not_taken_for_a_disturbance(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(7)
     records = [simulate(rng, 320, doublet=1.0) for _ in range(8)]

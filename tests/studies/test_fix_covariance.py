@@ -47,6 +47,7 @@ def test_covariances_are_those_of_a_flight_without_errors() -> None:
     assert checked >= 10
 
 
+@pytest.mark.long
 def test_covariances_are_about_those_of_a_flight_with_errors() -> None:
     scenario = scenario_with("seed=3")
     flight = fly(scenario)

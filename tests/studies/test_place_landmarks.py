@@ -80,6 +80,7 @@ def test_a_landmark_tells_the_position_what_is_left_beside_unknown_angles(hall: 
         assert np.linalg.eigvalsh(found[1, step]).min() > -1e-6 * np.abs(found[1, step]).max()
 
 
+@pytest.mark.long
 def test_placed_landmarks_lower_the_worst_floor(hall: Room, tmp_path: Path) -> None:
     scenario = in_hall(hall, tmp_path)
     found = place_anchors(scenario, 3, 2.0, 5)

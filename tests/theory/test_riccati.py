@@ -253,6 +253,7 @@ def test_report_is_json_and_names_what_no_sensor_sees():
     assert max(radii) < 1e-12
 
 
+@pytest.mark.long
 def test_what_drake_refuses_twice_is_a_note_and_ends_nothing():
     """Drake takes no singular R, whatever is added to Q."""
     found = four_solutions((0.5 * np.eye(2), np.eye(2), np.eye(2), np.ones((2, 2))), ("a", "b"), dual=False)

@@ -96,9 +96,14 @@ def error_of(x: np.ndarray, recorded: RecordedFlight) -> float:
     "settings",
     [
         ("tight_imu_uwb",),
-        ("tight_imu_uwb_yolo", "camera.kind=projected"),
-        ("tight_imu_uwb", "uwb.link.delay=2", "imu.link.loss=0.1"),
-        ("tight_imu_uwb", "estimator.ranges.differences=true", "truth.uwb.bias=3.0"),
+        *(
+            pytest.param(settings, marks=pytest.mark.long)
+            for settings in (
+                ("tight_imu_uwb_yolo", "camera.kind=projected"),
+                ("tight_imu_uwb", "uwb.link.delay=2", "imu.link.loss=0.1"),
+                ("tight_imu_uwb", "estimator.ranges.differences=true", "truth.uwb.bias=3.0"),
+            )
+        ),
     ],
     ids=["ranges", "boxes", "late-and-lost", "differences"],
 )
@@ -115,6 +120,7 @@ def test_hindsight_errs_less_than_the_tight_filter_and_knows_how_much(settings: 
     assert nees < 12.0  # of 3: two flights' errors last for seconds and so scatter
 
 
+@pytest.mark.long
 def test_it_knows_more_than_the_paper_s_filter_in_hindsight() -> None:
     """Which reads neither gyroscope nor accelerometer, and fixes in place of ranges."""
     flights = [fly_recorded(load_scenario("nominal_imu_uwb", (SHORT,)), seed) for seed in range(2)]
@@ -122,6 +128,7 @@ def test_it_knows_more_than_the_paper_s_filter_in_hindsight() -> None:
     assert whole < linear
 
 
+@pytest.mark.long
 def test_what_lasts_is_found_where_it_is_believed_to_last() -> None:
     """Ranges that are 0.1 m long: of a filter that estimates each anchor's bias, and of one that does not."""
     changes = (SHORT, "uwb.link.blackouts=[]", "truth.uwb.bias_sd=0.1")
@@ -134,6 +141,7 @@ def test_what_lasts_is_found_where_it_is_believed_to_last() -> None:
     assert error_of(graph_smoothed(knowing).x, knowing) < error_of(graph_smoothed(blind).x, blind)
 
 
+@pytest.mark.long
 def test_values_of_other_sensors_count() -> None:
     """A range finder that looks down, over a flight without ranges: the height is known by it alone."""
     scenario = load_scenario("altimeter", (SHORT,))

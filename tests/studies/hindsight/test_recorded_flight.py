@@ -48,6 +48,7 @@ def boxes_make_the_flight(recorded: RecordedFlight) -> None:
         half.advance()
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_of_pictures_the_boxes_are_kept_that_the_detector_found(tmp_path: Path) -> None:
     scenario = load_scenario("imu_uwb_yolo", (*SHORT, "uwb.link.blackouts=[]"))

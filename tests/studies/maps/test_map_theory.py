@@ -57,6 +57,7 @@ def test_the_error_grows_with_losses_and_bursts_and_is_unbounded_without_ranges(
     assert math.isnan(rms("uwb.link.rate=0.1"))  # a chain of 300 modes
 
 
+@pytest.mark.long
 def test_the_longest_burst_of_a_map_is_found_in_its_losses() -> None:
     axes = {LOSS: [0.2, 0.5, 0.8], LENGTH: [1.0, 2.0, 4.0, 8.0]}
     duration = flight_ticks(load_scenario("nominal_imu_uwb")) / 30.0

@@ -152,6 +152,7 @@ def test_an_imus_attitude_that_is_not_as_its_force_is_told(recording) -> None:
     assert any("disagree on up" in note for note in found.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", ["innovations", "truth"])
 def test_the_fit_finds_the_noise_of_the_ranges(recording, by) -> None:
     map_ = as_map(TABLE_MAP + "filter: {range_white: 0.1}\n")
