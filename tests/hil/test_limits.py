@@ -111,10 +111,7 @@ def test_the_limits_are_what_they_say() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.long] * (name not in ("nominal_imu_uwb_yolo", "flow")))
-        for name in scenario_names()
-    ],
+    [pytest.param(name, marks=[pytest.mark.long] * (name != "nominal_imu_uwb_yolo")) for name in scenario_names()],
 )
 def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     """The whole flight, but for rendered pictures, through the bytes."""

@@ -63,6 +63,7 @@ def test_pictures_are_refused() -> None:
         fly_in_virtual_time(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered",)))
 
 
+@pytest.mark.long
 def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> None:
     file, ways = tmp_path / "3.json", (BAD.model_dump_json(), Faults().model_dump_json())
     found = summary_in_virtual_time(scenario_of().model_dump_json(), *ways, 3, str(file))

@@ -8,6 +8,7 @@ from flight_tracks import FILE, PROJECTED, RENDERED, SEEDS, fly_ready_made, trac
 
 KEPT: dict[str, list[list[float]]] = json.loads(FILE.read_text())
 ONE, OTHERS = SEEDS["projected"][:1], SEEDS["projected"][1:]
+QUICK = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb", "tight_imu_uwb", "realistic", "flow")
 
 
 def check(name: str, camera: str, seeds: range, tolerance: float) -> None:
@@ -17,7 +18,9 @@ def check(name: str, camera: str, seeds: range, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize("seeds", [ONE, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["one", "others"])
-@pytest.mark.parametrize(("name", "camera"), PROJECTED)
+@pytest.mark.parametrize(
+    ("name", "camera"), [pytest.param(*pair, marks=[pytest.mark.long] * (pair[0] not in QUICK)) for pair in PROJECTED]
+)
 def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: range) -> None:
     check(name, camera, seeds, 1e-9)
 

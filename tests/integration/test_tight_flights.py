@@ -29,6 +29,7 @@ def mse(name: str, *settings: str, seeds: range = range(3)) -> tuple[float, floa
     return float(np.mean(found)), float(np.mean(found) / np.mean(floors)), float(np.mean(nees))
 
 
+@pytest.mark.long
 def test_it_is_near_the_floor_and_honest() -> None:
     """Through the first blackout; three flights scatter the ratio by a factor of two and the NEES by half."""
     _, over_floor, nees = mse("tight_imu_uwb")
@@ -36,6 +37,7 @@ def test_it_is_near_the_floor_and_honest() -> None:
     assert 1.5 < nees < 6.0
 
 
+@pytest.mark.long
 def test_single_ranges_do_better_than_fixes_where_two_anchors_answer() -> None:
     """No fix can be made of two ranges; the tight filter takes them."""
     near = ("uwb.max_distance=3.2", OPEN)
@@ -82,6 +84,7 @@ def test_a_flight_repeats_bit_for_bit() -> None:
     np.testing.assert_array_equal(simulator.fly(4)["estimate"].values, first)
 
 
+@pytest.mark.long
 def test_a_flow_sensor_is_taken_too() -> None:
     with_flow, _, _ = mse("tight_imu_uwb", "sensors=[uwb, imu, altimeter, flow]", seeds=range(2))
     without, _, _ = mse("tight_imu_uwb", seeds=range(2))

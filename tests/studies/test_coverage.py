@@ -117,6 +117,7 @@ def test_behind_a_wall_no_anchor_is_in_sight_and_the_way_is_worst_there(of_halve
     assert " s)" in found.answer
 
 
+@pytest.mark.long
 def test_in_the_blackouts_of_uwb_the_first_scenario_gets_lost() -> None:
     found = coverage(load_scenario("imu_uwb", (BLOCK, "planner.goal=[8.0, 0.9]")))
     first, last = found.worst_times

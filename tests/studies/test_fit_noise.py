@@ -163,6 +163,7 @@ def test_a_sensor_that_never_arrived_keeps_its_noise() -> None:
     assert fit.scenario.landmark_fix.center_sd == Scenario().landmark_fix.center_sd
 
 
+@pytest.mark.long
 def test_a_disturbance_of_which_nothing_shows_stays() -> None:
     record = simulate(np.random.default_rng(5), 120)
     record.delta[:, 0] = 0.0  # angles alone say nothing of a force

@@ -42,6 +42,7 @@ def test_it_is_the_greatest_likelihood_of_both_curves(curve: Callable[[np.ndarra
     assert low < 1.3 < high < 1.5 * low
 
 
+@pytest.mark.long
 def test_the_interval_holds_the_true_level_as_often_as_it_says() -> None:
     rng, true, inside = np.random.default_rng(5), 1.7, 0
     for _ in range(40):

@@ -216,6 +216,7 @@ def test_gain_has_a_limit_where_the_covariance_has_none(first, lost):
     assert np.allclose(K, steady_gain(Phi, C, W, V_s, HOVER.units), rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("force", ["thrust", "measured"])
 @pytest.mark.parametrize("sensors", [("uwb", "imu"), ("imu",)])
 def test_a_filter_with_a_force_has_that_limit_too(force, sensors):
@@ -232,6 +233,7 @@ def test_a_filter_with_a_force_has_that_limit_too(force, sensors):
         np.testing.assert_allclose(found, limit_of_the_gain(Phi, C, W, V_s, 100_000)[0], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("force", ["thrust", "measured"])
 def test_knowing_the_force_costs_margin_and_no_stability(force):
     scenario = load_scenario("nominal_imu_uwb", (f"estimator.force={force}",))

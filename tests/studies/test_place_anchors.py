@@ -148,6 +148,7 @@ def test_mounting_places_are_free_and_away_from_the_path(hall: Room, tmp_path: P
     np.testing.assert_allclose(nearest, 0.05, atol=1e-3)
 
 
+@pytest.mark.long
 def test_placing_lowers_the_worst_floor_and_is_always_the_same(hall: Room, tmp_path: Path) -> None:
     scenario = in_hall(hall, tmp_path)
     found = place_anchors(scenario, 8, spacing=2.0)
@@ -164,6 +165,7 @@ def test_placing_lowers_the_worst_floor_and_is_always_the_same(hall: Room, tmp_p
     assert with_anchors(found.room, hall.anchor_positions) == hall
 
 
+@pytest.mark.long
 def test_what_cannot_be_placed_is_refused(hall: Room, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"sensors: .* must have uwb"):
         place_anchors(in_hall(hall, tmp_path, "sensors=[imu]"), 8)

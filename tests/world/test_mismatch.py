@@ -219,6 +219,7 @@ def test_a_spread_alone_differs_by_seed(seed: int) -> None:
     assert flown.fly()[8] == pytest.approx(GRAVITY * (1.0 / factor - 1.0) * TICKS * H, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_a_turned_rendered_camera_draws_as_one_on_a_turned_body() -> None:
     rpy, width = [0.02, -0.03, 0.15], "camera.width=160"

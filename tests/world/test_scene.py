@@ -200,6 +200,7 @@ def test_depth_at_a_wall_is_its_distance(room_eye):
     np.testing.assert_allclose(depth[v - 3 : v + 4, u - 3 : u + 4], 4.0, atol=1e-3)
 
 
+@pytest.mark.long
 def test_the_same_pose_gives_the_same_picture_in_any_renderer(room_eye):
     other = Eye(scene_items(ROOM))
     X_WB = body(9.0, 0.8, 1.5, 0.1, 0.02, -0.01)

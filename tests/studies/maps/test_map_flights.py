@@ -82,6 +82,7 @@ def test_flights_go_on_until_the_interval_is_narrow_or_there_are_enough() -> Non
     assert is_enough(sweep(), 0, 3)
 
 
+@pytest.mark.long
 def test_a_map_is_resumed_and_the_same_on_any_number_of_workers(tmp_path: Path) -> None:
     flown: list[int] = []
     one = fly_map(sweep(), "sweep", tmp_path / "one", 1, flown.append)

@@ -84,6 +84,7 @@ def test_the_chance_of_a_long_burst_is_that_of_bursts_drawn() -> None:
     assert abs(hits / flights - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / flights)
 
 
+@pytest.mark.long
 def test_what_is_drawn_by_theory_is_in_report_and_figure(tmp_path: Path) -> None:
     found = made({LOSS: [0.2, 0.5, 0.8], LENGTH: [0.5, 2.0, 8.0]}, lambda p: int(100 * p[LENGTH]))
     theory = theory_of(found)

@@ -40,6 +40,7 @@ def replayed():
     return {name: replay(read_recording(flight_folder(name), map_), map_, lambda _: None)[0] for name in FLIGHTS}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_the_notes_constant_velocity_filter_is_reproduced(name, replayed) -> None:
     """To 5 %: the notes do not say their noise, nor how they calibrated; flight 2 comes out within 1.5 %."""
@@ -66,6 +67,7 @@ def test_with_imu_the_errors_are_below_what_was_asked(name, replayed) -> None:
     assert rows[RAW].ate < 0.25
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_imposed_losses_cost_little(name) -> None:
     map_ = as_map(MAP)
