@@ -16,10 +16,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ortilo_drake.model.input_files import exists, read_text
-from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM, with_known_classes
+from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM
 from ortilo_drake.model.inputs.problems import SeveralProblems
+from ortilo_drake.model.inputs.room_text import parse_room
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.typed_yaml import SMALLEST, Frozen, InputError, Positive, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import SMALLEST, Frozen, InputError, Positive, validate
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
@@ -118,7 +119,8 @@ class Room(Frozen):
     """The room as its file holds it; see ortilo_room.yaml for the meaning of each field, and its defaults here.
 
     A wall may have a size of its own, as three further numbers: [x, y, yaw, length, thickness, height]. A flight whose
-    scenario names no start or goal takes the room's, x and y [m]. A landmark class of ortilo_room.yaml needs no size.
+    scenario names no start or goal takes the room's, x and y [m]. A landmark class of ortilo_room.yaml needs no size. A
+    file may have anchors by name as well, {0: {x: , y: , z: }}, see inputs/room_text.py.
     A room without a name is called as its file.
     """
 
@@ -250,7 +252,7 @@ def load_room(path: Path = ORTILO_ROOM) -> Room:
 
 @lru_cache(maxsize=8)
 def _room_of(text: str, source: str) -> Room:
-    data, stem = with_known_classes(parse_yaml(text, source)), Path(source).stem
+    data, stem = parse_room(text, source), Path(source).stem
     if isinstance(data, dict) and re.fullmatch(_NAME, stem) and len(stem) <= _LONGEST_NAME:
         data = {"name": stem} | data
     return validate(Room, data, source)

@@ -43,10 +43,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("new own.yaml --anchors 2", "--anchors: 2"),
         ("new own.yaml --anchors two", "--anchors"),
         ("new folder.yaml --force", "folder.yaml: cannot be written"),
-        ("trace hall.yaml --scale 50 --out own.yaml", "hall.yaml: is no PNG picture"),
+        ("trace hall.yaml --scale 50 --out own.yaml", "--scale: 50: must be left out"),
         ("trace none.png --scale 50 --out own.yaml", "none.png: cannot be read"),
         ("trace none.png --scale nan --out own.yaml", "--scale"),
         ("trace none.png --scale 50", "--out"),
+        ("trace hall.yaml --out own.yaml", "hall.yaml: image: is missing"),
         ("trace none.png --scale 50 --out hall.yaml", "hall.yaml: is there already"),
     ],
 )

@@ -1,5 +1,6 @@
 """What `ortilo room check` says of rooms that load: a good one, and one for each mistake that it warns of."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,11 @@ from command_line import run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ortilo_drake.model.room import ORTILO_ROOM
+from ortilo_drake.model.inputs.room_text import parse_room
+from ortilo_drake.model.room import ORTILO_ROOM, Room
 from ortilo_drake.studies.rooms.findings import anchor_spread, look_into
 from ortilo_drake.studies.rooms.new_room import new_room
+from ortilo_drake.studies.rooms.units import doubted_units
 
 LEVEL = [[0.2, 0.2, 2.5], [7.8, 0.2, 2.5], [7.8, 5.8, 2.5], [0.2, 5.8, 2.5]]
 DOG = {"label": "dog", "position": [4.0, 5.5, 0.3]}
@@ -99,3 +102,36 @@ def test_the_command_says_it_on_stdout_and_ends_with_zero(tmp_path: Path, capsys
     assert "8 x 6 x 3 m" in said[0]
     assert run("room", "check", str(tmp_path / "none.yaml")) == 2
     assert "none.yaml: cannot be read" in capsys.readouterr().err
+
+
+UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1.0 / 0.0254, "feet": 1.0 / 0.3048}
+
+
+def in_unit(unit: str, *fields: str) -> dict[str, Any]:
+    """Return fields of the hall as a file in another unit has them."""
+    data, factor = yaml.safe_load(new_room("hall", (8.0, 6.0, 3.0), 5)), UNITS[unit]
+    scaled: dict[str, Any] = {
+        "interior": {end: [factor * value for value in data["interior"][end]] for end in ("min", "max")},
+        "landmarks": [item | {"position": [factor * v for v in item["position"]]} for item in data["landmarks"]],
+    }
+    for name in ("anchors", "stands"):
+        scaled[name] = [[factor * value for value in point] for point in data[name]]
+    for name in ("start", "goal"):
+        scaled[name] = [factor * value for value in data[name]]
+    return {name: value for name, value in scaled.items() if name in fields or not fields}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_room_that_is_not_in_metres_is_doubted_and_told_its_unit(tmp_path: Path, unit: str) -> None:
+    found = warnings(tmp_path, **in_unit(unit))
+    assert len(found) == 1
+    assert f"in {unit} it would be 8 x 6 x 3 m" in found[0]
+    assert f"interior, anchors, landmarks, stands, start and goal by {1 / UNITS[unit]:g}" in found[0]
+    assert [line for line in warnings(tmp_path, **in_unit(unit, "anchors")) if f"in {unit} all would be" in line]
+
+
+@settings(max_examples=20)
+@given(x=st.floats(3.0, 100.0), y=st.floats(3.0, 100.0), z=st.floats(2.0, 20.0))
+def test_no_room_that_can_be_made_is_doubted(x: float, y: float, z: float) -> None:
+    room = Room.model_validate_json(json.dumps(parse_room(new_room("hall", (x, y, z), 5), "hall")))
+    assert doubted_units(room) == []

@@ -6,6 +6,7 @@ import pytest
 import yaml
 from command_line import run
 
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.studies.rooms.room_file import room_problems
 
@@ -90,3 +91,39 @@ def test_a_wall_may_have_a_size_of_its_own(tmp_path: Path) -> None:
     file.write_text(LEAST + "wall_size: [2, 0.5, 1]\nwalls: [[1, 2, 0.3], [4, 2, 1.5, 1.0, 0.2, 2.4]]\n")
     expected = [[1, 2, 0.5, 0.3, 1.0, 0.25, 0.5], [4, 2, 1.2, 1.5, 0.5, 0.1, 1.2]]
     assert load_room(file).wall_boxes.tolist() == expected
+
+
+CFCLIENT = "{0: {x: 0.0, y: 0.0, z: 0.3}, 1: {x: 4.0, y: 0.0, z: 2.6}, 0x1a: [0.0, 3.0, 2.5], 07: {x: 4, y: 3, z: 1}}"
+
+
+def test_anchors_by_name_are_read_in_the_order_of_the_file(tmp_path: Path) -> None:
+    """As cfclient saves them: number: {x, y, z}."""
+    file = tmp_path / "room.yaml"
+    for anchors in (CFCLIENT, "[{x: 0, y: 0, z: 0.3}, [4, 0, 2.6], {x: 0, y: 3, z: 2.5}, [4, 3, 1]]"):
+        file.write_text(f"interior: {{min: [0, 0, 0], max: [4, 3, 3]}}\nanchors: {anchors}\n")
+        assert room_problems(file) == []
+        assert load_room(file).anchors == ((0.0, 0.0, 0.3), (4.0, 0.0, 2.6), (0.0, 3.0, 2.5), (4.0, 3.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            f"interior: {{}}\nanchors: {CFCLIENT.replace(', z: 2.6', '')}",
+            r"anchors\.1: .*must be \[\[x, y, z\], \.\.\.\] in m, or",
+        ),
+        (
+            f"interior: {{}}\nanchors: {CFCLIENT.replace('[0.0, 3.0, 2.5]', 'here')}",
+            r"anchors\.0x1a: here: must be \[\[x",
+        ),
+        (
+            CFCLIENT.replace("[0.0, 3.0, 2.5]", "{x: 0, y: 3, z: 2}"),
+            "holds anchors alone; a room has them under 'anchors:'",
+        ),
+    ],
+)
+def test_anchors_by_name_that_are_none_are_told_what_is_wanted(tmp_path: Path, text: str, line: str) -> None:
+    file = tmp_path / "room.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=line):
+        load_room(file)

@@ -8,12 +8,18 @@ import typer
 from ortilo_drake.commands.options import finite
 from ortilo_drake.commands.room.new import AnchorsOption, ForceOption, check_new, room_name, say_next
 from ortilo_drake.commands.terminal import out
+from ortilo_drake.model.input_error import InputError
 
 
 def trace(
-    plan: Annotated[Path, typer.Argument(metavar="PLAN.png", help="The floor plan, dark walls on light paper.")],
-    scale: Annotated[float, typer.Option(min=1.0, callback=finite, help="Pixels a metre.")],
+    plan: Annotated[
+        Path,
+        typer.Argument(metavar="PLAN", help="A picture, dark walls on light paper; or the .yaml of a map_server grid."),
+    ],
     file: Annotated[Path, typer.Option("--out", metavar="ROOM", help="The .yaml file to write.")],
+    scale: Annotated[
+        float | None, typer.Option(min=1.0, callback=finite, help="Pixels of a picture that are a metre.")
+    ] = None,
     height: Annotated[float, typer.Option(min=2.0, max=20.0, callback=finite, help="Of the room [m].")] = 2.5,
     dark: Annotated[int, typer.Option(min=1, max=255, help="Pixels darker than this are walls.")] = 128,
     anchors: AnchorsOption = 5,
@@ -21,18 +27,27 @@ def trace(
 ) -> None:
     """Trace the walls of a floor plan, and write a room of them with anchors, landmarks, a start and a goal.
 
-    Walls along the picture's sides are found, as rectangles; those at an angle are not.
+    A grid has its own scale and origin: the room is in its frame. Walls along the picture's sides are found, as
+    rectangles; those at an angle are not.
     """
     check_new(file, force)
-    from ortilo_drake.flight.files import write_text
-    from ortilo_drake.studies.rooms.new_room import check_size, new_room
-    from ortilo_drake.studies.rooms.trace_plan import read_plan, trace_plan
+    import numpy as np
 
-    traced = trace_plan(read_plan(plan), scale, dark)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.studies.rooms.floor_plan import read_plan
+    from ortilo_drake.studies.rooms.new_room import check_size, new_room
+    from ortilo_drake.studies.rooms.trace_plan import trace_plan
+
+    read = read_plan(plan, scale, dark)
+    try:
+        traced = trace_plan(read)
+    except InputError as error:
+        raise InputError(f"{plan}: {error}") from None
     size = (float(traced.size[0]), float(traced.size[1]), height)
-    check_size(f"{plan}: at --scale {scale:g}", size)
+    check_size(f"{plan}: at --scale {read.scale:g}", size)
     ends = traced.start, traced.goal
-    write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends))
+    corner = traced.corner if plan.suffix in (".yaml", ".yml") else np.zeros(2)
+    write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends, corner))
     sides = f"{size[0]:.2f} x {size[1]:.2f} m within"
     covered = f"they cover {traced.covered:.1%} of what is dark and thick enough"
     out.print(f"{len(traced.walls)} walls, {sides}; {covered}", markup=False, soft_wrap=True)

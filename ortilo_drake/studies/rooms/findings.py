@@ -14,6 +14,7 @@ from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import GcsPlanner, Scenario
 from ortilo_drake.studies.rooms.in_sight import Eyes
 from ortilo_drake.studies.rooms.room_scenario import room_scenario
+from ortilo_drake.studies.rooms.units import doubted_units
 
 LEAST_SPREAD = 0.3  # of the anchors about their best plane, root mean square; twice that, and heights tell [m]
 _LOOKS = 400  # places that a landmark is looked for from
@@ -58,8 +59,10 @@ def look_into(file: Path) -> Findings:
         f"landmarks   {len(room.landmarks)}{': ' if classes else ''}{classes}",
         "obstacles   " + ", ".join(f"{len(items)} {name}" for name, items in obstacles.items()),
     ]
-    warnings = [*_anchors(room, spread[2]), *_places(room)]
-    path = None
+    doubted, path = doubted_units(room), None
+    if doubted and doubted[0].startswith("interior"):
+        return Findings(facts, doubted, None)  # what else there is to say follows from it
+    warnings = [*doubted, *_anchors(room, spread[2]), *([] if doubted else _places(room))]
     try:
         path = path_of(scenario)
         at = path.vector_values(np.linspace(0.0, path.end_time(), 500)).T

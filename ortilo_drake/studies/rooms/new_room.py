@@ -44,6 +44,7 @@ def new_room(
     anchors: int,
     walls: np.ndarray | None = None,
     ends: tuple[np.ndarray, np.ndarray] | None = None,
+    corner: np.ndarray | None = None,
 ) -> str:
     """Return the text of a new room file.
 
@@ -52,7 +53,8 @@ def new_room(
         size: length, width and height [m].
         anchors: how many.
         walls: within the room: x, y of the middle, length along x and along y [m] (n, 4).
-        ends: start and goal (2 each) [m]; by default through the middle.
+        ends: start and goal (2 each) [m] from the lower left corner, as the walls; by default through the middle.
+        corner: x, y of that corner [m] (2); by default (0, 0).
 
     Raises:
         InputError: if there are too few or too many anchors.
@@ -62,25 +64,27 @@ def new_room(
     x, y, z = size
     start, goal = way(x, y) if ends is None else ends
     walls = np.empty((0, 4)) if walls is None else walls
+    x_0, y_0 = (0.0, 0.0) if corner is None else (float(corner[0]), float(corner[1]))
     found = [placed for placed in place_landmarks(size, start, goal) if not _in_wall(placed, walls)]
     heights = {label: extent[2] for label, extent in load_room().landmark_size.items()}
     landmarks = []
     for placed in found:
         height = min(2.2, z - _CLOCK) if placed.bottom is None else placed.bottom + heights[placed.label] / 2.0
-        place = _numbers(placed.x, placed.y, height)
+        place = _numbers(x_0 + placed.x, y_0 + placed.y, height)
         landmarks.append(f"  - {{label: {placed.label}, position: {place}, yaw: 3.14}}")
-    stands = [f"  - {_numbers(p.x, p.y)}" for p in found if p.bottom]
+    stands = [f"  - {_numbers(x_0 + p.x, y_0 + p.y)}" for p in found if p.bottom]
     return _TEXT.format(
         name=name,
         size=" x ".join(f"{side:g}" for side in size),
-        corner=_numbers(*size),
-        start=_numbers(*start),
-        goal=_numbers(*goal),
-        anchors="\n".join(f"  - {_numbers(*row)}" for row in place_anchors(size, anchors)),
+        low=_numbers(x_0, y_0, 0.0),
+        corner=_numbers(x_0 + x, y_0 + y, z),
+        start=_numbers(*(start + [x_0, y_0])),
+        goal=_numbers(*(goal + [x_0, y_0])),
+        anchors="\n".join(f"  - {_numbers(*(row + [x_0, y_0, 0.0]))}" for row in place_anchors(size, anchors)),
         landmarks="\n" + "\n".join(landmarks) if landmarks else " []",
         stand=f"{STAND:g}",
         stands="\n" + "\n".join(stands) if stands else " []",
-        walls="\n".join(f"  - {_numbers(cx, cy, 0.0, dx, dy, z)}" for cx, cy, dx, dy in walls) or _NO_WALL,
+        walls="\n".join(f"  - {_numbers(x_0 + cx, y_0 + cy, 0.0, dx, dy, z)}" for cx, cy, dx, dy in walls) or _NO_WALL,
         head="" if len(walls) else " []",
     )
 
@@ -98,11 +102,11 @@ def _numbers(*values: float) -> str:
 _NO_WALL = "#  - [4.0, 2.0, 1.5708, 3.0, 0.15, 2.5]"
 _TEXT = """\
 # A room of {size} m, made by ortilo: measure yours and change what differs. SI units; x east, y north,
-# z up from the corner (0, 0, 0). What is left out is as in the authors' room, ortilo_drake/model/ortilo_room.yaml.
+# z up from the corner {low}. What is left out is as in the authors' room, ortilo_drake/model/ortilo_room.yaml.
 name: {name}
 
 # Two opposite corners of the free space: inner faces of the walls, floor and ceiling [m].
-interior: {{min: [0, 0, 0], max: {corner}}}
+interior: {{min: {low}, max: {corner}}}
 
 # Where a flight begins and ends, x and y [m], if its scenario does not say: the camera looks along x.
 start: {start}

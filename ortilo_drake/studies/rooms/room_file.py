@@ -4,9 +4,9 @@ from pathlib import Path
 
 from ortilo_drake.model.input_error import one_line
 from ortilo_drake.model.input_files import read_text
-from ortilo_drake.model.inputs.known_classes import with_known_classes
+from ortilo_drake.model.inputs.room_text import parse_room
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.typed_yaml import all_problems, parse_yaml
+from ortilo_drake.model.typed_yaml import all_problems
 
 # Right values of what every room needs, for looking at the rest of a file where these are wrong.
 _ANY_ROOM = {
@@ -21,5 +21,5 @@ def room_problems(path: Path) -> list[str]:
     Raises:
         InputError: if the file cannot be read or is no YAML.
     """
-    data = with_known_classes(parse_yaml(read_text(path), str(path)))
+    data = parse_room(read_text(path), str(path))
     return [one_line(f"{path}: {line}") for line in all_problems(Room, data, _ANY_ROOM)]

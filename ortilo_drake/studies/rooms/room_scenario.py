@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from ortilo_drake.model.input_files import exists, read_text
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml
+from ortilo_drake.model.inputs.room_text import parse_room
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.load import Setting
 
@@ -16,7 +17,7 @@ def is_room(path: Path) -> bool:
     """Return whether a file is a room's rather than a scenario's."""
     if not exists(path):
         return False
-    data = parse_yaml(read_text(path), str(path))
+    data = parse_room(read_text(path), str(path))
     return isinstance(data, dict) and bool(_KEYS & data.keys())
 
 

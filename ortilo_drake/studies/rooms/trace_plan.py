@@ -1,25 +1,26 @@
 """Walls traced over the picture of a floor plan, as rectangles along its sides.
 
-Dark pixels are walls, once a morphological opening (Serra, "Image Analysis and Mathematical Morphology", 1982) has
-taken away what is too thin. They are cut into rectangles row by row: a run of dark pixels that goes on in the next row,
-at the same columns to a pixel, goes on as the same rectangle. The same is done column by column, and the fewer
-rectangles are kept, but for spots. A wall at an angle to the picture's sides becomes many small ones, or none.
+Wall pixels are those of the plan, once a morphological opening (Serra, "Image Analysis and Mathematical Morphology",
+1982) has taken away what is too thin. They are cut into rectangles row by row: a run of them that goes on in the next
+row, at the same columns to a pixel, goes on as the same rectangle. The same is done column by column, and the fewer
+rectangles are kept, but for spots. A wall at an angle to the picture's sides becomes many small ones, or none. Where a
+pixel is as wide as the thinnest wall, as the 5 cm cells of a robot's map are, nothing is too thin.
 """
 
-from pathlib import Path
+import math
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from ortilo_drake.model.input_files import read_bytes
-from ortilo_drake.model.room import MAX_OBSTACLES, MAX_PIXELS
+from ortilo_drake.model.room import MAX_OBSTACLES
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.rooms.floor_plan import FloorPlan
 
 SHORTEST = 0.3  # of a wall of the least thickness [m]; what covers less is a spot
-THINNEST = 0.04  # [m]; thinner lines are furniture, dimensions or letters
+THINNEST = 0.04  # [m], in whole pixels; thinner lines are furniture, dimensions or letters
 _JAGGED = 1  # by which an edge may go in and out from row to row [px]
-_HEADER = 32  # bytes of a PNG before its picture
+_MOST = 0.5  # share: of what is free within closed outer walls, of a line that is a wall with gaps
 _KEPT_OFF = 0.3  # of start and goal from the ends of the room, as a share of its length
 
 
@@ -32,6 +33,7 @@ class Traced(NamedTuple):
         covered: share of the thick dark pixels that are in a wall [1].
         start: the roomiest place in its left part [m] (2).
         goal: the roomiest place in its right part that a free way leads to from there [m] (2).
+        corner: of the space within, in the plan's frame [m] (2).
     """
 
     walls: np.ndarray
@@ -39,38 +41,7 @@ class Traced(NamedTuple):
     covered: float
     start: np.ndarray
     goal: np.ndarray
-
-
-def read_plan(file: Path) -> np.ndarray:
-    """Return a picture's brightness, row by row from the top (h, w), 0 to 255.
-
-    Raises:
-        InputError: if it cannot be read, is no picture or too large.
-    """
-    data = read_bytes(file)
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > _HEADER:
-        width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))
-        if width * height > MAX_PIXELS:
-            raise InputError(f"{file}: {width} x {height} px: must have at most {MAX_PIXELS} px")
-    else:
-        raise InputError(f"{file}: is no PNG picture")
-    try:
-        found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        found = None
-    if found is None:
-        raise InputError(f"{file}: is no whole PNG picture")
-    return np.asarray(_brightness(found))
-
-
-def _brightness(picture: np.ndarray) -> np.ndarray:
-    """Return grey values over white paper, of a grey or coloured picture, with or without an opacity."""
-    values = picture.astype(np.float32) / (65535.0 if picture.dtype == np.uint16 else 255.0)
-    if values.ndim == 2:
-        return (255.0 * values).astype(np.uint8)
-    opacity = values[..., 3:4] if values.shape[2] == 4 else 1.0
-    over_white = values[..., :3] * opacity + (1.0 - opacity)
-    return (255.0 * over_white @ np.array([0.114, 0.587, 0.299], np.float32)).astype(np.uint8)
+    corner: np.ndarray
 
 
 def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:
@@ -89,30 +60,46 @@ def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def trace_plan(grey: np.ndarray, scale: float, dark: int) -> Traced:
-    """Return the walls of a floor plan.
+def thinnest(scale: float) -> int:
+    """Return how thick a wall must be [px], at so many pixels a metre."""
+    pixels = THINNEST * scale
+    return max(math.ceil(pixels), 1) if pixels <= 2.0 else 2 * max(int(pixels / 2.0), 1) + 1
 
-    Args:
-        grey: its brightness, rows from the top (h, w).
-        scale: pixels a metre.
-        dark: brightness below which a pixel is a wall.
+
+def _opened(wall: np.ndarray, thin: int) -> np.ndarray:
+    """Return a mask without what is thinner than so many pixels; the rest stays where it is."""
+    square, first = np.ones((thin, thin), np.uint8), thin // 2
+    eroded = cv2.erode(wall.astype(np.uint8), square, anchor=(first, first))
+    return np.asarray(cv2.dilate(eroded, square, anchor=(thin - 1 - first, thin - 1 - first)))
+
+
+def _is_wall(width: int, height: int, thin: int, shortest: float) -> bool:
+    """Return whether a rectangle is a wall rather than a spot, all in pixels; a pillar is one, too."""
+    area = width * height
+    return area >= max(thin, 3) * shortest or (area >= thin * shortest and max(width, height) >= shortest)
+
+
+def trace_plan(plan: FloorPlan) -> Traced:
+    """Return the walls of a floor plan.
 
     Raises:
         InputError: if there are no walls, or too many.
     """
-    thin = 2 * max(int(THINNEST * scale / 2.0), 1) + 1  # odd: an even one would shift the walls by a pixel
-    mask = cv2.morphologyEx((grey < dark).astype(np.uint8), cv2.MORPH_OPEN, np.ones((thin, thin), np.uint8))
+    scale, thin = plan.scale, thinnest(plan.scale)
+    mask = _opened(plan.wall, thin)
     turned = [(x, y, w, h) for y, x, h, w in _rectangles(mask.T)]
-    kept = [bar for bar in min(_rectangles(mask), turned, key=len) if bar[2] * bar[3] >= thin * SHORTEST * scale]
+    kept = [bar for bar in min(_rectangles(mask), turned, key=len) if _is_wall(*bar[2:], thin, SHORTEST * scale)]
     covered = np.zeros_like(mask)
     for x, y, w, h in kept:
         covered[y : y + h, x : x + w] = 1
     if not kept or len(kept) > MAX_OBSTACLES:
+        long = math.ceil(SHORTEST * scale)
         raise InputError(
-            f"--dark, --scale: {len(kept)} walls found with {dark} and {scale:g} px/m: must be 1 to {MAX_OBSTACLES}; "
-            f"a wall is dark, at least {SHORTEST:g} m long and {THINNEST:g} m thick"
+            f"{len(kept)} walls found, must be 1 to {MAX_OBSTACLES}: at {scale:g} px/m ({plan.scaled_by}) a wall is "
+            f"{plan.what}, at least {thin} px ({thin / scale:.2g} m) thick and {long} px ({long / scale:.2g} m) long; "
+            f"{plan.wall.mean():.1%} of the plan is that dark, {mask.mean():.1%} thick enough as well"
         )
-    left, top, right, bottom = _within(covered)
+    left, top, right, bottom = _within(covered, plan.free)
     size = np.array([right - left, bottom - top])
     corners = np.array([[x - left, bottom - y - h, x + w - left, bottom - y] for x, y, w, h in kept])
     low, high = np.maximum(corners[:, :2], 0), np.minimum(corners[:, 2:], size)  # what lies within the outer walls
@@ -120,16 +107,35 @@ def trace_plan(grey: np.ndarray, scale: float, dark: int) -> Traced:
     ends = _ends(1 - covered[top:bottom, left:right])
     start, goal = (np.array([column, size[1] - row]) for column, row in ends)
     share = float(covered[mask > 0].mean())
-    return Traced(within / scale, size / scale, share, start / scale, goal / scale)
+    corner = plan.corner + np.array([left, len(mask) - bottom]) / scale
+    return Traced(within / scale, size / scale, share, start / scale, goal / scale, corner)
 
 
-def _within(walls: np.ndarray) -> tuple[int, int, int, int]:
-    """Return left, top, right, bottom [px] of the space that walls enclose, or of the walls if they enclose none."""
+def _within(walls: np.ndarray, free: np.ndarray) -> tuple[int, int, int, int]:
+    """Return left, top, right, bottom [px] of the space within the outer walls.
+
+    It is what walls enclose; of a map whose walls have gaps, what is known to be free and hangs together; of a picture
+    of such walls, what they span.
+    """
     paper = np.pad(1 - walls, 1, constant_values=1)  # a border to go around by
     _, regions, stats, _ = cv2.connectedComponentsWithStats(paper, connectivity=4)
-    enclosed = [i for i in range(1, len(stats)) if i != regions[0, 0]]
-    rows, columns = np.nonzero(np.isin(regions, enclosed) if enclosed else np.pad(walls, 1))
-    return int(columns.min()) - 1, int(rows.min()) - 1, int(columns.max()), int(rows.max())
+    enclosed = np.isin(regions, [i for i in range(1, len(stats)) if i != regions[0, 0]])
+    space = np.pad(free & (walls == 0), 1)
+    is_map = not np.all(space[1:-1, 1:-1] | (walls > 0))  # some of it is unknown
+    if is_map and (enclosed & space).sum() < _MOST * space.sum():
+        _, regions, stats, _ = cv2.connectedComponentsWithStats(space.astype(np.uint8), connectivity=4)
+        enclosed = regions == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    rows, columns = np.nonzero(enclosed if enclosed.any() else np.pad(walls, 1))
+    left, top, right, bottom = int(columns.min()) - 1, int(rows.min()) - 1, int(columns.max()), int(rows.max())
+    while left < right and walls[top:bottom, left].mean() > _MOST and enclosed.any():  # a gap in an outer wall
+        left += 1
+    while left < right and walls[top:bottom, right - 1].mean() > _MOST and enclosed.any():
+        right -= 1
+    while top < bottom and walls[top, left:right].mean() > _MOST and enclosed.any():
+        top += 1
+    while top < bottom and walls[bottom - 1, left:right].mean() > _MOST and enclosed.any():
+        bottom -= 1
+    return left, top, right, bottom
 
 
 def _ends(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
