@@ -169,8 +169,8 @@ def test_a_table_has_every_number_of_the_flight_and_its_unit(flown: od.Flight) -
     units = table.attrs["units"]
     assert list(units) == ["time", *table.columns]
     for column, unit in {
-        "estimate.phi_dot": "rad/s", "control.f_T": "N", "covariance.x.x": "m^2", "covariance.z.theta": "m rad",
-        "covariance.x_dot.x_dot": "(m/s)^2", "innovation.psi_imu": "rad", "due.imu": "1",
+        "estimate.phi_dot": "rad/s", "estimate.i_z": "m", "control.f_T": "N", "covariance.x.x": "m^2",
+        "covariance.z.theta": "m rad", "covariance.x_dot.x_dot": "(m/s)^2", "innovation.psi_imu": "rad", "due.imu": "1",
     }.items():  # fmt: skip
         assert units[column] == unit
 
@@ -266,3 +266,32 @@ def test_a_comparison_starts_its_workers_once(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_closed_loop_is_drakes() -> None:
     assert isinstance(od.make_closed_loop(od.load_scenario("nominal_imu_uwb")), Diagram)
+
+
+def test_linearize_tells_what_drake_would_end_python_on() -> None:
+    loop = od.make_closed_loop(od.load_scenario("nominal_imu_uwb"))
+    with pytest.raises(od.InputError, match=r"^scenario: a ClosedLoop: must be a scenario or its name"):
+        od.linearize(loop, "plant")  # type: ignore[arg-type]
+    heavier = od.linearize("nominal_imu_uwb", "plant", "vehicle.mass=5.0")
+    assert heavier.frame("B").loc["z_dot", "f_T"] == pytest.approx(1.0 / 5.0, rel=1e-12)
+
+
+def test_tables_have_the_paper_beside_ours(tmp_path: Path) -> None:
+    found = od.tables("altimeter", flights=1, out=tmp_path, camera__kind="projected", **HOVER)
+    assert set(found.table.index.unique("scenario")) == {"imu_uwb", "imu_uwb_yolo", "altimeter"}
+    assert found.table.loc[("imu_uwb", "median"), "paper x"] == 0.0993  # of the paper's table I
+    flight = od.fly("altimeter", seed=0, camera__kind="projected", **HOVER)
+    assert found.table.loc[("altimeter", "mean"), "x"] == pytest.approx(flight.summary()["mse"]["x"], rel=1e-12)
+    assert f"{found}".startswith("# The paper's tables, preset 'tuned', 1 flights a scenario")
+    with pytest.raises(od.InputError, match=r"^preset: 'tune': must be one of tuned, nominal, paper$"):
+        od.tables(preset="tune")
+
+
+def test_a_map_has_a_row_for_each_point() -> None:
+    sweep = {"scenario": "nominal_imu_uwb", "settings": HOVER, "axes": {"uwb.link.loss": [0.0, 1.0]}, "flights": 2}
+    found = od.map(sweep)
+    assert list(found.table["arrived_uwb"]) == [1.0, 0.0]
+    assert list(found.table["flights"]) == [2, 2]
+    assert [row["point"] for row in found.data["rows"]] == [{"uwb.link.loss": 0.0}, {"uwb.link.loss": 1.0}]
+    with pytest.raises(od.InputError, match=r"^sweep: axes"):
+        od.map(sweep | {"axes": {}})

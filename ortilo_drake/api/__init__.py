@@ -17,6 +17,7 @@ command line's own form does as well: `od.fly("imu_uwb", "uwb.link.loss=0.3")`.
 from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
 from ortilo_drake.api.parts import register_estimator, register_planner, register_servo
+from ortilo_drake.api.studies import Study, linearize, map, tables
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, CompiledEstimator, Sensor, register_sensor
@@ -41,16 +42,20 @@ __all__ = [
     "Sensor",
     "SensorSettings",
     "StateSensor",
+    "Study",
     "compare",
     "compiled_sensor",
     "compiled_solver",
     "fly",
     "fly_many",
+    "linearize",
     "load_scenario",
     "make_closed_loop",
+    "map",
     "register_estimator",
     "register_planner",
     "register_sensor",
     "register_servo",
     "row",
+    "tables",
 ]

@@ -102,7 +102,7 @@ class Flight:
         A column is named after its signal and what it is of; `attrs["units"]` of the table has the unit of each.
 
             truth.x ... truth.psi_dot             the state x_k [m, rad, m/s, rad/s]
-            estimate.x ... estimate.i_z           the prediction of it, and the servo's integrals [the same; m tick]
+            estimate.x ... estimate.i_z           the prediction of it; the servo's integrals, sums over ticks [m]
             control.f_T, control.tau_x ...        commanded thrust [N] and torques [N m]
             reference.x ...                       the planned position [m]
             reference_velocity.x ...              its velocity [m/s]

@@ -26,9 +26,6 @@ from ortilo_drake.commands.terminal import (
     write_json,
 )
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.summary import Summary
-from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import load_scenario
 
 
 class Preset(StrEnum):
@@ -66,27 +63,16 @@ def tables(
     Further scenarios, such as altimeter and flow, stand in the same tables by --beside. Flights already in the folder
     are kept, so an interrupted run goes on where it stopped.
     """
+    from ortilo_drake.studies.paper_tables.flown_tables import fly_tables, scenarios_of_tables
     from ortilo_drake.studies.paper_tables.report import table_text
-    from ortilo_drake.studies.paper_tables.tables import SCENARIOS, make_tables
+    from ortilo_drake.studies.paper_tables.tables import make_tables
 
-    prefix = "" if preset is Preset.tuned else f"{preset.value}_"
-    chosen = {name: load_scenario(prefix + name, tuple(settings or ())) for name in SCENARIOS}
-    laid_over = with_camera(settings, camera, detector)
-    for name, flown in chosen.items():
-        if "camera" in flown.sensors:  # so that the flights without one stay the same
-            chosen[name] = load_scenario(prefix + name, laid_over)
-    for further in beside or ():
-        flown = load_scenario(further, tuple(settings or ()))
-        if "camera" in flown.sensors:
-            flown = load_scenario(further, laid_over)
-        if flown.name in chosen:
-            raise InputError(f"--beside {further}: '{flown.name}' is in the tables already")
-        chosen[flown.name] = flown
+    of_cameras = with_camera(None, camera, detector)  # so that the flights without one stay the same
+    chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or ())
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     say_if_compiling()
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
-    from ortilo_drake.flight.ensemble import flight_file, fly_many
-    from ortilo_drake.flight.processes.workers import kept_workers
+    from ortilo_drake.flight.ensemble import flight_file
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.paper_tables.error_figure import error_figure
     from ortilo_drake.views.figures import DRAWN, arrival_figure, trajectory_figure
@@ -94,15 +80,11 @@ def tables(
     for flown in chosen.values():
         make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
     count = workers or os.cpu_count() or 1
-    summaries: dict[str, list[Summary]] = {}
-    with progress_bar() as progress, kept_workers():
+    with progress_bar() as progress:
         tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
-        for name, flown in chosen.items():
-
-            def show(_: Summary, name: str = name) -> None:
-                progress.advance(tasks[name])
-
-            summaries[name] = fly_many(flown, range(flights), out_folder / "flights", count, show)
+        summaries = fly_tables(
+            chosen, flights, out_folder / "flights", count, lambda name: progress.advance(tasks[name])
+        )
     result = make_tables(preset.value, summaries)
     text = table_text(result)
     first = {

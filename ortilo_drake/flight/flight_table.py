@@ -5,9 +5,8 @@ import pandas as pd
 import xarray as xr
 
 from ortilo_drake.flight.flight import scenario_of
+from ortilo_drake.model.units import product_of_units, unit_of
 
-# Units of the integrals are those of the sum over ticks that the servo takes.
-_STATE_UNITS = ("m",) * 3 + ("rad",) * 3 + ("m/s",) * 3 + ("rad/s",) * 3
 _SIGNALS = (  # name in the Dataset, its dimension
     ("truth", "state"),
     ("estimate", "xbar"),
@@ -48,27 +47,20 @@ def flight_table(data: xr.Dataset) -> pd.DataFrame:
     return table
 
 
-def product_of_units(a: str, b: str) -> str:
-    """Return the product of two units as text, as in '(m/s)^2', 'm rad/s'."""
-    if a != b:
-        return f"{a} {b}"
-    return f"({a})^2" if "/" in a or " " in a else f"{a}^2"
-
-
-def _units(data: xr.Dataset) -> dict[str, tuple[str, ...]]:
+def _units(data: xr.Dataset) -> dict[str, list[str]]:
     """Return the units of each signal's parts."""
-    C = scenario_of(data).measurement.layout.C
-    outputs = tuple(_STATE_UNITS[row.nonzero()[0][0]] for row in C)  # a row's first state gives its unit
-    sensors = ("1",) * data.sizes["sensor"]
+    rows = scenario_of(data).measurement.rows
+    measured = [unit_of(name, rows) for name in data["output"].values]
+    flags = ["1"] * data.sizes["sensor"]
     return {
-        "truth": _STATE_UNITS,
-        "estimate": (*_STATE_UNITS, "m tick", "m tick", "m tick"),
-        "control": ("N", "N m", "N m", "N m"),
-        "reference": ("m",) * 3,
-        "reference_velocity": ("m/s",) * 3,
-        "reference_acceleration": ("m/s^2",) * 3,
-        "due": sensors,
-        "arrival": sensors,
-        "measurement": outputs,
-        "innovation": outputs,
+        "truth": [unit_of(name) for name in data["state"].values],
+        "estimate": [unit_of(name) for name in data["xbar"].values],
+        "control": [unit_of(name) for name in data["control_name"].values],
+        "reference": ["m"] * 3,
+        "reference_velocity": ["m/s"] * 3,
+        "reference_acceleration": ["m/s^2"] * 3,
+        "due": flags,
+        "arrival": flags,
+        "measurement": measured,
+        "innovation": measured,
     }

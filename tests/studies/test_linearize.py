@@ -200,3 +200,41 @@ def test_what_cannot_be_linearised_is_refused() -> None:
         blind = flown().model_copy(update={"sensors": sensors})
         with pytest.raises(InputError, match=rf"no measurement sees eigenvalue 1 \(\d+ times\) in {names}"):
             frozen_gain(blind)
+
+
+@pytest.mark.parametrize("integrator", ["literal", "hold", "estimate"])
+def test_plant_servo_and_estimator_in_a_loop_are_the_closed_loop(integrator: str) -> None:
+    """Their matrices joined by hand, u = D_s [xhat; i; r], y = C x; Drake differentiates the joined diagram."""
+    scenario = Scenario(estimator=FilterSettings(V=V, integrator=integrator))
+    plant, servo, estimator, loop = (
+        linearize(scenario, part) for part in ("sampled_plant", "servo", "estimator", "closed_loop")
+    )
+    C = scenario.measurement.layout.C
+    p = len(C)
+    assert estimator.states == (*(f"{name}_hat" for name in plant.states), "i_x", "i_y", "i_z")
+    assert estimator.inputs == (*scenario.measurement.outputs, *plant.inputs, *loop.inputs)
+    by_y, by_u, by_r = np.split(estimator.B, [p, p + 4], axis=1)
+    by_estimate, feed = np.split(servo.D, [15], axis=1)
+    A = np.block([[plant.A, plant.B @ by_estimate], [by_y @ C, estimator.A + by_u @ by_estimate]])
+    B = np.vstack([plant.B @ feed, by_r + by_u @ feed])
+    np.testing.assert_allclose(loop.A, A, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(loop.B, B, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(loop.frame("A").loc["x", "theta_hat"], loop.A[0, 16])
+
+
+def test_everything_named_has_its_unit() -> None:
+    units = linearize(load_scenario("imu_uwb"), "estimator").units
+    expected = {
+        "x_hat": "m", "theta_hat": "rad", "y_dot_hat": "m/s", "psi_dot_hat": "rad/s", "d_x_hat": "N", "f_z_hat": "N",
+        "b_x_hat": "m/s^2", "n_y_hat": "N m", "c_z_hat": "rad/s", "bias_x_uwb_hat": "m", "i_x": "m", "z_uwb": "m",
+        "psi_imu": "rad", "a_x": "m/s^2", "phi_dot_imu": "rad/s", "f_T": "N", "tau_x": "N m", "r_x_ddot": "m/s^2",
+    }  # fmt: skip
+    assert {name: units[name] for name in expected} == expected
+
+
+def test_a_tight_filter_has_no_matrices_but_its_vehicle_has() -> None:
+    tight = load_scenario("tight_imu_uwb")
+    assert linearize(tight, "plant").A.shape == (12, 12)
+    for part in ("estimator", "closed_loop"):
+        with pytest.raises(InputError, match=r"^estimator\.kind: tight: must be kalman"):
+            linearize(tight, part)

@@ -1,31 +1,35 @@
 """Linearisation of the flying diagram's parts by Drake's automatic differentiation; by hand in closed_forms.py.
 
 At rest Drake's Linearize is used, which refuses a point that is no equilibrium; in motion FirstOrderTaylorApproximation
-is. Both take systems with one group of discrete states. The closed loop has two (vehicle and filter), so one tick of
-the whole diagram is differentiated here in the same way, with AutoDiffXd.
+is. Both take systems with one group of discrete states and end Python on others. The closed loop has two (vehicle and
+filter), so one tick of the whole diagram is differentiated here in the same way, with AutoDiffXd. The estimator needs
+none: with its gain frozen it is affine.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import Context, Diagram
 from pydrake.systems.primitives import FirstOrderTaylorApproximation, Linearize
 
-from ortilo_drake.diagrams.linear_loop import make_linear_loop, make_rotors_and_plant, make_servo
+from ortilo_drake.diagrams.linear_loop import make_frozen_filter, make_linear_loop, make_rotors_and_plant, make_servo
+from ortilo_drake.model.measurement import Rows
 from ortilo_drake.model.signals import CONTROL_NAMES, INTEGRAL_NAMES, N_I, N_X, REFERENCE_SIZE, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.units import unit_of
 from ortilo_drake.model.vehicle import mixing_inverse
 from ortilo_drake.onboard.estimator.extra_states import D
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import resting_integral
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.operating_point import frozen_gain, operating_point, with_one_lag
-from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.studies.loop.hover_loop import hover_loop, why_no_loop
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import commanded_speeds
 
-PARTS = ("plant", "rotors_and_plant", "sampled_plant", "servo", "closed_loop")
+PARTS = ("plant", "rotors_and_plant", "sampled_plant", "servo", "estimator", "closed_loop")
 REFERENCE_NAMES = tuple(f"r_{axis}{dots}" for dots in ("", "_dot", "_ddot") for axis in "xyz")
 
 
@@ -41,6 +45,7 @@ class Linearization(NamedTuple):
         states: names of the states.
         inputs: names of the inputs.
         outputs: names of the outputs.
+        units: of everything that is named.
     """
 
     A: np.ndarray
@@ -51,6 +56,24 @@ class Linearization(NamedTuple):
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    units: dict[str, str]
+
+    def frame(self, matrix: str) -> pd.DataFrame:
+        """Return 'A', 'B', 'C' or 'D' with the names of its rows and columns."""
+        rows = self.states if matrix in ("A", "B") else self.outputs
+        return pd.DataFrame(getattr(self, matrix), rows, self.states if matrix in ("A", "C") else self.inputs)
+
+
+def _named(
+    matrices: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    h: float | None,
+    states: tuple[str, ...],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    rows: Rows = (),
+) -> Linearization:
+    units = {name: unit_of(name, rows) for name in (*states, *inputs, *outputs)}
+    return Linearization(*matrices, h, states, inputs, outputs, units)
 
 
 def differentiate_tick(diagram: Diagram, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -89,33 +112,41 @@ def linearize(
 
     Args:
         scenario: the scenario.
-        part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo' or 'closed_loop'. The closed loop is
-            the sampled plant with servo and frozen filter, from the reference to x, state that of hover_loop.
+        part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo', 'estimator' or 'closed_loop'. The
+            estimator is the filter with its gain frozen, from [y; u; reference] to [xhat; i]. The closed loop is the
+            sampled plant with servo and estimator, from the reference to x, state that of hover_loop.
         reference: r, r_dot, r_ddot (9), see reference_at; by default hover at the origin. The heading is the servo's.
         lag: 'up' or 'down': which of the rotors' time constants, see operating_point.py.
-        frozen: K (N x p) and delta (s) of the closed loop's filter; by default frozen_gain.
+        frozen: K (N x p) and delta (s) of the filter; by default frozen_gain: every sensor in every tick, at the gain
+            that the filter then settles to. A tick in which a slower sensor is not due has a delta of its own.
 
     Raises:
-        InputError: if part or lag is unknown, or if the loop has no gain.
+        InputError: if part or lag is unknown, if the servo or the estimator asked for is one that has no matrices here
+            (why_no_loop), or if the loop has no gain.
     """
+    if part not in PARTS:
+        raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")
+    if part in ("servo", "estimator", "closed_loop") and (why := why_no_loop(scenario)):
+        raise InputError(why)
     reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference, dtype=float)
     vehicle, kinematics = scenario.vehicle, scenario.world.kinematics
-    x, u = operating_point(vehicle, kinematics, reference, scenario.servo.yaw)
+    x, u = operating_point(vehicle, kinematics, reference, scenario.yaw)
     if part == "servo":
         return _linear_servo(scenario, x, reference)
-    if part == "closed_loop":
-        return _linear_loop(scenario, x, reference, *(frozen or frozen_gain(scenario)))
+    if part in ("estimator", "closed_loop"):
+        K, delta = frozen or frozen_gain(scenario)
+        if part == "estimator":
+            return _linear_estimator(scenario, K, delta)
+        return _linear_loop(scenario, x, reference, K, delta)
     names: tuple[str, ...] = STATE_NAMES
     h = None
     if part == "rotors_and_plant":
         diagram: Any = make_rotors_and_plant(with_one_lag(vehicle, lag), kinematics)
         speeds = commanded_speeds(u, mixing_inverse(vehicle), vehicle.rotor_max_speed)
         x, names = np.concatenate([x, speeds]), (*STATE_NAMES, *(f"W_{i + 1}" for i in range(len(speeds))))
-    elif part in ("plant", "sampled_plant"):
+    else:
         h = scenario.h if part == "sampled_plant" else None
         diagram = QuadrotorPlant_[float](vehicle, kinematics, h or 0.0)
-    else:
-        raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")
     context = diagram.CreateDefaultContext()
     if h:
         context.SetDiscreteState(x)
@@ -125,7 +156,11 @@ def linearize(
     approximate = FirstOrderTaylorApproximation if reference[3:].any() else Linearize
     ports = diagram.GetInputPort("control").get_index(), diagram.GetOutputPort("state").get_index()
     system = approximate(diagram, context, *ports)
-    return Linearization(system.A(), system.B(), system.C(), system.D(), h, names, CONTROL_NAMES, STATE_NAMES)
+    return _named(_matrices(system), h, names, CONTROL_NAMES, STATE_NAMES)
+
+
+def _matrices(system: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return system.A(), system.B(), system.C(), system.D()
 
 
 def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
@@ -143,7 +178,15 @@ def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> L
     values = np.concatenate([_resting_estimate(scenario, x), reference, force, velocities])
     diagram.get_input_port().FixValue(context, values)
     system = FirstOrderTaylorApproximation(diagram, context)
-    return Linearization(system.A(), system.B(), system.C(), system.D(), None, (), names, CONTROL_NAMES)
+    return _named(_matrices(system), None, (), names, CONTROL_NAMES)
+
+
+def _linear_estimator(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Linearization:
+    loop = hover_loop(scenario)
+    names = (*(f"{name}_hat" for name in loop.names), *INTEGRAL_NAMES)
+    inputs = (*loop.measurement.outputs, *CONTROL_NAMES, *REFERENCE_NAMES)
+    system = make_frozen_filter(scenario, K, delta)
+    return _named(_matrices(system), scenario.h, names, inputs, names, loop.measurement.rows)
 
 
 def _linear_loop(
@@ -160,4 +203,4 @@ def _linear_loop(
         start = end
     diagram.get_input_port().FixValue(context, reference)
     matrices = differentiate_tick(diagram, context)
-    return Linearization(*matrices, scenario.h, loop.state_names, REFERENCE_NAMES, STATE_NAMES)
+    return _named(matrices, scenario.h, loop.state_names, REFERENCE_NAMES, STATE_NAMES, loop.measurement.rows)

@@ -12,6 +12,7 @@ from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.summary import Summary
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
+PRESETS = ("tuned", "nominal", "paper")
 STATISTICS = ("mean", "median", "p75", "p25")
 
 Statistics = dict[str, float | None]  # by name of STATISTICS; None each of no values

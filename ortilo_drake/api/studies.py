@@ -1,0 +1,197 @@
+"""Studies of the command line from Python: `ortilo map` and `ortilo tables`; and the matrices of a scenario's parts."""
+
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydrake.systems.framework import System
+
+from ortilo_drake.model.as_data import as_data
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.plain import plain_value
+from ortilo_drake.studies.linearization.linearize import Linearization
+from ortilo_drake.studies.linearization.linearize import linearize as linearize_part
+from ortilo_drake.studies.maps.map_flights import fly_map
+from ortilo_drake.studies.maps.map_report import map_csv, map_text
+from ortilo_drake.studies.maps.map_theory import theory_of
+from ortilo_drake.studies.maps.sweep import Sweep, load_sweep
+from ortilo_drake.studies.paper_tables.flown_tables import fly_tables, scenarios_of_tables
+from ortilo_drake.studies.paper_tables.report import table_text
+from ortilo_drake.studies.paper_tables.tables import STATISTICS, Tables, make_tables
+
+
+@dataclass(frozen=True, repr=False)
+class Study:
+    """What a study found. It prints as its report, and a notebook shows that.
+
+    Attributes:
+        text: the report, as the command prints it, in Markdown.
+        table: its figures.
+        data: everything, as the command's --json writes it.
+    """
+
+    text: str
+    table: pd.DataFrame
+    data: dict[str, Any]
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def _repr_markdown_(self) -> str:
+        return self.text
+
+
+def linearize(
+    scenario: str | Path | Scenario,
+    part: str,
+    settings: str | Iterable[Setting] = (),
+    *,
+    reference: np.ndarray | None = None,
+    lag: str = "down",
+    **changes: Any,
+) -> Linearization:
+    """Return a part of a scenario's diagram as matrices, linearised by Drake where it flies along a reference.
+
+        >>> import ortilo_drake as od
+        >>> plant = od.linearize("nominal_imu_uwb", "plant")
+        >>> float(plant.frame("A").loc["x_dot", "theta"])  # x_ddot = g theta [m/s^2 per rad]
+        9.81
+        >>> plant.units["x_dot"], plant.units["f_T"]
+        ('m/s', 'N')
+
+    Drake's own Linearize refuses the closed loop that flies (make_closed_loop): it has several groups of discrete
+    states, which are updated at several rates. So the closed loop here is that of one tick in which every sensor
+    arrives.
+
+    Args:
+        scenario: as load_scenario.
+        part: 'plant' and 'rotors_and_plant' are continuous, 'sampled_plant', 'estimator' and 'closed_loop' step by a
+            tick, 'servo' has no state. The estimator is the filter with its gain frozen where it settles, from
+            [y; u; reference] to [xhat; i]; the closed loop joins sampled plant, servo and estimator, from the reference
+            to x.
+        settings: as load_scenario.
+        reference: r, r_dot, r_ddot (9) [m, m/s, m/s^2] of the point; by default hover at the origin.
+        lag: 'up' or 'down': which of the rotors' two time constants 'rotors_and_plant' takes.
+        changes: as load_scenario.
+
+    Returns:
+        A, B, C, D in deviations from the point; tick h [s], None of a continuous part or one without a state; names
+        `states`, `inputs`, `outputs`, and `units` by name. `frame("A")` has the names on its rows and columns.
+
+    Raises:
+        InputError: if the scenario or the part is wrong; or if there are no matrices: servo, estimator and closed loop
+            have some with the LQ servo and the Kalman filter.
+    """
+    if isinstance(scenario, System):
+        raise InputError(
+            f"scenario: a {type(scenario).__name__}: must be a scenario or its name; Drake's Linearize takes diagrams, "
+            "with one group of discrete states"
+        )
+    return linearize_part(load_scenario(scenario, settings, **changes), part, reference, lag)
+
+
+def map(
+    sweep: str | Path | Mapping[str, Any],
+    *,
+    out: str | Path | None = None,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda flown: None,
+) -> Study:
+    """Fly a map as `ortilo map` does: at each point of a design over any settings as many flights as asked for.
+
+        >>> import ortilo_drake as od
+        >>> hover = {"planner": {"kind": "hover", "duration": 0.5}, "settle": 0.0}
+        >>> found = od.map({"scenario": "nominal_imu_uwb", "settings": hover, "flights": 2,
+        ...                 "axes": {"uwb.link.loss": [0.0, 0.5]}})
+        >>> list(found.table["lost"])
+        [0, 0]
+
+    Args:
+        sweep: a sweep file, or what stands in one: docs/how_to/maps.md.
+        out: folder of the flights' figures; those that are there are not flown again. By default nothing is kept.
+        workers: worker processes; 1 flies in this one. The flights do not depend on it.
+        progress: called with the number of flights that came in.
+
+    Returns:
+        Report and data; the table has a row for each point: its settings, flights, lost and the interval of their
+        share, median error and quartiles [m], farthest from the path [m], NEES of the position, arrivals.
+
+    Raises:
+        InputError: if the sweep or a point's scenario is wrong, or a flight cannot be flown or kept.
+    """
+    source = "sweep" if isinstance(sweep, Mapping) else str(sweep)
+    chosen = validate(Sweep, plain_value(source, sweep), source) if source == "sweep" else load_sweep(Path(source))
+    with _folder(out) as folder:
+        found = fly_map(chosen, source, folder / "flights", workers, progress)
+    return Study(map_text(found, theory_of(found)), pd.read_csv(io.StringIO(map_csv(found))), as_data(found))
+
+
+def tables(
+    *beside: str | Path,
+    flights: int = 20,
+    preset: str = "tuned",
+    settings: str | Iterable[Setting] = (),
+    out: str | Path | None = None,
+    workers: int = 1,
+    progress: Callable[[str], None] = lambda name: None,
+    **changes: Any,
+) -> Study:
+    """Fly both of the paper's scenarios as `ortilo tables` does, and set the paper's tables I and II beside ours.
+
+    The camera is rendered as scenarios have it: `camera__kind="projected"` flies a hundred times as fast.
+
+    Args:
+        beside: further scenarios for the same tables.
+        flights: of each scenario, seeds from 0.
+        preset: 'tuned', 'nominal' or 'paper', see docs/concepts.md.
+        settings: of all scenarios, as load_scenario.
+        out: folder of the flights; those that are there are not flown again. By default nothing is kept.
+        workers: worker processes; 1 flies in this one. The flights do not depend on it.
+        progress: called with the name of a scenario for each flight that came in.
+        changes: of all scenarios, as load_scenario.
+
+    Returns:
+        Report and data; the table has a row for each scenario and statistic, and as columns the mean squared errors
+        [m^2] in x, y, z and of the path, then the paper's.
+
+    Raises:
+        InputError: if a scenario or the preset is wrong, or a flight cannot be flown or kept.
+    """
+    if flights < 1:
+        raise InputError(f"flights: {flights}: must be 1 or more")
+    given = [settings] if isinstance(settings, str) else list(settings)
+    given += [(key.replace("__", "."), value) for key, value in changes.items()]
+    scenarios = scenarios_of_tables(preset, given, beside=beside)
+    with _folder(out) as folder:
+        found = make_tables(preset, fly_tables(scenarios, flights, folder / "flights", workers, progress))
+    return Study(table_text(found), _statistics(found), as_data(found))
+
+
+def _statistics(found: Tables) -> pd.DataFrame:
+    rows = {}
+    for name, ours in found.estimation.items():
+        paper = found.paper.estimation.get(name, {}) | {"path": found.paper.path.get(name, {})}
+        for statistic in STATISTICS:
+            row = {axis: of[statistic] for axis, of in (ours | {"path": found.path[name]}).items()}
+            row |= {f"paper {axis}": of.get(statistic) for axis, of in paper.items()}
+            rows[name, statistic] = row
+    table = pd.DataFrame.from_dict(rows, orient="index").astype(float)
+    return table.rename_axis(["scenario", "statistic"])
+
+
+@contextmanager
+def _folder(out: str | Path | None) -> Iterator[Path]:
+    """Lend the folder given, or one that goes afterwards."""
+    if out is not None:
+        yield Path(out)
+        return
+    with TemporaryDirectory(prefix="ortilo-") as folder:
+        yield Path(folder)

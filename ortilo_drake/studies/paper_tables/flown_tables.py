@@ -1,0 +1,66 @@
+"""The flights behind the paper's tables: which scenarios fly, and their summaries."""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from ortilo_drake.flight.ensemble import fly_many
+from ortilo_drake.flight.processes.workers import kept_workers
+from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario.load import Setting
+from ortilo_drake.studies.paper_tables.tables import PRESETS, SCENARIOS
+
+
+def scenarios_of_tables(
+    preset: str, settings: Iterable[Setting] = (), of_cameras: Iterable[Setting] = (), beside: Iterable[str | Path] = ()
+) -> dict[str, Scenario]:
+    """Return the scenarios of the tables by their name there: the paper's two, and those beside them.
+
+    Args:
+        preset: 'tuned', 'nominal' or 'paper'.
+        settings: laid over all of them.
+        of_cameras: laid over those that fly a camera, after these.
+        beside: further scenarios.
+
+    Raises:
+        InputError: if a scenario is wrong, or is there twice.
+    """
+    if preset not in PRESETS:
+        raise InputError(f"preset: {preset!r}: must be one of {', '.join(PRESETS)}")
+    prefix, settings = "" if preset == "tuned" else f"{preset}_", tuple(settings)
+
+    def chosen(name: str | Path) -> Scenario:
+        flown = load_scenario(name, settings)
+        return load_scenario(name, (*settings, *of_cameras)) if "camera" in flown.sensors else flown
+
+    found = {name: chosen(prefix + name) for name in SCENARIOS}
+    for further in beside:
+        flown = chosen(further)
+        if flown.name in found:
+            raise InputError(f"--beside {further}: '{flown.name}' is in the tables already")
+        found[flown.name] = flown
+    return found
+
+
+def fly_tables(
+    scenarios: Mapping[str, Scenario], flights: int, out: Path, workers: int, progress: Callable[[str], None]
+) -> dict[str, list[Summary]]:
+    """Fly each scenario on the same seeds, from 0, and return the summaries; what is kept is not flown again.
+
+    Args:
+        scenarios: by name.
+        flights: of each.
+        out: folder of the flights.
+        workers: worker processes; 1 flies in this one.
+        progress: called with the name of a scenario for each of its flights.
+    """
+    found = {}
+    with kept_workers():
+        for name, flown in scenarios.items():
+
+            def tell(_: Summary, name: str = name) -> None:
+                progress(name)
+
+            found[name] = fly_many(flown, range(flights), out, workers, tell)
+    return found
