@@ -6,25 +6,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from scipy.stats import chi2
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.faults.catalogue import NAMES, Case, catalogue, chosen_names
 from ortilo_drake.studies.faults.courses import BIN, Course
-from ortilo_drake.studies.faults.fault_flights import FaultStudy, check_length, recovery_time, row_of
+from ortilo_drake.studies.faults.fault_flights import WITHIN_3_SIGMA, FaultStudy, check_length, recovery_time, row_of
 from ortilo_drake.studies.faults.fault_report import fault_figure, fault_text
 
 PASSING = Case("gust", {}, 10.0, 15.0)
 LASTING = Case("clock_jump", {}, 10.0, None)
 
 
-def made_up(seed: int, error: float, bad: dict[range, float], lost: float | None = None) -> Course:
-    """Return a course of 60 s with an error [m] and others in some half seconds."""
+def made_up(
+    seed: int, error: float, bad: dict[range, float], lost: float | None = None, sd: dict[range, float] | None = None
+) -> Course:
+    """Return a course of 60 s with an error [m] and others in some half seconds, and an sd [m] of 0.01 and others."""
     square = np.full(120, error**2)
     for bins, its in bad.items():
         square[bins] = its**2
+    claimed = np.full(120, 0.01**2)
+    for bins, its in (sd or {}).items():
+        claimed[bins] = its**2
     end = 120 if lost is None else int(lost / BIN)
-    return Course(seed, lost, square[:end].tolist(), (square[:end] / 1e-4).tolist())
+    return Course(seed, lost, square[:end].tolist(), (square / claimed)[:end].tolist())
 
 
 def test_phases_are_before_during_and_after() -> None:
@@ -38,12 +44,38 @@ def test_phases_are_before_during_and_after() -> None:
     assert row.during.error == pytest.approx(0.05)
     assert row.during.nees == pytest.approx(25.0)
     assert row.after.error == pytest.approx(0.01 * np.sqrt((84 + 2 * 4) / 86))  # from 17 s on
-    assert row.passed
+    assert (row.passed_during, row.passed_after, row.passed) == (False, True, False)  # 5 times, NEES 25
     later = row_of("mine", LASTING, flown, without)
     assert later.during is not None
     assert later.after is not None
     assert later.during.ratio == pytest.approx(np.sqrt((10 * 25 + 4 * 9 + 2 * 4 + 4) / 20))  # 10 s to 20 s
     assert later.after.ratio == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("error", "sd", "passes"),
+    [
+        (0.3, 0.3 / np.sqrt(1171.0), "no: during"),  # a fault that was passed for what came after it
+        (0.3, 0.1, "yes"),  # as far off, and the filter says so: a NEES of 9
+        (0.0149, 0.001, "yes"),  # the filter claims too much, but is as good as without the fault
+        (0.0151, 0.001, "no: during"),
+        (0.0376, 0.01, "yes"),  # sqrt(14.16) = 3.763 standard deviations
+        (0.0377, 0.01, "no: during"),
+    ],
+)
+def test_a_fault_is_judged_while_it_lasts_too(error: float, sd: float, passes: str) -> None:
+    without, part = [made_up(0, 0.01, {})], range(20, 30)
+    row = row_of("mine", PASSING, [made_up(0, 0.01, {part: error}, sd={part: sd})], without)
+    assert row.passed_after
+    assert row.passed == (passes == "yes")
+    text = fault_text(FaultStudy(["mine"], 1, 10.0, 5.0, [0], [row]))
+    assert f" | {passes} |\n" in text
+    assert "a mean NEES of at most 14.2" in text
+
+
+def test_the_edge_of_3_sigma_is_that_of_three_axes() -> None:
+    """P(|x| < 3 sigma) of one axis is 0.9973; a chi-square of three degrees of freedom is below 14.16 as often."""
+    assert chi2.cdf(WITHIN_3_SIGMA, 3) == pytest.approx(0.9973002039)
 
 
 def test_lost_flights_fail_and_are_left_out_of_the_errors_with_their_seeds() -> None:
@@ -111,8 +143,8 @@ def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> Non
     assert text.startswith(
         "# Faults in flight: mine yours\n\n## In short\n\n- `mine` passes 0 of 2 faults and loses 1 of 2"
     )
-    assert "| gust | mine | 0 of 1 | 20 | 20 | 20 | 2.00 | 2.00 | never | 4.0 | 4.0 | no |" in text
-    assert "| clock_jump | yours | 1 of 1 | - | - | - | - | - | - | - | - | no |" in text
+    assert "| gust | mine | 0 of 1 | 20 | 20 | 20 | 2.00 | 2.00 | never | 4.0 | 4.0 | no: after |" in text
+    assert "| clock_jump | yours | 1 of 1 | - | - | - | - | - | - | - | - | no: lost |" in text
     assert fault_figure(found, tmp_path / "faults.png").stat().st_size > 5000
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from ortilo_drake.studies.faults.fault_flights import PASSES, FaultStudy, Phase, Row
+from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultStudy, Phase, Row
 from ortilo_drake.studies.faults.in_short import in_short
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.palette import STYLE
@@ -28,8 +28,10 @@ def fault_text(found: FaultStudy) -> str:
     lines += [
         f"Faults begin at {found.start:g} s; those that end last {found.length:g} s. Errors are root mean squares of "
         "the estimated position's distance from the true one, of the flights that were not lost; times: over the same "
-        f"seeds without the fault. A fault is passed if none is lost and the error after it is at most {PASSES:g} "
-        "times the one without.",
+        f"seeds without the fault. A fault is passed if no flight is lost, the error after it is at most {PASSES:g} "
+        "times the one without, and the estimate can be trusted while it lasts: its error is at most "
+        f"{PASSES:g} times the one without, too, or the filter knows that it is larger: a mean NEES of at most "
+        f"{WITHIN_3_SIGMA:.1f}, as of a position at the edge of 3 sigma (3 if the filter is consistent).",
         "",
     ]
     return "\n".join(lines)
@@ -42,7 +44,16 @@ def _cells(row: Row) -> list[str]:
     nees = ["-" if phase is None else f"{phase.nees:.1f}" for phase in phases[1:]]
     recovery = "-" if row.during is None else "never" if row.recovery is None else f"{row.recovery:.1f}"
     lost = f"{row.lost} of {row.flights}"
-    return [row.fault, row.scenario, lost, *errors, *ratios, recovery, *nees, "yes" if row.passed else "no"]
+    return [row.fault, row.scenario, lost, *errors, *ratios, recovery, *nees, _verdict(row)]
+
+
+def _verdict(row: Row) -> str:
+    """Return whether a fault is passed, and where not, what it fails by."""
+    if row.during is None:
+        return "no: lost"
+    good = {"lost": row.lost == 0, "during": row.passed_during, "after": row.passed_after}
+    fails = [name for name, passed in good.items() if not passed]
+    return f"no: {', '.join(fails)}" if fails else "yes"
 
 
 def fault_figure(found: FaultStudy, path: Path) -> Path:
