@@ -55,5 +55,5 @@ def doubts_of(
         said += height_doubts(map_, calibration, recording)
     said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
     if not isinstance(recording.anchors, int) and map_.height is None:
-        said += doubts.of_plane(np.asarray(recording.anchors), *found)
+        said += doubts.of_plane(np.asarray(recording.anchors), *found, map_.planar)
     return said

@@ -83,13 +83,14 @@ def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
     return found
 
 
-def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None) -> list[str]:
+def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None, planar: bool = False) -> list[str]:
     """Return whether the anchors' plane leaves a mirror image.
 
     Args:
         anchors: positions (n, 3).
         p: estimates in the anchors' frame (m, 3).
         truth: true positions at the same stamps, if known.
+        planar: whether the vehicle keeps one height: in the anchors' plane it is then its own mirror image.
     """
     middle = anchors.mean(axis=0)
     _, sizes, axes = np.linalg.svd(anchors - middle)
@@ -98,6 +99,8 @@ def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None) -> li
         return []
     mirrored = p - 2.0 * np.outer((p - middle) @ normal, normal)
     here, there = np.median(p, axis=0), np.median(mirrored, axis=0)
+    if planar and np.linalg.norm(here - there) < OFF_PLANE:
+        return []
     said = (
         f"the anchors stand {off:.2f} m RMS off one plane: the place ({_point(here)}) and its mirror image "
         f"({_point(there)}) have the same ranges; give `height` (the antenna's z), or calibration: {{frame: same}} if "

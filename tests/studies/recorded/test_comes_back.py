@@ -10,6 +10,7 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
+from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
 from ortilo_drake.studies.recorded.filtered import Known, estimate
 from ortilo_drake.studies.recorded.first_fix import fix_of, ranges_for_a_fix
@@ -193,6 +194,13 @@ def test_of_two_mirror_images_the_one_at_the_known_height_is_taken(more) -> None
     found, _ = replay(robot, map_, lambda _: None)
     for name in (CV, CV_RAW):
         assert found.rows[name].rmse[2] < 0.08
+
+
+def test_in_the_anchors_plane_a_planar_robot_is_its_own_mirror_image() -> None:
+    p = np.tile([2.0, 2.5, 2.1], (5, 1))
+    assert of_plane(HIGH, p, None)
+    assert not of_plane(HIGH, p, None, planar=True)
+    assert of_plane(HIGH, p - [0.0, 0.0, 1.9], None, planar=True)
 
 
 def test_a_height_that_is_not_the_truths_is_told() -> None:
