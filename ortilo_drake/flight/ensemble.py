@@ -3,7 +3,6 @@
 import gc
 import hashlib
 import json
-import logging
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -15,14 +14,13 @@ from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.processes.program import program_digest
 from ortilo_drake.flight.processes.workers import run_all
-from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
+from ortilo_drake.flight.saved_flight import FLIGHT, load_flight, save_flight, summary_in
+from ortilo_drake.flight.store import kept
 from ortilo_drake.flight.summary import Summary, summary_text
 from ortilo_drake.model.parts import plugin_files
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import own_backend
 from ortilo_drake.scenario import Scenario
-
-_LOG = logging.getLogger(__name__)
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
@@ -77,15 +75,16 @@ def fly_and_save(scenario_json: str, seed: int, file: str) -> Summary:
     return found
 
 
-def _finished(path: Path) -> Summary | None:
-    """Return the summary of a flight that is already there; None, and a warning, if it is damaged."""
-    if not path.exists():
-        return None
-    try:
-        return load_summary(path)
-    except InputError as error:
-        _LOG.warning("%s: flown again", error)
-        return None
+def _finished(out: Path, scenario: Scenario, seed: int) -> Summary | None:
+    """Return the summary of a flight that is already there; None, and a warning, if it is damaged or another's."""
+
+    def read(data: bytes) -> Summary:
+        found = summary_in(data)
+        if (found.scenario, found.seed) != (scenario.name, seed):
+            raise ValueError(f"is of {found.scenario}, seed {found.seed}")
+        return found
+
+    return kept(flight_file(out, scenario, seed), FLIGHT, read)
 
 
 def fly_many(
@@ -121,7 +120,7 @@ def fly_many(
 
     remove_stale(flight_folder(out, scenario))
     for seed in seeds:
-        done = _finished(flight_file(out, scenario, seed))
+        done = _finished(out, scenario, seed)
         if done is not None:
             take(seed, done)
     missing = [seed for seed in seeds if seed not in summaries]

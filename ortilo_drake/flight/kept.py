@@ -1,24 +1,18 @@
-"""Flights of which only a few figures are kept, one line of JSON each; resumable.
+"""Flights of which only a few figures are kept, a file for each scenario; resumable.
 
 A flight takes megabytes and its whole summary, with its Cramer-Rao floor, 50 times as long as what a study looks at.
 """
 
-import json
-import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
 from pathlib import Path
+from types import GenericAlias
 from typing import Any, Final, TypeVar
 
-from pydantic import TypeAdapter
-
 from ortilo_drake.flight.ensemble import flight_folder
-from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.processes.workers import run_all
-from ortilo_drake.model.input_files import read_text
+from ortilo_drake.flight.store import keep_json, kept_json
 from ortilo_drake.scenario import Scenario
 
-_LOG = logging.getLogger(__name__)
 AT_ONCE: Final = 2  # flights in one job of a worker, so that none waits long for the other's last
 T = TypeVar("T")
 
@@ -26,7 +20,7 @@ T = TypeVar("T")
 def kept_file(out: Path, scenario: Scenario) -> Path:
     """Return the file of what is kept of a scenario's flights; named as their folder would be."""
     folder = flight_folder(out, scenario)
-    return folder.with_name(f"{folder.name}.jsonl")
+    return folder.with_name(f"{folder.name}.kept")
 
 
 def fly_kept(
@@ -56,7 +50,8 @@ def fly_kept(
         InputError: if a flight cannot be flown or what is kept cannot be written.
     """
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]
-    found = {file: _read(kind, file) for _, _, file in asked}
+    rows = GenericAlias(list, (kind,))
+    found = {file: {its.seed: its for its in kept_json(file, rows, file.name) or ()} for _, _, file in asked}
     jobs: list[tuple[str, list[int], str]] = []
     files: list[Path] = []  # of each job
     for scenario, seeds, file in asked:
@@ -71,22 +66,9 @@ def fly_kept(
         file = files[number]
         known = found[file]
         known.update({its.seed: its for its in flown})
-        write_text(file, "".join(json.dumps(asdict(known[seed])) + "\n" for seed in sorted(known)))
+        keep_json(file, [known[seed] for seed in sorted(known)], file.name)
         if progress:
             progress(len(flown))
 
     run_all(fly, jobs, workers, take)
     return [[found[file][seed] for seed in seeds] for _, seeds, file in asked]
-
-
-def _read(kind: type[Any], file: Path) -> dict[int, Any]:
-    """Return what is kept in a file by seed; nothing, and a warning, if it is damaged."""
-    if not file.exists():
-        return {}
-    adapter = TypeAdapter(kind)
-    try:
-        kept = [adapter.validate_python(json.loads(line)) for line in read_text(file).splitlines()]
-    except ValueError as error:  # InputError is one
-        _LOG.warning("%s: flown again: %s", file, " ".join(str(error).split())[:200])
-        return {}
-    return {its.seed: its for its in kept}

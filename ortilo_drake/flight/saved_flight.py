@@ -1,36 +1,33 @@
 """Flights on disk: netCDF-4 with a digest behind it.
 
-HDF5's library may end the process on a damaged file or a full disk. So a file is made in memory, and its last line is
-the SHA-256 of all bytes before: it is checked before HDF5 sees any of them. HDF5 reads a file as far as its own header
-says and takes no notice of what follows, so h5py, netCDF-C and xarray open the file as it is. (A digest in front, in
-HDF5's user block, would keep xarray from knowing the file's kind; one in an attribute is read by HDF5; one in a file
-beside is lost when the flight is copied.) The digest detects damage, not forgery: it has no key.
+HDF5's library may end the process on a damaged file or a full disk. So a file is made in memory, and the digest of
+flight/store.py is checked before HDF5 sees any of its bytes. HDF5 reads a file as far as its own header says and takes
+no notice of what follows, so h5py, netCDF-C and xarray open the file as it is. (A digest in front, in HDF5's user
+block, would keep xarray from knowing the file's kind; one in an attribute is read by HDF5; one in a file beside is lost
+when the flight is copied.)
 """
 
-import hashlib
 import io
 import json
 import warnings
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import dask
 import h5py
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.store import LARGEST, keep, reason_of, unsealed
 from ortilo_drake.flight.summary import Summary, read_summary
 from ortilo_drake.model.input_files import read_bytes
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.saved import scenario_from_json
 
-LARGEST = 2**31  # bytes of a file, and of the arrays in it: seven hours at 30 Hz
-_MARK = b"\nortilo-drake flight, sha256 "
-_TAIL = len(_MARK) + 64 + 1
+FLIGHT: Final = "flight"  # as flight/store.py has it, whatever the file is called
 
 
 def save_flight(flight: xr.Dataset, path: Path) -> None:
@@ -43,7 +40,7 @@ def save_flight(flight: xr.Dataset, path: Path) -> None:
     # In a worker of Dask xarray would ask the scheduler for a lock on the memory that it writes to.
     with dask.config.set(scheduler="synchronous"):
         data = bytes(flight.to_netcdf(engine="h5netcdf", encoding=encoding))
-    write_bytes(path, data + _MARK + hashlib.sha256(data).hexdigest().encode() + b"\n")
+    keep(path, data, FLIGHT)
 
 
 def load_flight(path: Path) -> xr.Dataset:
@@ -52,7 +49,11 @@ def load_flight(path: Path) -> xr.Dataset:
     Raises:
         InputError: if the file is missing or damaged, or is not such a flight.
     """
-    data = _undamaged(path)
+    data = read_bytes(path, LARGEST)
+    try:
+        data = unsealed(data, FLIGHT)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
     try:
         _require_plain_arrays(data)
         with warnings.catch_warnings():
@@ -61,28 +62,16 @@ def load_flight(path: Path) -> xr.Dataset:
                 flight = dataset.load()
         _require_flight(flight)
     except Exception as error:  # xarray, h5netcdf and h5py raise a dozen kinds for foreign files
-        raise InputError(f"{path}: not a flight: {' '.join(str(error).split())[:200]}") from None
+        raise InputError(f"{path}: not a flight: {reason_of(error)}") from None
     return flight
 
 
-def load_summary(path: Path) -> Summary:
-    """Return the summary that a flight of fly_many carries, without reading its arrays; errors as load_flight."""
-    data = _undamaged(path)
-    try:
-        with h5py.File(io.BytesIO(data), "r") as file:
-            return read_summary(file.attrs["summary"])
-    except Exception as error:
-        raise InputError(f"{path}: has no summary: {' '.join(str(error).split())[:200]}") from None
-
-
-def _undamaged(path: Path) -> bytes:
-    """Return the netCDF bytes of a file whose digest is right; InputError if it is not, or there is no such file."""
-    data = read_bytes(path, LARGEST)
-    if data[-_TAIL:-65] != _MARK:
-        raise InputError(f"{path}: damaged, or not a flight: does not end in the digest that save_flight writes")
-    if hashlib.sha256(data[:-_TAIL]).hexdigest().encode() != data[-65:-1]:
-        raise InputError(f"{path}: damaged: its bytes are not those that were saved")
-    return data[:-_TAIL]
+def summary_in(data: bytes) -> Summary:
+    """Return the summary in the netCDF bytes of a flight of fly_many, without reading its arrays."""
+    with h5py.File(io.BytesIO(data), "r") as file:
+        if "summary" not in file.attrs:
+            raise ValueError("has no summary")
+        return read_summary(file.attrs["summary"])
 
 
 def _require_plain_arrays(data: bytes) -> None:

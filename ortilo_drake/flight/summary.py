@@ -2,25 +2,34 @@
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Final
+from typing import Annotated, Final
 
-from pydantic import TypeAdapter
+from pydantic import AfterValidator, TypeAdapter
+
+from ortilo_drake.flight.lost import CAUSES
+from ortilo_drake.flight.store import Amount, Count, Error
+
+
+def _known(cause: str) -> str:
+    if cause not in CAUSES:
+        raise ValueError(f"{cause!r}: must be one of {', '.join(CAUSES)}")
+    return cause
 
 
 @dataclass(frozen=True)
 class Loss:
-    """The end of a lost flight: when [s] and why."""
+    """The end of a lost flight: when [s] and why, one of lost.CAUSES."""
 
-    time: float
-    cause: str
+    time: Amount
+    cause: Annotated[str, AfterValidator(_known)]
 
 
 @dataclass(frozen=True)
 class FixError:
     """Median and 95th percentile of a position fix's distance from the truth [m]."""
 
-    median: float
-    p95: float
+    median: Error
+    p95: Error
 
 
 @dataclass(frozen=True)
@@ -48,22 +57,22 @@ class Summary:
     """
 
     scenario: str
-    seed: int
+    seed: Count
     lost: Loss | None
     contacts: list[str]
-    mse: dict[str, float]
-    floor: dict[str, float] | None
-    efficiency: dict[str, float | None]
-    tick_efficiency: dict[str, float | None]
-    path_mse: float | None
-    path_distance_mse: float
-    max_path_distance: float
-    max_reference_distance: float
-    arrivals: dict[str, float | None]
+    mse: dict[str, Error]
+    floor: dict[str, Error] | None
+    efficiency: dict[str, Error | None]
+    tick_efficiency: dict[str, Error | None]
+    path_mse: Error | None
+    path_distance_mse: Error
+    max_path_distance: Error
+    max_reference_distance: Error
+    arrivals: dict[str, Error | None]
     fix_errors: dict[str, FixError]
     nees: float
     nis: dict[str, float]
-    real_time_factor: float
+    real_time_factor: Error
 
 
 _SUMMARY: Final = TypeAdapter(Summary)
@@ -76,4 +85,4 @@ def summary_text(summary: Summary) -> str:
 
 def read_summary(text: str | bytes) -> Summary:
     """Return the summary that summary_text wrote; ValueError if it is none."""
-    return _SUMMARY.validate_python(json.loads(text))
+    return _SUMMARY.validate_json(text, strict=True)

@@ -79,7 +79,9 @@ def flipped(data: bytes) -> bytes:
     return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
 
 
-@pytest.mark.parametrize("damage", ["deleted", "truncated", "emptied", "one bit", "text", "without a summary"])
+@pytest.mark.parametrize(
+    "damage", ["deleted", "truncated", "emptied", "one bit", "text", "without a summary", "another's"]
+)
 def test_only_a_missing_or_damaged_flight_is_flown_again_and_told(
     tmp_path: Path, flown: list[int], damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -98,6 +100,8 @@ def test_only_a_missing_or_damaged_flight_is_flown_again_and_told(
             path.write_bytes(flipped(whole))
         case "text":
             path.write_text("not a flight\n")
+        case "another's":
+            path.write_bytes(flight_file(tmp_path, SCENARIO, 2).read_bytes())
         case "without a summary":
             flight = load_flight(path)
             del flight.attrs["summary"]

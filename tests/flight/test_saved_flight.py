@@ -19,7 +19,8 @@ import xarray as xr
 from made_up_summaries import made_up_summary
 
 from ortilo_drake.flight.flight import flight_dataset, fly, scenario_of
-from ortilo_drake.flight.saved_flight import load_flight, load_summary, save_flight
+from ortilo_drake.flight.saved_flight import load_flight, save_flight, summary_in
+from ortilo_drake.flight.store import unsealed
 from ortilo_drake.flight.summary import summary_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -73,12 +74,12 @@ def test_the_file_is_plain_netcdf_with_a_digest_behind_it(saved: Path, data: byt
     with h5py.File(saved) as file:
         np.testing.assert_array_equal(file["truth"][:], flight["truth"].values)
     xr.testing.assert_identical(load_flight(saved), flight)
-    assert load_summary(saved) == SUMMARY
+    assert summary_in(unsealed(saved.read_bytes(), "flight")) == SUMMARY
 
 
 def test_a_copy_without_the_digest_is_refused_and_told_why(saved: Path) -> None:
     saved.write_bytes(saved.read_bytes()[:-TAIL])
-    assert "does not end in the digest that save_flight writes" in refusal(saved)
+    assert "the line with its digest is missing" in refusal(saved)
 
 
 # --- damage: the digest is wrong, and HDF5 must not see the file ------------------------------------------------
@@ -135,8 +136,6 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {
 def test_damage_is_told_before_hdf5_sees_it(saved: Path, data: bytes, damage: str, unseen_by_hdf5: None) -> None:
     saved.write_bytes(DAMAGE[damage](data))
     assert "damaged" in refusal(saved)
-    with pytest.raises(InputError, match="damaged"):
-        load_summary(saved)
 
 
 def test_no_flip_truncation_or_overwriting_passes(saved: Path, data: bytes, unseen_by_hdf5: None) -> None:

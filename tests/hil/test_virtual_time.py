@@ -69,5 +69,5 @@ def test_a_flight_that_is_there_already_is_not_flown_again(tmp_path: Path) -> No
     found = summary_in_virtual_time(scenario_of().model_dump_json(), *ways, 3, str(file))
     assert found.seed == 3
     assert found.mse == summary(fly_in_virtual_time(with_seed(scenario_of(), 3), BAD, seed=4)).mse
-    file.write_text(file.read_text().replace('"seed": 3', '"seed": -3'))
-    assert summary_in_virtual_time("no scenario", *ways, 3, str(file)).seed == -3
+    again = summary_in_virtual_time("no scenario", *ways, 3, str(file))
+    assert (again.seed, again.mse, again.nees) == (found.seed, found.mse, found.nees)

@@ -1,5 +1,6 @@
 """An onboard half that was away: checkpoints, what is known after a gap, and a killed process."""
 
+import io
 import os
 import signal
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.flight.store import keep
 from ortilo_drake.hil.real_time.real_time_onboard import join_flight
 from ortilo_drake.hil.restart.checkpoint import (
     MAX_AGE,
@@ -70,6 +72,13 @@ def test_a_checkpoint_tells_whose_flight_it_is_of(tmp_path: Path) -> None:
     assert session_of(file) == 0
 
 
+def write(path: Path, of: str, **arrays: object) -> None:
+    """Write arrays whose digest is right."""
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    keep(path, packed.getvalue(), of)
+
+
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"not an archive"])
 def test_a_damaged_checkpoint_is_none(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "c.npz").write_bytes(content)
@@ -78,7 +87,7 @@ def test_a_damaged_checkpoint_is_none(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_checkpoint_that_would_unpickle_is_none(tmp_path: Path) -> None:
-    np.savez(tmp_path / "c.npz", session=7, tick=100, state=np.array([object()]))
+    write(tmp_path / "c.npz", "checkpoint", session=7, tick=100, state=np.array([object()]))
     assert load_checkpoint(tmp_path / "c.npz", 7, 110, H, 1) is None
 
 
@@ -141,7 +150,7 @@ def test_a_path_comes_back_for_its_own_session_only(tmp_path: Path) -> None:
     "knots", [np.zeros((7, 3)), np.zeros((6, 3)), np.zeros(7), np.full((7, 2), np.nan), np.zeros((7, 0)), np.array("x")]
 )
 def test_a_path_that_cannot_be_flown_is_none(tmp_path: Path, knots: np.ndarray) -> None:
-    np.savez(path_file(tmp_path / "c.npz"), session=7, knots=knots)
+    write(path_file(tmp_path / "c.npz"), "path", session=7, knots=knots)
     assert load_path(tmp_path / "c.npz", 7) is None
     path_file(tmp_path / "c.npz").write_bytes(b"not an archive")
     assert load_path(tmp_path / "c.npz", 7) is None

@@ -165,10 +165,10 @@ def test_the_command_flies_two_faults_and_goes_on_where_it_stopped(
     assert all(row["before"]["ratio"] == 1.0 and row["during"]["ratio"] > 1.0 for row in found["rows"])
     assert "| gust | imu_uwb | 0 of 1 |" in said
     assert "Made by `ortilo faults imu_uwb" in (tmp_path / "faults.md").read_text()
-    files = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.jsonl")}
+    files = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.kept")}
     assert len(files) == 3
     assert run(*words) == 0
-    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.jsonl")} == files
+    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.kept")} == files
     assert run("report", str(tmp_path), "--out", str(tmp_path / "page.html")) == 0
     assert "ortilo faults" in (tmp_path / "page.html").read_text()
 

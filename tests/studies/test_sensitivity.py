@@ -102,10 +102,10 @@ def test_a_study_flies_each_mismatch_and_goes_on_where_it_stopped(tmp_path: Path
     assert plain.nees is not None
     assert heavy.nees is not None
     assert heavy.nees > plain.nees  # 1 m/s^2 that the filter does not know of
-    files = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.jsonl")}
+    files = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.kept")}
     assert sum(came) >= 2 * len(found.rows)
     assert sensitivity(vary, 2, tmp_path, workers=2) == found
-    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.jsonl")} == files
+    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.kept")} == files
 
 
 def test_the_report_says_what_is_known(tmp_path: Path) -> None:

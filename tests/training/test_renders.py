@@ -16,7 +16,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from ortilo_drake.model.room import CameraModel, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.training.pictures import sets
+from ortilo_drake.training.pictures import sets, shards
 from ortilo_drake.training.pictures.labels import (
     BOX,
     CLASS,
@@ -263,6 +263,22 @@ def test_a_shard_that_is_there_is_not_rendered_again(tmp_path: Path) -> None:
     before = path.read_bytes()
     assert render_shard("random_rooms", 0, 0, 1, 64, str(path)) == str(path)
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut"])
+def test_a_damaged_shard_is_told_and_rendered_again(
+    damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = write_shard(tmp_path / "00000.npz")
+    whole, frames = path.read_bytes(), load_frames(tmp_path)
+    monkeypatch.setattr(shards, "render_scene", lambda *_: frames)
+    at = len(whole) // 2
+    path.write_bytes(whole[:at] if damage == "cut" else whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    render_shard("random_rooms", 0, 0, 2, 16, str(path))
+    assert same(load_frames(tmp_path), frames)
+    (record,) = caplog.records
+    assert record.getMessage().startswith(f"{path}: ")
+    assert record.getMessage().endswith(": rendered again")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"no shard", np.zeros(3).tobytes()])

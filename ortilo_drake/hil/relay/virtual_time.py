@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import loss_at
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.flight.summary import Summary, read_summary, summary_text
+from ortilo_drake.flight.store import in_folder, keep_json, kept_json
+from ortilo_drake.flight.summary import Summary
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
 from ortilo_drake.hil.real_time.real_time_onboard import join_flight
@@ -112,13 +112,15 @@ def fly_in_virtual_time(
 def summary_in_virtual_time(scenario_json: str, to_onboard: str, to_world: str, seed: int, file: str) -> Summary:
     """Fly a scenario and seed behind a relay of the next seed; write and return the flight's summary.
 
-    For worker processes: scenario and faults come as JSON. A file that is there already is read instead.
+    For worker processes: scenario and faults come as JSON. A file that is there already is read instead, unless it is
+    damaged.
     """
     path = Path(file)
-    if path.exists():
-        return read_summary(path.read_bytes())
+    there: Summary | None = kept_json(path, Summary, in_folder(path))
+    if there is not None:
+        return there
     scenario = with_seed(Scenario.model_validate_json(scenario_json), seed)
     ways = Faults.model_validate_json(to_onboard), Faults.model_validate_json(to_world)
     found = summary(fly_in_virtual_time(scenario, *ways, seed + 1))
-    write_text(path, summary_text(found))
+    keep_json(path, found, in_folder(path))
     return found

@@ -5,20 +5,20 @@ which is replaced when the path changes.
 """
 
 import io
-import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.trajectories import PiecewisePolynomial
 
-from ortilo_drake.flight.files import write_bytes
-from ortilo_drake.model.input_files import open_file
+from ortilo_drake.flight.store import keep, kept
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots, through
 
 MAX_AGE = 5.0  # [s]: the vehicle is elsewhere by then, and an older checkpoint is not used
+T = TypeVar("T")
 
 
 class Checkpoint(NamedTuple):
@@ -31,24 +31,30 @@ class Checkpoint(NamedTuple):
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint; a reader sees the old one or the new one. InputError if that fails."""
-    _replace(path, session=checkpoint.session, tick=checkpoint.tick, state=checkpoint.state)
+    _replace(path, "checkpoint", session=checkpoint.session, tick=checkpoint.tick, state=checkpoint.state)
 
 
-def _replace(path: Path, **arrays: npt.ArrayLike) -> None:
+def _replace(path: Path, of: str, **arrays: npt.ArrayLike) -> None:
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: cannot be written: is no regular file")  # a full pipe would stop the flight
     packed = io.BytesIO()
     np.savez(packed, **arrays)  # type: ignore[arg-type]  # no array is named allow_pickle
-    write_bytes(path, packed.getvalue(), sync=False)  # useless after a loss of power; a disk may take 10 ms
+    keep(path, packed.getvalue(), of, sync=False)  # useless after a loss of power; a disk may take 10 ms
+
+
+def _read(path: Path, of: str, make: Callable[[Mapping[str, np.ndarray]], T]) -> T | None:
+    """Return what is made of a file's arrays; None if there is none, and a warning if it is damaged."""
+
+    def read(data: bytes) -> T:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            return make(file)
+
+    return kept(path, of, read, "not used")
 
 
 def session_of(path: Path) -> int:
     """Return the session that a checkpoint is of; 0 if there is none, or it is damaged."""
-    try:
-        with open_file(path) as opened, np.load(opened, allow_pickle=False) as file:
-            return int(file["session"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-        return 0
+    return _read(path, "checkpoint", lambda file: int(file["session"])) or 0
 
 
 def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) -> Checkpoint | None:
@@ -61,13 +67,14 @@ def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) ->
         h: tick [s].
         size: the size of the state.
     """
-    try:
-        with open_file(path) as opened, np.load(opened, allow_pickle=False) as file:
-            found = Checkpoint(int(file["session"]), int(file["tick"]), np.array(file["state"], dtype=float))
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+
+    def make(file: Mapping[str, np.ndarray]) -> Checkpoint:
+        return Checkpoint(int(file["session"]), int(file["tick"]), np.array(file["state"], dtype=float))
+
+    found = _read(path, "checkpoint", make)
+    if found is None or found.session != session or found.state.shape != (size,) or not np.isfinite(found.state).all():
         return None
-    fits = found.session == session and found.state.shape == (size,) and bool(np.isfinite(found.state).all())
-    return found if fits and 0 <= tick - found.tick <= MAX_AGE / h else None
+    return found if 0 <= tick - found.tick <= MAX_AGE / h else None
 
 
 def path_file(checkpoint: Path) -> Path:
@@ -77,16 +84,16 @@ def path_file(checkpoint: Path) -> Path:
 
 def save_path(checkpoint: Path, session: int, path: PiecewisePolynomial) -> None:
     """Write the path that a session flies from now on, beside its checkpoint. InputError if that fails."""
-    _replace(path_file(checkpoint), session=session, knots=knots(path))
+    _replace(path_file(checkpoint), "path", session=session, knots=knots(path))
 
 
 def load_path(checkpoint: Path, session: int) -> PiecewisePolynomial | None:
     """Return the path that a session flew last; None if it is the scenario's, or the file is damaged."""
-    try:
-        with open_file(path_file(checkpoint)) as opened, np.load(opened, allow_pickle=False) as file:
-            found, its_knots = int(file["session"]), np.array(file["knots"], dtype=float)
-        if found != session or its_knots.shape[0] != 7 or not np.isfinite(its_knots).all():
-            return None
-        return through(its_knots)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, IndexError, zipfile.BadZipFile):
-        return None  # RuntimeError: Drake refuses times that do not increase
+
+    def make(file: Mapping[str, np.ndarray]) -> PiecewisePolynomial | None:
+        its_knots = np.array(file["knots"], dtype=float)
+        if its_knots.shape[0] != 7 or not np.isfinite(its_knots).all():
+            raise ValueError(f"knots: {its_knots.shape}: must be finite (7, n)")
+        return through(its_knots) if int(file["session"]) == session else None
+
+    return _read(path_file(checkpoint), "path", make)

@@ -17,6 +17,7 @@ from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.ensemble import simulator_of
 from ortilo_drake.flight.kept import AT_ONCE, fly_kept
 from ortilo_drake.flight.metrics import loss_of
+from ortilo_drake.flight.store import Amount, Count, Error
 from ortilo_drake.scenario import Scenario
 
 BIN: Final = 0.5  # [s]
@@ -34,9 +35,9 @@ class Course:
         nees: mean of the position's NEES in each BIN, 3 if the filter is consistent; up to a loss.
     """
 
-    seed: int
-    lost: float | None
-    square: list[float]
+    seed: Count
+    lost: Amount | None
+    square: list[Error]
     nees: list[float]
 
 

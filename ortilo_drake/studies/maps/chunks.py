@@ -5,7 +5,7 @@ counts twice or half.
 """
 
 import io
-import logging
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,9 +13,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.flight.lost import CAUSES, NOT_LOST
+from ortilo_drake.flight.store import in_folder, keep, kept
 
-_LOG = logging.getLogger(__name__)
 CHUNK: Final = 200
 SEED: Final = "seed"
 
@@ -34,20 +34,47 @@ def write_chunk(folder: Path, seeds: range, columns: tuple[str, ...], figures: n
     """Keep a chunk's figures (n, columns); InputError, naming the file, if that fails."""
     arrays = [pa.array(seeds, pa.int64()), *(pa.array(figures[:, i], pa.float64()) for i in range(len(columns)))]
     buffer = io.BytesIO()
-    pq.write_table(pa.table(arrays, names=[SEED, *columns]), buffer)
-    write_bytes(chunk_file(folder, seeds), buffer.getvalue(), sync=False)
+    pq.write_table(pa.table(arrays, _schema(columns)), buffer, write_page_checksum=True)
+    file = chunk_file(folder, seeds)
+    keep(file, buffer.getvalue(), in_folder(file), sync=False)
 
 
 def read_chunk(folder: Path, seeds: range, columns: tuple[str, ...]) -> np.ndarray | None:
     """Return a chunk's figures (n, columns); None where it is not there, and a warning where it is damaged."""
     file = chunk_file(folder, seeds)
-    if not file.exists():
-        return None
-    try:
-        table = pq.read_table(file, columns=[SEED, *columns])
-        if table[SEED].to_pylist() != list(seeds):
-            raise ValueError("holds other seeds")
-    except (pa.ArrowException, OSError, ValueError) as error:
-        _LOG.warning("%s: flown again: %s", file, " ".join(str(error).split())[:200])
-        return None
-    return np.column_stack([table[name].to_numpy() for name in columns])
+    return kept(file, in_folder(file), partial(_figures, seeds, columns))
+
+
+def _schema(columns: tuple[str, ...]) -> pa.Schema:
+    return pa.schema([(SEED, pa.int64()), *((name, pa.float64()) for name in columns)])
+
+
+def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
+    """Return the figures in a Parquet file's bytes; ValueError naming what cannot be a flight's."""
+    table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
+    if not table.schema.equals(_schema(columns)):
+        raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
+    for name in table.schema.names:
+        if table[name].null_count:
+            raise ValueError(f"{name}: has nulls")
+    if table[SEED].to_pylist() != list(seeds):
+        raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
+    figures = {name: table[name].to_numpy() for name in columns}
+    lost = figures["cause"] != NOT_LOST if "cause" in figures else np.zeros(len(seeds), dtype=bool)
+    for name, values in figures.items():
+        bad = ~_may_be(name, values, lost)
+        if bad.any():
+            raise ValueError(f"{name}: is {values[bad][0]:g} of seed {seeds[int(np.argmax(bad))]}: cannot be")
+    return np.column_stack(list(figures.values()))
+
+
+def _may_be(name: str, values: np.ndarray, lost: np.ndarray) -> np.ndarray:
+    """Return which values (n) a figure may have, see flight/compiled/figures.py."""
+    if name == "cause":
+        return np.isin(values, range(NOT_LOST, len(CAUSES)))
+    if name == "ticks" or name.startswith(("arrived_", "due_")):
+        return (values >= 0.0) & (values == np.floor(values)) & np.isfinite(values)
+    if name == "nees":  # of an estimate whose P is not positive definite it is not known
+        return np.ones(len(values), dtype=bool)
+    unknown = np.isnan(values)  # of a flight that diverged at once; path_mse also of a path that turns back in x
+    return (values >= 0.0) | (unknown if name == "path_mse" else unknown & lost)

@@ -148,7 +148,7 @@ def _fly(wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress:
     """Fly the chunks that are missing, and keep them."""
     missing = []
     for scenario, folder, chunk in wanted:
-        if chunk_file(folder, chunk).exists() and read_chunk(folder, chunk, columns_of(scenario)) is not None:
+        if read_chunk(folder, chunk, columns_of(scenario)) is not None:
             progress(len(chunk))
         else:
             missing.append((scenario, folder, chunk))

@@ -4,21 +4,20 @@ Subset simulation chooses its levels once and is then repeated, each time with n
 repetitions are independent and without bias, so their mean is one too, and Student's t gives its interval.
 """
 
-import json
-import logging
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 from scipy import stats
 
 from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.ensemble import flight_folder
-from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.processes.workers import run_all
+from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.subset import (
@@ -33,7 +32,6 @@ from ortilo_drake.studies.rare.subset import (
     plan_climb,
 )
 
-_LOG = logging.getLogger(__name__)
 LEVEL = 0.95  # of the intervals
 AT_ONCE = 500  # flights that are counted by one job
 _IN_MEMORY = 100  # flights whose distances are held at a time
@@ -162,7 +160,7 @@ def rare_flights(
     event = "lost" if corridor is None else f"corridor_{corridor:g}"
     folder, drawn = flight_folder(out, scenario), sum(engine.drawn.values())
     plan_file = folder / f"{event}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
-    plan = _kept(plan_file)
+    plan: Plan | None = kept_json(plan_file, Plan, in_folder(plan_file))
     if plan is None:
         most = flights_of(most_levels(least), paths) + count
 
@@ -172,7 +170,7 @@ def rare_flights(
         plan = plan_climb(
             partial(_farthest, engine), engine.ticks, drawn, _goal(corridor), paths, scenario.seed, least, planned
         )
-        _keep(plan_file, plan)
+        keep_json(plan_file, plan, in_folder(plan_file))
     seeds = range(scenario.seed, scenario.seed + repetitions if plan.reached else scenario.seed)
     each = flights_of(len(plan.levels), paths)
     done, total = plan.flights, plan.flights + each * len(seeds) + count
@@ -185,12 +183,11 @@ def rare_flights(
     advance(0)
     files = [plan_file.with_name(f"{plan_file.stem}_seed_{seed}.json") for seed in seeds]
     jobs = [(text, corridor, plan, paths, seed) for seed in seeds]
-    found: list[Climb] = _run(climb_flights, jobs, files, workers, [each] * len(seeds), advance)
+    found: list[Climb] = _run(climb_flights, jobs, files, [Climb] * len(seeds), workers, [each] * len(seeds), advance)
     batches = [range(at, min(at + AT_ONCE, count)) for at in range(0, count, AT_ONCE)]
     files = [folder / f"{event}_counted_{b.start:08d}_{b.stop - 1:08d}.json" for b in batches]
-    counts = _run(
-        count_flights, [(text, corridor, b) for b in batches], files, workers, [len(b) for b in batches], advance
-    )
+    counting, kinds = [(text, corridor, b) for b in batches], [_count_of(b) for b in batches]
+    counts = _run(count_flights, counting, files, kinds, workers, [len(b) for b in batches], advance)
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
@@ -205,44 +202,31 @@ def rare_flights(
     return Rare(corridor, mean, low, high, least, plan, found, flights, drawn, independent, counted)
 
 
+def _count_of(batch: range) -> Any:
+    """Return the type of a count of a batch's events."""
+    return Annotated[int, Field(ge=0, le=len(batch))]
+
+
 def _run(
-    function: Any, jobs: list[Any], files: list[Path], workers: int, flights: list[int], advance: Callable[[int], None]
+    function: Any,
+    jobs: list[Any],
+    files: list[Path],
+    kinds: list[Any],
+    workers: int,
+    flights: list[int],
+    advance: Callable[[int], None],
 ) -> list[Any]:
-    """Do those jobs whose result is not kept yet, keep it, and return all results; each job is of so many flights."""
-    missing = [i for i, file in enumerate(files) if _kept(file) is None]
+    """Do those jobs whose result, of these types, is not kept yet; keep and return all; each is of so many flights."""
+    results = [kept_json(file, kind, in_folder(file)) for file, kind in zip(files, kinds, strict=True)]
+    missing = [i for i, result in enumerate(results) if result is None]
     advance(sum(flights) - sum(flights[i] for i in missing))
 
     def take(number: int, result: Climb | int) -> None:
-        _keep(files[missing[number]], result)
-        advance(flights[missing[number]])
+        i = missing[number]
+        keep_json(files[i], result, in_folder(files[i]))
+        results[i] = result
+        advance(flights[i])
 
     if missing:
         run_all(function, [jobs[i] for i in missing], workers, take)
-    return [_read(file) for file in files]
-
-
-def _keep(file: Path, result: Plan | Climb | int) -> None:
-    kept = {"events": result} if isinstance(result, int) else {type(result).__name__.lower(): asdict(result)}
-    write_text(file, json.dumps(kept))
-
-
-def _kept(file: Path) -> Any:
-    """Return what a file keeps; None where it is not there, and a warning where it is damaged."""
-    if not file.exists():
-        return None
-    try:
-        ((kind, found),) = json.loads(file.read_text(encoding="utf-8")).items()
-        if kind == "events" and isinstance(found, int):
-            return found
-        fields = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
-        return {"plan": Plan, "climb": Climb}[kind](**fields)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        _LOG.warning("%s: flown again: %s", file, error)
-        return None
-
-
-def _read(file: Path) -> Any:
-    found = _kept(file)
-    if found is None:
-        raise InputError(f"{file}: was there, and is gone or damaged now; run it again")
-    return found
+    return results

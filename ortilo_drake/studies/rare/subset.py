@@ -28,6 +28,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.flight.store import Amount, Count, Share
+
 KEPT = 0.1  # share of the paths that a chosen level keeps [1]
 CHAIN = 10  # paths of a chain, its start among them
 ACCEPTED = 0.4  # share of steps that are to be taken [1]
@@ -67,10 +69,10 @@ class Plan:
         reached: whether a path above the last level reached it.
     """
 
-    levels: tuple[float, ...]
-    steps: tuple[float, ...]
-    flights: int
-    met: int
+    levels: tuple[Amount, ...]
+    steps: tuple[Share, ...]
+    flights: Count
+    met: Count
     reached: bool
 
 
@@ -86,11 +88,11 @@ class Climb:
         met: how many of the first, independent paths reached the goal.
     """
 
-    probability: float
-    kept: tuple[float, ...]
-    accepted: tuple[float, ...]
-    flights: int
-    met: int
+    probability: Share
+    kept: tuple[Share, ...]
+    accepted: tuple[Share, ...]
+    flights: Count
+    met: Count
 
 
 def fresh(n: int, ticks: int, drawn: int, random: np.random.Generator) -> Paths:

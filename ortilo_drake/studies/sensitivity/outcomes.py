@@ -18,6 +18,7 @@ from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.kept import AT_ONCE, fly_kept
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.metrics import estimation_mse, loss_of, position_nees
+from ortilo_drake.flight.store import Count, Error
 from ortilo_drake.scenario import Scenario
 
 COMPILED_AT_ONCE = 16  # flights in one job of a worker
@@ -34,9 +35,9 @@ class Outcome:
         nees: mean of metrics.position_nees, 3 if the filter is consistent; up to a loss.
     """
 
-    seed: int
+    seed: Count
     lost: bool
-    mse: dict[str, float]
+    mse: dict[str, Error]
     nees: float
 
 

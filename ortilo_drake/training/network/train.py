@@ -11,6 +11,8 @@ import numpy as np
 import torch
 
 from ortilo_drake.flight.files import write_bytes, write_text
+from ortilo_drake.flight.store import sealed, unsealed
+from ortilo_drake.model.input_files import read_bytes
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.darknet_layers import Yolo
 from ortilo_drake.onboard.detector.darknet_network import Convolution, DarknetNetwork
@@ -21,6 +23,7 @@ from ortilo_drake.training.pictures.labels import BOX, CLASS, VISIBLE, Frames, i
 LEARNING_RATE, WEIGHT_DECAY, WARM_UP = 2.0e-3, 1.0e-3, 500
 AVERAGING = 0.998  # decay of the averaged weights
 BATCH = 32  # pictures a step
+_OF = "checkpoint of a training"  # as flight/store.py has it
 RARE = -6.0  # logit of an object in a cell, before training
 
 
@@ -97,7 +100,8 @@ def train(
     checkpoint = folder / "checkpoint.pt"
     if checkpoint.exists():
         try:
-            kept = torch.load(checkpoint, weights_only=True)
+            data = unsealed(read_bytes(checkpoint), _OF)
+            kept = torch.load(io.BytesIO(data), weights_only=True)
             same = kept["of"] == of
             if same:
                 network.load_state_dict(kept["network"])
@@ -145,7 +149,7 @@ def train(
         state = {"of": of, "network": network.state_dict(), "optimizer": optimizer.state_dict()}
         packed = io.BytesIO()
         torch.save({**state, "average": average, "history": history}, packed)
-        write_bytes(checkpoint, packed.getvalue())
+        write_bytes(checkpoint, sealed(packed.getvalue(), _OF))
         write_text(folder / "losses.json", json.dumps(history, indent=2) + "\n")
     network.load_state_dict(average)
     network.eval()

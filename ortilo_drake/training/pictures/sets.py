@@ -11,7 +11,7 @@ from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.pictures.labels import Frames
-from ortilo_drake.training.pictures.shards import load_frames, render_shard
+from ortilo_drake.training.pictures.shards import is_rendered, load_frames, render_shard
 from ortilo_drake.world.scenery.rendering import check_egl
 
 KINDS = ("paper_room", "random_rooms")
@@ -57,7 +57,7 @@ def render_set(
         (kind, seed + SEED_OF[part], scene, pictures, width, str(target / f"{scene:05d}.npz"))
         for scene in range(scenes)
     ]
-    missing = [job for job in jobs if not Path(job[-1]).exists()]
+    missing = [job for job in jobs if not is_rendered(Path(job[-1]))]
     if missing:
         check_egl()
     for _ in range(len(jobs) - len(missing)):

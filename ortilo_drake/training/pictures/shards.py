@@ -1,26 +1,40 @@
 """Files of rendered pictures, one a scene."""
 
 import io
+import logging
 from pathlib import Path
 
 import numpy as np
 
 from ortilo_drake.flight.files import write_bytes
-from ortilo_drake.model.input_files import open_file
+from ortilo_drake.model.input_files import exists, open_file
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 from ortilo_drake.training.pictures.renders import render_scene
 
+_LOG = logging.getLogger(__name__)
+
 
 def render_shard(kind: str, seed: int, scene: int, frames: int, width: int, path: str) -> str:
-    """Render one scene to a .npz file, unless it is there; return its path. Runs in a worker."""
+    """Render one scene to a .npz file, unless it is there undamaged; return its path. Runs in a worker."""
     file = Path(path)
-    if not file.exists():
+    if not is_rendered(file):
         made = render_scene(kind, seed, scene, frames, width)
         packed = io.BytesIO()
         np.savez(packed, images=made.images, labels=made.labels)
         write_bytes(file, packed.getvalue())
     return path
+
+
+def is_rendered(path: Path) -> bool:
+    """Return whether a scene is there; a warning if it is damaged, of which a ZIP's own checksums tell."""
+    try:
+        if exists(path):
+            _read_shard(path)
+            return True
+    except InputError as error:
+        _LOG.warning("%s: rendered again", error)
+    return False
 
 
 def load_frames(folder: Path) -> Frames:

@@ -1,0 +1,124 @@
+"""What is kept to be read again: byte for byte as it was written and within its ranges, or made again, and told.
+
+A kept file ends in a line that says of what it is and has the SHA-256 of all bytes before it. Libraries read netCDF,
+HDF5 and ZIP as if the line were not there. Parquet is read from its end, so there the line stands between the data and
+the footer, to which nothing in the file points; it covers both. The digest detects damage, not forgery: it has no key.
+"""
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Final, TypeVar
+
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+
+from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.model.input_files import exists, read_bytes
+
+_LOG = logging.getLogger(__name__)
+LARGEST: Final = 2**31  # bytes of a file
+_HEX = 64  # digits of a SHA-256
+_PARQUET = b"PAR1"
+T = TypeVar("T")
+
+
+def _not_below_zero(value: float) -> float:
+    if value < 0.0:
+        raise ValueError(f"{value}: must not be negative")
+    return value
+
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Error = Annotated[float, AfterValidator(_not_below_zero)]  # of an estimate that diverged it is infinite or not known
+
+
+def sealed(data: bytes, of: str) -> bytes:
+    """Return bytes with the line that says of what they are, and their digest."""
+    at = len(data) - _footer(data)
+    return data[:at] + _mark(of) + hashlib.sha256(data).hexdigest().encode() + b"\n" + data[at:]
+
+
+def unsealed(data: bytes, of: str) -> bytes:
+    """Return the bytes that sealed was given; ValueError if these are not what it returned for the same `of`."""
+    mark, footer = _mark(of), _footer(data)
+    end = len(data) - footer
+    at = max(end - len(mark) - _HEX - 1, 0)
+    content, line = data[:at] + data[end:], data[at:end]
+    if line[: len(mark)] != mark:
+        raise ValueError("damaged, or from elsewhere: the line with its digest is missing")
+    if line[len(mark) :] != hashlib.sha256(content).hexdigest().encode() + b"\n":
+        raise ValueError("damaged: its bytes are not those that were saved")
+    return content
+
+
+def _mark(of: str) -> bytes:
+    return f"\nortilo-drake {of}, sha256 ".encode()
+
+
+def _footer(data: bytes) -> int:
+    """Return the length of a Parquet file's footer; 0 of other files."""
+    length = int.from_bytes(data[-8:-4], "little") + 8 if data.endswith(_PARQUET) else 0
+    return length if length <= len(data) else 0
+
+
+def in_folder(path: Path) -> str:
+    """Return a file's name with that of its folder, which has the digest of a scenario: of what a kept file is."""
+    return f"{path.parent.name}/{path.name}"
+
+
+def keep(path: Path, data: bytes, of: str, sync: bool = True) -> None:
+    """Write bytes with their digest, whole or not at all.
+
+    Args:
+        path: the file.
+        data: all of it.
+        of: of what they are, so that a file under another's name is not taken for it.
+        sync: as write_bytes.
+
+    Raises:
+        InputError: if it cannot be written.
+    """
+    write_bytes(path, sealed(data, of), sync)
+
+
+def kept(path: Path, of: str, read: Callable[[bytes], T], then: str = "flown again") -> T | None:
+    """Return what a file keeps; None where there is none, and a warning of one line where it is damaged.
+
+    Args:
+        path: the file.
+        of: as keep was told.
+        read: makes it of the bytes that keep was given; whatever it raises is damage.
+        then: what is done about damage, in words.
+    """
+    if not exists(path):
+        return None
+    try:
+        return read(unsealed(read_bytes(path, LARGEST), of))
+    except Exception as error:  # pyarrow, h5py, zipfile and pydantic raise a dozen kinds
+        _LOG.warning("%s: %s: %s", path, reason_of(error).removeprefix(f"{path}: "), then)
+        return None
+
+
+def keep_json(path: Path, value: Any, of: str) -> None:
+    """Keep a dataclass, a number or a list of them as JSON; see keep."""
+    keep(path, json.dumps(value, default=asdict).encode(), of)
+
+
+def kept_json(path: Path, kind: Any, of: str) -> Any:
+    """Return the value of that type, its ranges in the annotations, which a file keeps; None as kept."""
+    return kept(path, of, partial(TypeAdapter(kind).validate_json, strict=True))
+
+
+def reason_of(error: Exception) -> str:
+    """Return what an error says, in one line of at most 200 characters."""
+    text = str(error)
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        text = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return " ".join(text.split())[:200]
