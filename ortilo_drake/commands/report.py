@@ -1,5 +1,6 @@
 """The command `ortilo report`: one page of what another command wrote."""
 
+import os.path
 from pathlib import Path
 from typing import Annotated
 
@@ -32,10 +33,10 @@ def report(
         _write_recording(path, rerun)
         if html is None:
             return
-    page = html or (path / "report.html" if path.is_dir() else path.with_name(f"{path.stem}.html"))
-    if page.resolve() == path.resolve():
-        raise InputError(f"--out {page}: is the file to report on")
+    page = html or (path / "report.html" if os.path.isdir(path) else path.with_name(f"{path.stem}.html"))
     check_writable(page)
+    if os.path.realpath(page) == os.path.realpath(path):  # Path.resolve raises where links lead in a circle
+        raise InputError(f"--out {page}: is the file to report on")
     if path.suffix == ".nc":
         from ortilo_drake.flight.saved_flight import load_flight
         from ortilo_drake.views.page.flight_page import flight_page

@@ -22,7 +22,11 @@ _REFUSED = {stat.S_IFDIR: "is a folder", stat.S_IFSOCK: "is a socket", stat.S_IF
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file as UTF-8; see write_bytes."""
-    write_bytes(path, text.encode())
+    try:
+        data = text.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: cannot be written: holds text that is no Unicode (half a surrogate pair)") from None
+    write_bytes(path, data)
 
 
 def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:

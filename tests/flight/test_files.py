@@ -299,3 +299,10 @@ def test_a_file_is_on_the_disk_before_its_name_is(tmp_path: Path, monkeypatch: p
     write_text(tmp_path / "a.json", "new")
     write_bytes(tmp_path / "checkpoint", b"new", sync=False)
     assert calls == ["fsync", "replace", "replace"]
+
+
+def test_half_a_surrogate_pair_is_not_written(tmp_path: Path) -> None:
+    (tmp_path / "kept.json").write_text("before")
+    with pytest.raises(InputError, match=r"kept\.json: cannot be written: holds text that is no Unicode"):
+        write_text(tmp_path / "kept.json", "\ud800")
+    assert (tmp_path / "kept.json").read_text() == "before"

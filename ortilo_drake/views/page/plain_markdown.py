@@ -39,7 +39,7 @@ def _block(block: str) -> str:
 def _table(lines: list[str]) -> str:
     rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
     rows = [row for row in rows if not all(re.fullmatch(r":?-+:?", cell) for cell in row)]
-    return html_table(rows[0], rows[1:], _inline)
+    return html_table(rows[0], rows[1:], _inline) if rows else ""
 
 
 def html_table(header: list[str], rows: list[list[str]], shown: Callable[[str], str] = escape) -> str:

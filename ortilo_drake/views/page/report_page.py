@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,9 @@ from ortilo_drake.views.page.written_kinds import (
     subject_of,
 )
 
-LARGEST_JSON = 64 * MIB
+LARGEST_JSON = 16 * MIB  # of short lists and objects a parser makes thirty times as much
 LARGEST_FIGURE = 16 * MIB
+LARGEST_FOLDER = 64 * MIB  # of its figures and the HTML of its reports
 DEEPEST = 32
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -32,7 +34,7 @@ def report_page(path: Path) -> str:
     Raises:
         InputError: naming the file, if none of those commands wrote it or it cannot be read.
     """
-    page = _of_folder(path) if path.is_dir() else _of_json(path)
+    page = _of_folder(path) if os.path.isdir(path) else _of_json(path)
     try:
         page.encode()
     except UnicodeEncodeError:
@@ -60,31 +62,57 @@ def _of_folder(path: Path) -> str:
     for file in sorted(path.glob("*.md")):
         text = read_text(file)
         for kind, subject in kinds_of_report(text):
+            _check_inside(path, file)
             body.append(markdown_html(text))
             commands.append(command_of(kind, subject))
             figures += [file for file in figures_of(kind, subject, path) if file not in figures]
     if not body:
         raise InputError(f"{path}: holds no report: {ALLOWED}")
-    pictures = "".join(_figure(figure) for figure in figures)
-    return _page(path.resolve().name, "\n<hr>\n".join(body) + pictures, path, commands)
+    parts = ["\n<hr>\n".join(body)]
+    size = len(parts[0])
+    for file in figures:
+        _check_inside(path, file)
+        data = _picture(file)
+        size += len(data)
+        if size > LARGEST_FOLDER:
+            raise InputError(f"{path}: its reports and figures must have at most {LARGEST_FOLDER // MIB} MiB in all")
+        parts.append(_figure(file.stem, data))
+    title = _unicode(os.path.basename(os.path.realpath(path)))
+    return _page(title, "".join(parts), path, commands)
 
 
-def _figure(file: Path) -> str:
+def _check_inside(folder: Path, file: Path) -> None:
+    """Refuse a file of a folder that is a link to one outside of it."""
+    inside = os.path.realpath(folder)
+    if os.path.commonpath([inside, os.path.realpath(file)]) != inside:
+        raise InputError(f"{file}: is a link out of the folder: must be in it")
+
+
+def _picture(file: Path) -> bytes:
     data = read_bytes(file, LARGEST_FIGURE)
     if not data.startswith(_PNG):
         raise InputError(f"{file}: is no PNG picture")
-    name = escape(file.stem.replace("_", " "))
+    return data
+
+
+def _figure(stem: str, data: bytes) -> str:
+    name = escape(_unicode(stem).replace("_", " "))
     picture = base64.b64encode(data).decode()
     return f'<figure><img alt="{name}" src="data:image/png;base64,{picture}"><figcaption>{name}</figcaption></figure>'
 
 
 def _page(title: str, body: str, path: Path, commands: list[str]) -> str:
-    rows = [("read from", path.name), ("page made with", versions())]
+    rows = [("read from", _unicode(path.name)), ("page made with", versions())]
     rows += [("written by", f"$ {command}") for command in commands]
     if "<p>Made by " not in body:
         rows.append(("not recorded", "its other options, such as --set and --flights, and its versions"))
     origin = f"<section><h2>Where it is from</h2>{facts(rows)}</section>"
     return whole_page(title, f'<main class="report"><section>{body}</section>{origin}</main>')
+
+
+def _unicode(name: str) -> str:
+    """Return a file's name with a mark in place of each byte that is no UTF-8."""
+    return os.fsencode(name).decode(errors="replace")
 
 
 def _depth(data: Any, depth: int = 0) -> int:
