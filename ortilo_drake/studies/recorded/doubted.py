@@ -5,13 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.interop.recorded.recording import Recording, Truth, frozen_rows
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import Look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
 from ortilo_drake.studies.recorded.level import height_doubts
+from ortilo_drake.studies.recorded.plain_fit import plain_fit
 from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.recorded.truth_path import truth_path
 
 CALIBRATED = ("with IMU", "constant velocity")
 BARE = ("with IMU, not calibrated (biases online)", "constant velocity, not calibrated")
@@ -37,23 +39,41 @@ def doubts_of(
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
     said = doubts.of_guess(look.guess)
+    frozen: list[tuple[float, float]] = []
+    moving = recording
+    if truth is not None and calibration is not None:
+        frozen = doubts.freezes(truth, recording.ranges, calibration.offset)
+        kept = ~frozen_rows(truth.t, truth.p, doubts.FROZEN)
+        if frozen:
+            R = None if truth.R is None else truth.R[kept]
+            moving = recording._replace(truth=Truth(truth.t[kept], truth.p[kept], R))
+            said += doubts.of_freezes(frozen, look.fit.left if look.fit else None, _left(moving, map_, calibration))
     if imu is not None:
         said += force_doubts(imu, map_)
         if calibration is None:
             said += rate_doubts(imu, map_)
         else:
-            # A frame that does not fit says nothing of up.
-            up = calibration.F.T[:, 2] if look.fit is not None and look.guess is None and not said else None
-            said += attitude_doubts(recording, map_, calibration.offset, up)
+            # A frame that does not fit says nothing of up, a wrong clock nothing of turns.
+            up = calibration.F.T[:, 2] if look.fit is not None and not said else None
+            if look.guess is None or "clock" not in look.guess.key:
+                said += attitude_doubts(moving, map_, calibration.offset, up)
     if calibration is not None and truth is not None:
         noise = doubts.range_noise(map_.filter, imu is not None)
         lever = calibration.lever if settings.lever == "estimate" else None
         said += doubts.of_calibration(calibration.left, noise, lever, calibration.biases)
         centres = offset_centres(recording, settings.search)
         said += doubts.of_offset(calibration.offset, centres, settings.search, calibration.told_by)
-        said += doubts.of_freezes(doubts.freezes(truth, recording.ranges, calibration.offset))
         said += height_doubts(map_, calibration, recording)
     said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
     if not isinstance(recording.anchors, int) and map_.height is None:
         said += doubts.of_plane(np.asarray(recording.anchors), *found, map_.planar)
     return said
+
+
+def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
+    """Return what a cheap fit leaves of a motion, by the clock that was found [m]."""
+    if recording.truth is None or isinstance(recording.anchors, int):
+        return None
+    path, offset = truth_path(recording.truth), np.array([calibration.offset])
+    fit = plain_fit(recording.ranges, recording.anchors, path, offset, frame=map_.calibration.frame)
+    return None if fit is None else fit.left

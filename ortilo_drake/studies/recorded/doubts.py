@@ -147,13 +147,14 @@ def _changed(ranges: Ranges, begin: float, end: float) -> bool:
     return changes >= 2
 
 
-def of_freezes(found: list[tuple[float, float]]) -> list[str]:
-    """Return what froze, and the key that drops it."""
+def of_freezes(found: list[tuple[float, float]], before: float | None = None, after: float | None = None) -> list[str]:
+    """Return what froze, the key that drops it, and what the ranges' errors are with and without these rows [m]."""
     if not found:
         return []
     begin, end = max(found, key=lambda one: one[1] - one[0])
     total = sum(end - begin for begin, end in found)
+    better = "" if before is None or after is None else f": range errors {before:.3g} m RMS -> {after:.3f} m"
     return [
         f"truth: its position freezes {len(found)} times, {total:.1f} s in all, the longest {end - begin:.1f} s at "
-        f"{begin:.1f} s: truth: {{drop_frozen: {FROZEN:g}}} drops these rows"
+        f"{begin:.1f} s: truth: {{drop_frozen: {FROZEN:g}}} drops these rows{better}"
     ]

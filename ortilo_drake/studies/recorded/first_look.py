@@ -17,6 +17,7 @@ from ortilo_drake.studies.recorded.truth_path import first_part, truth_path
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
 COARSE = 1.0  # clock offsets tried where nothing tells them [s]
 LEAST_MISFIT = 1.0  # errors larger than this and than the motion itself leave nothing to calibrate [m]
+STILL = 0.1  # a truth smaller than this stands still [m]
 FAR = 10.0  # ranges are in metres if their median is less than so many sizes of the anchors' room
 
 
@@ -57,6 +58,8 @@ def first_look(recording: Recording, map_: Map) -> Look:
     size = float(np.linalg.norm(np.ptp(np.percentile(recording.truth.p, [2, 98], axis=0), axis=0)))
     if far or fit.left > max(size, LEAST_MISFIT) or size > FAR * room:
         hint = _unit(float(np.median(r)), room, map_) if far else "ranges, anchors and truth must all be in metres"
+        if not far and size < STILL:
+            hint = "the truth stands still, the ranges change: other columns, or a body that was lost?"
         if better is not None:
             hint = f"{better.key} fits: range errors {better.before:.3g} m RMS -> {better.after:.3f} m"
         raise InputError(f"{said} and a truth {size:.3g} m across do not fit together ({fit.left:.3g} m RMS): {hint}")

@@ -119,7 +119,7 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
 
 
 def _says(left: float) -> str:
-    share = f"{left:.0%}" if left < 10.0 else f"{left:.0f} times as much"
+    share = f"{left:.0%}" if left < 10.0 else f"{left:.0f} times as much" if np.isfinite(left) else "all"
     return f"truth: its attitude does not turn as the body rates and the force say ({share} is left)"
 
 

@@ -37,8 +37,10 @@ class Scores:
     rmse_found: tuple[float, float, float] | None = None
 
 
-def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float, float]:
+def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float | None, float]:
     """Return ATE, ATE after the best SE(3), and RPE over a second [m], all RMSE, by the package evo.
+
+    The second is None where no one SE(3) is the best, as for a body that stands still.
 
     Args:
         t: stamps [s] (m).
@@ -46,6 +48,7 @@ def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, floa
         truth: true positions (m, 3).
     """
     check_installed("evo", "recorded")
+    from evo.core.geometry import GeometryException
     from evo.core.metrics import APE, RPE, PoseRelation, Unit
     from evo.core.trajectory import PoseTrajectory3D
 
@@ -57,10 +60,14 @@ def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, floa
     over = max(1, round(RPE_OVER / float(np.median(np.diff(t)))))
     rpe = RPE(kind, over, Unit.frames, all_pairs=True)
     rpe.process_data(both)
-    both[1].align(both[0])
+    before, over_a_second = (float(np.sqrt(np.mean(m.error**2))) for m in (ape, rpe))
+    try:
+        both[1].align(both[0])
+    except GeometryException:  # points on a line, or one point, have no one turn
+        return before, None, over_a_second
     aligned = APE(kind)
     aligned.process_data(both)
-    return tuple(float(np.sqrt(np.mean(m.error**2))) for m in (ape, aligned, rpe))  # type: ignore[return-value]
+    return before, float(np.sqrt(np.mean(aligned.error**2))), over_a_second
 
 
 def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, available_below: float) -> Scores:

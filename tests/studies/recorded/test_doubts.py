@@ -15,7 +15,7 @@ from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
-from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.recorded.scores import Scores, by_evo
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -133,11 +133,12 @@ def test_one_clock_is_tried_where_the_files_begin_far_apart(recording, later) ->
 
 
 def test_a_clock_beyond_the_search_is_found_by_a_wider_one(recording) -> None:
-    late = recording._replace(truth_origin=recording.truth_origin + 300.0, imu=None)
+    """The truth began 11 s after the ranges, by a clock of its own, and the map gives a wrong offset."""
     t = recording.truth.t
-    kept = t >= 11.0  # a clock of its own, that begins 11 s after the ranges
-    cut = late._replace(truth=Truth(t[kept] - t[kept][0], recording.truth.p[kept], None))
-    guess = first_look(cut, as_map()).guess
+    kept = t >= 11.0
+    truth = Truth(t[kept] - t[kept][0], recording.truth.p[kept], None)
+    cut = recording._replace(truth=truth, truth_origin=recording.truth_origin + 300.0, imu=None)
+    guess = first_look(cut, as_map("calibration: {clock: 305}")).guess
     assert guess.key == "calibration: {clock: estimate, search: 12}"
     assert guess.after < 0.15 < guess.before
 
@@ -243,3 +244,22 @@ def test_numbers_of_calibration_and_rows_are_doubted_beyond_their_limits() -> No
         "b: 30% of the ranges were refused",
         "c: the filter is lost: no range was taken in the judged part",
     ]
+
+
+def test_a_body_that_stands_still_is_scored_and_one_whose_truth_was_lost_refused(recording) -> None:
+    """No one turn aligns a single point: evo refuses that with an exception of its own."""
+    t, still = np.arange(0.0, 10.0, 0.1), np.tile([1.0, 2.0, 0.5], (100, 1))
+    assert by_evo(t, still + [0.3, 0.0, 0.4], still) == (pytest.approx(0.5), None, pytest.approx(0.0, abs=1e-12))
+    with pytest.raises(InputError, match="the truth stands still, the ranges change"):
+        first_look(with_truth(recording, p=np.tile(recording.truth.p[0], (len(recording.truth.t), 1))), as_map())
+
+
+def test_attitudes_that_froze_with_the_positions_are_no_doubt_of_their_own(recording) -> None:
+    right = calibrate(recording, as_map().calibration)
+    p, R = recording.truth.p.copy(), recording.truth.R.copy()
+    for a, b in ((150, 230), (400, 500)):
+        p[a:b], R[a:b] = p[a], R[a]
+    frozen = with_truth(recording, p=p, R=R)
+    said = doubts_of(frozen, as_map(), first_look(recording, as_map()), right, {}, (p, None))
+    assert len(said) == 1
+    assert "truth: {drop_frozen: 0.5} drops these rows: range errors 0." in said[0]
