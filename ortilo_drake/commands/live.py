@@ -15,7 +15,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
     with_camera,
 )
-from ortilo_drake.commands.terminal import err, out, say_if_compiling
+from ortilo_drake.commands.terminal import err, out, say_if_compiling, say_warnings
 from ortilo_drake.scenario import load_scenario
 
 
