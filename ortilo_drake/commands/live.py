@@ -38,6 +38,7 @@ def live(
     from rich.live import Live
     from rich.text import Text
 
+    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
     from ortilo_drake.hil.goals.goal_planner import GoalPlanner
     from ortilo_drake.hil.live.controls import Controls
@@ -47,6 +48,7 @@ def live(
     from ortilo_drake.world.scenery.meshcat_room import make_meshcat
 
     quiet_drake()
+    say_warnings(cautions(chosen))
     say_if_compiling()
     path = planned(chosen)
     check_flyable(chosen, path)
