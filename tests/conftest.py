@@ -6,6 +6,7 @@ start from this one, so they keep its settings.
 
 import hashlib
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -118,6 +119,26 @@ def own_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
         yield
+
+
+@pytest.fixture
+def own_register(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Give a test a register of its own: a part that stays registered is another program to what flies later."""
+    from ortilo_drake.model import parts
+
+    before = set(sys.modules)
+
+    parts.known_sensors()  # loads what is installed
+    for name, own in (
+        ("_SENSORS", dict(parts._SENSORS)),
+        ("_PARTS", dict(parts._PARTS)),
+        ("_FILES", list(parts._FILES)),
+    ):
+        monkeypatch.setattr(parts, name, own)
+    yield
+    for name in set(sys.modules) - before:
+        if name.startswith("ortilo_plugin_"):  # so that the next test runs the file again
+            del sys.modules[name]
 
 
 @pytest.fixture

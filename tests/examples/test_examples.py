@@ -16,26 +16,14 @@ from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.compiled.sameness import apart
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.model import parts
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import load_scenario, with_seed
 
 FOLDER = Path(__file__).parents[2] / "examples"
+pytestmark = pytest.mark.usefixtures("own_register")
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 3.0}
-
-
-@pytest.fixture(autouse=True)
-def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give each test a register of its own: a part that stays registered is another program to what flies later."""
-    parts.known_sensors()  # loads what is installed
-    for name, own in (
-        ("_SENSORS", dict(parts._SENSORS)),
-        ("_PARTS", dict(parts._PARTS)),
-        ("_FILES", list(parts._FILES)),
-    ):
-        monkeypatch.setattr(parts, name, own)
 
 
 def example(name: str) -> ModuleType:

@@ -106,7 +106,7 @@ def test_without_linear_theory_flights_are_judged_alone(tmp_path: Path, capsys: 
     words = ("analyze", "tight_imu_uwb", "--out", str(tmp_path / "out"), "--workers", "1")
     assert run(*words, "--flights", "0") == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line.startswith("ortilo: estimator.kind: tight: must be kalman")
+    assert line.startswith("ortilo: estimator.kind: tight: must be intermittent")
     short = ("--set", "planner={kind: hover, duration: 1.0}", "--set", "settle=0.0", "--json", str(tmp_path / "a.json"))
     assert run(*words, *short, "--flights", "1") == 0
     found = json.loads((tmp_path / "a.json").read_text())

@@ -16,6 +16,7 @@ from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.studies.linearization.linearize import differentiate_tick, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, operating_point, reference_at
+from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import commanded_speeds, rotor_acceleration, wrench_of
 
@@ -236,5 +237,17 @@ def test_a_tight_filter_has_no_matrices_but_its_vehicle_has() -> None:
     tight = load_scenario("tight_imu_uwb")
     assert linearize(tight, "plant").A.shape == (12, 12)
     for part in ("estimator", "closed_loop"):
-        with pytest.raises(InputError, match=r"^estimator\.kind: tight: must be kalman"):
+        with pytest.raises(InputError, match=r"^estimator\.kind: tight: must be intermittent"):
             linearize(tight, part)
+
+
+def test_states_that_never_change_are_named_for_their_gain_does_not_settle() -> None:
+    """W reaches none of them, and their eigenvalue is 1: Hautus' test says that no solution is stabilising."""
+    scenario = load_scenario("unbiased_imu_uwb")
+    loop = hover_loop(scenario)
+    N = len(loop.names)
+    assert np.linalg.matrix_rank(np.hstack([loop.Phi - np.eye(N), loop.W])) == N - 6
+    with pytest.raises(InputError, match=r"^estimator\.walks: b_x, b_y, b_z, c_x, c_y, c_z never change"):
+        linearize(scenario, "estimator")
+    walking = ("estimator.walks.accelerometer_rate=1.0e-4", "estimator.walks.gyroscope_rate=1.0e-5")
+    assert len(linearize(load_scenario(scenario, walking), "estimator").A) == N + 3

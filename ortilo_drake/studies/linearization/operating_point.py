@@ -15,7 +15,7 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.studies.linearization.observability import check_sensors
-from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor
+from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor, why_no_gain
 
 LAGS = ("up", "down")
 # Stand-ins for a position sensor whose covariance comes with each fix: the variances printed in the paper [m^2].
@@ -95,10 +95,12 @@ def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.nda
         V: covariance of the measurements (p x p); by default what the scenario believes, see believed_V.
 
     Raises:
-        InputError: naming the modes that the sensors do not see.
+        InputError: naming the modes that the sensors do not see, or the states that never change.
     """
     check_sensors(scenario)
     loop = hover_loop(scenario)
+    if why := why_no_gain(loop):
+        raise InputError(why)
     delta = arrivals_of(scenario.sensors, loop.measurement)
     V = filter_V(scenario, believed_V(scenario) if V is None else V)
     rows = loop.measurement.by_row(delta) > 0.0

@@ -85,6 +85,22 @@ class HoverLoop(NamedTuple):
         return slice(len(self.world), len(self.world) + len(self.names))
 
 
+def why_no_gain(loop: HoverLoop) -> str | None:
+    """Return why a loop's filter settles to no gain, None if it does.
+
+    A state that keeps its value, without noise, is known ever better: what is left of its covariance has no
+    stabilising solution.
+    """
+    constant = [
+        name
+        for name, row, noise in zip(loop.names, loop.Phi - np.eye(len(loop.names)), loop.W, strict=True)
+        if not row.any() and not noise.any()
+    ]
+    if not constant:
+        return None
+    return f"estimator.walks: {', '.join(constant)} never change: a filter's gain settles where its states have noise"
+
+
 def filter_measurement(scenario: Scenario) -> Measurement:
     """Return the rows that the filter of a scenario gets, over its states, with those of imu_rows.py.
 
@@ -117,9 +133,9 @@ def why_no_loop(scenario: Scenario) -> str | None:
     It is one with the paper's filter, whatever that estimates beside the vehicle's states, and the LQ servo.
     """
     if not isinstance(scenario.estimator, IntermittentFilter):
-        return f"estimator.kind: {scenario.estimator.kind}: must be kalman: the linear theory is that of its filter"
+        return f"estimator.kind: {scenario.estimator.kind}: must be intermittent: the linear theory is of its filter"
     if not isinstance(scenario.servo, LqServo):
-        return f"servo.kind: {scenario.servo.kind}: must be lq: the linear theory is that of its gain"
+        return f"servo.kind: {scenario.servo.kind}: must be lq: the linear theory is of its gain"
     return None
 
 

@@ -19,7 +19,7 @@ from ortilo_drake.studies.consistency.consistency_figures import nees_figure, wh
 from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, consistency_report
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport, linearization_report
 from ortilo_drake.studies.linearization.observability import check_sensors
-from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, why_no_loop
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, why_no_gain, why_no_loop
 from ortilo_drake.studies.loop.margins import LoopMargins, margins_report
 from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_report
 from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_table
@@ -152,9 +152,9 @@ def analyze(
     Raises:
         InputError: as theory; or if there is neither theory nor flights.
     """
-    why = why_no_loop(scenario)
+    why = why_no_loop(scenario) or why_no_gain(hover_loop(scenario))
     if why and not flights:
-        raise InputError(f"{why}; of any other its flights are judged, with --flights 1 or more")
+        raise InputError(f"{why}; without theory, --flights must be 1 or more: flights are judged alone")
     found, figures = None if why else theory(scenario, step), []
     flown = honesty = tube = None
     if flights and found:
