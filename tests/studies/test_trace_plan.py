@@ -1,5 +1,6 @@
 """Rooms traced over floor plans that are drawn here, wall by wall, in whole pixels."""
 
+import struct
 import zlib
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import yaml
 from command_line import run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import load_room
@@ -226,3 +228,63 @@ def test_the_thinnest_wall_is_as_thick_as_the_message_says(scale: float) -> None
         plan[10] = 255
         with pytest.raises(InputError, match=rf"0 walls found.*at least {thin} px .* thick"):
             traced(plan, scale)
+
+
+def png(width: int, height: int, pixels: bytes) -> bytes:
+    """Return a grey PNG of 8 bit that says this size, whatever its pixels are."""
+    parts = ((b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(pixels)))
+    chunks = [
+        struct.pack(">I", len(x)) + t + x + struct.pack(">I", zlib.crc32(t + x)) for t, x in (*parts, (b"IEND", b""))
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+GOOD = png(
+    200, 160, (b"\0" + bytes(200)) * 5 + (b"\0" + bytes(5) + b"\xff" * 190 + bytes(5)) * 150 + (b"\0" + bytes(200)) * 5
+)
+DAMAGED = bytearray(GOOD)
+DAMAGED[len(GOOD) // 2] ^= 1
+
+
+@pytest.mark.parametrize(
+    ("data", "line"),
+    [
+        (png(160, 160, (b"\0" + bytes(160)) * 160), "all of it is wall: must have free space"),
+        (png(1, 1, b"\0\0"), "at --scale 40: its length, 0.025 m, must be 3 to 100 m"),
+        (png(30000, 30000, b""), "30000 x 30000 px: must have at most"),
+        (png(200, 160, b""), "is no whole picture"),
+        (GOOD[: len(GOOD) // 2], "is no whole picture"),
+        (GOOD[:-12], "is no whole picture"),
+        (bytes(DAMAGED), "is no whole picture"),
+    ],
+    ids=["all black", "one pixel", "huge", "no pixels", "half of it", "without its end", "a bit flipped"],
+)
+def test_what_is_no_floor_plan_is_refused_in_one_line(
+    data: bytes, line: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plan.png").write_bytes(data)
+    words = ("room", "trace", str(tmp_path / "plan.png"), "--scale", "40", "--out", str(tmp_path / "room.yaml"))
+    assert run(*words) == 2
+    (said,) = capfd.readouterr().err.splitlines()
+    assert line in said
+    assert [file.name for file in tmp_path.iterdir()] == ["plan.png"]
+
+
+@pytest.mark.parametrize("mode", ["L", "I;16", "P", "1", "LA", "RGBA"])
+def test_a_plan_of_any_depth_is_the_same(mode: str, tmp_path: Path) -> None:
+    grey = drawn((320, 240), DOOR)
+    if mode == "I;16":
+        picture = Image.fromarray(grey.astype(np.uint16) * 257)
+    elif mode == "RGBA":  # nothing but opacity
+        picture = Image.fromarray(np.dstack([np.zeros((*grey.shape, 3), np.uint8), 255 - grey]))
+    else:
+        picture = Image.fromarray(grey).convert(mode)
+    picture.save(tmp_path / "plan.png")
+    assert np.array_equal(read_plan(tmp_path / "plan.png", SCALE, 128).wall, grey < 128)
+
+
+def test_where_no_way_leads_to_the_right_the_goal_is_where_one_leads() -> None:
+    found = traced(drawn((320, 240), [(160, 0, 6, 240)]))
+    assert found.start[0] < found.goal[0] + 4.0 < 8.0
+    assert np.linalg.norm(found.goal - found.start) > 1.0
+    assert np.all((found.goal > 0.5) & (found.goal < [3.5, 5.5]))

@@ -35,17 +35,22 @@ def trace(
 
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.rooms.floor_plan import read_plan
-    from ortilo_drake.studies.rooms.new_room import check_size, new_room
+    from ortilo_drake.studies.rooms.new_room import LARGEST, check_size, new_room
     from ortilo_drake.studies.rooms.trace_plan import trace_plan
 
     read = read_plan(plan, scale, dark)
+    source = f"{plan}: at --scale {read.scale:g}"
+    length, width = (min(side / read.scale, LARGEST[0]) for side in reversed(read.wall.shape))  # with all its margins
+    check_size(source, (length, width, height))
     try:
         traced = trace_plan(read)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from None
     size = (float(traced.size[0]), float(traced.size[1]), height)
-    check_size(f"{plan}: at --scale {read.scale:g}", size)
+    check_size(source, size)
     ends = traced.start, traced.goal
+    if np.array_equal(*ends):
+        raise InputError(f"{plan}: all of it is wall: must have free space to fly in")
     corner = traced.corner if plan.suffix in (".yaml", ".yml") else np.zeros(2)
     write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends, corner))
     sides = f"{size[0]:.2f} x {size[1]:.2f} m within"

@@ -5,18 +5,20 @@ left pixel in the map's frame, and p, how surely a pixel of value v is occupied:
 is set, v / 100 in mode `raw`. It is a wall where p > occupied_thresh, and free where p < free_thresh.
 """
 
+import io
+import warnings
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-import cv2
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 from pydantic import ConfigDict, Field
 
-from ortilo_drake.model.input_files import exists, read_bytes, reason
+from ortilo_drake.model.input_files import MIB, exists, read_bytes, reason
 from ortilo_drake.model.room import MAX_PIXELS
 from ortilo_drake.model.typed_yaml import FileName, Frozen, InputError, Positive, load_yaml
 
+_LARGEST = 256 * MIB  # of a picture's file: MAX_PIXELS of 16 bit in four channels take half of it
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")  # .pgm is of Pillow's PPM
 Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -98,34 +100,40 @@ def _grid(file: Path) -> FloorPlan:
 
 
 def read_picture(file: Path) -> np.ndarray:
-    """Return the values of a picture's pixels (h, w) or (h, w, c); InputError if it is none or too large."""
-    data = read_bytes(file)
+    """Return a picture's pixels, grey (h, w) or red, green, blue, opacity (h, w, 4); InputError if it is none."""
+    data = read_bytes(file, _LARGEST)
     try:
         Image.MAX_IMAGE_PIXELS = None  # the limit here is told in our own words
-        with Image.open(file, formats=_FORMATS) as opened:
+        with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data), formats=_FORMATS) as opened:
             width, height = opened.size
+            if width * height > MAX_PIXELS:
+                raise InputError(f"{file}: {width} x {height} px: must have at most {MAX_PIXELS} px")
+            opened.verify()  # the check sums of a PNG, which reading its pixels does not look at
+        with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data), formats=_FORMATS) as opened:
+            return _values(opened)
+    except InputError:
+        raise
     except UnidentifiedImageError:
         raise InputError(
             f"{file}: is no picture of the kinds {', '.join(_FORMATS)} (.pgm), nor a map_server .yaml"
         ) from None
-    except (OSError, ValueError, SyntaxError) as error:
+    except Exception as error:  # Pillow raises nearly any for a damaged picture
         raise InputError(f"{file}: is no whole picture: {reason(error)}") from None
-    if width * height > MAX_PIXELS:
-        raise InputError(f"{file}: {width} x {height} px: must have at most {MAX_PIXELS} px")
-    try:
-        found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        found = None
-    if found is None:
-        raise InputError(f"{file}: is no whole picture")
-    return np.asarray(found)
+
+
+def _values(picture: Image.Image) -> np.ndarray:
+    if picture.mode.startswith("I"):  # 16 bit
+        return np.asarray(picture).astype(np.uint16)
+    is_grey = picture.mode in ("1", "L") and "transparency" not in picture.info
+    return np.asarray(picture.convert("L" if is_grey else "RGBA"))
 
 
 def _brightness(picture: np.ndarray) -> np.ndarray:
-    """Return grey values over white paper, 0 to 255, of a grey or coloured picture, with or without an opacity."""
-    values = picture.astype(np.float32) / (65535.0 if picture.dtype == np.uint16 else 255.0)
-    if values.ndim == 2:
-        return (255.0 * values).astype(np.uint8)
-    opacity = values[..., 3:4] if values.shape[2] == 4 else 1.0
-    over_white = values[..., :3] * opacity + (1.0 - opacity)
-    return (255.0 * over_white @ np.array([0.114, 0.587, 0.299], np.float32)).astype(np.uint8)
+    """Return grey values over white paper, 0 to 255, of what read_picture returns."""
+    if picture.dtype == np.uint16:
+        return (picture // 257).astype(np.uint8)
+    if picture.ndim == 2:
+        return picture
+    opacity = picture[..., 3].astype(np.float32) / np.float32(255.0)
+    grey = picture[..., :3] @ np.array([0.299, 0.587, 0.114], np.float32)
+    return (grey * opacity + np.float32(255.0) * (1.0 - opacity)).astype(np.uint8)

@@ -32,7 +32,8 @@ class Traced(NamedTuple):
         size: of the space within, along x and y [m] (2).
         covered: share of the thick dark pixels that are in a wall [1].
         start: the roomiest place in its left part [m] (2).
-        goal: the roomiest place in its right part that a free way leads to from there [m] (2).
+        goal: the roomiest place in its right part that a free way leads to from there; the farthest of the roomier
+            places if none leads to the right part, and start itself if nothing is free [m] (2).
         corner: of the space within, in the plan's frame [m] (2).
     """
 
@@ -46,16 +47,17 @@ class Traced(NamedTuple):
 
 def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:
     """Return dark (h, w) cut into rectangles row by row: left, top, width and height of each [px]."""
-    found, going = [], list[tuple[int, int, int]]()  # going: left, right and top of those that may go on
+    found, going = [], dict[int, tuple[int, int, int]]()  # going: left, right and top of those that may go on, by left
     for row, line in enumerate(np.vstack([dark, np.zeros_like(dark[:1])])):
         edges = np.flatnonzero(np.diff(np.pad(line, 1).astype(np.int8)))
-        still = []
+        still = {}
         for left, right in edges.reshape(-1, 2).tolist():
-            same = [one for one in going if abs(one[0] - left) <= _JAGGED and abs(one[1] - right) <= _JAGGED]
-            if same:
-                going.remove(same[0])
-            still.append(same[0] if same else (left, right, row))
-        found += [(left, top, right - left, row - top) for left, right, top in going]
+            near = (going.get(left + step) for step in range(-_JAGGED, _JAGGED + 1))
+            same = next((one for one in near if one and abs(one[1] - right) <= _JAGGED), (left, right, row))
+            if going.get(same[0]) is same:
+                del going[same[0]]
+            still[same[0]] = same
+        found += [(left, top, right - left, row - top) for left, right, top in going.values()]
         going = still
     return found
 
@@ -144,7 +146,12 @@ def _ends(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     _, regions = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
     width = free.shape[1]
     across = (np.arange(width) + 0.5) / width
-    near, far = away * (across < _KEPT_OFF), away * (across > 1.0 - _KEPT_OFF)
-    start = np.unravel_index(int(np.argmax(near)), near.shape)
-    goal = np.unravel_index(int(np.argmax(far * (regions == regions[start]))), far.shape)
+    near = away * (across < _KEPT_OFF)
+    start = np.unravel_index(int(np.argmax(near if near.any() else away)), away.shape)
+    reached = away * (regions == regions[start])
+    far = reached * (across > 1.0 - _KEPT_OFF)
+    if reached.any() and not far.any():  # no way leads there: as far off as one leads, among the roomier places
+        rows, columns = np.nonzero(reached >= 0.5 * reached.max())
+        far[rows, columns] = np.hypot(rows - start[0], columns - start[1])
+    goal = np.unravel_index(int(np.argmax(far)), far.shape)
     return np.array([start[1] + 0.5, start[0] + 0.5]), np.array([goal[1] + 0.5, goal[0] + 0.5])
