@@ -63,6 +63,7 @@ def _set_field(data: dict[str, Any], setting: Setting) -> None:
     data[last] = value
 
 
+_MOST_BASES = 32  # files, each the base of the one before
 _ONE_MODEL = "camera"  # has the same settings in both kinds: another kind keeps them
 
 # Settings that name files, and what stands there for none.
@@ -101,6 +102,8 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
     above = (*above, os.path.realpath(path))
     if os.path.realpath(file) in above:
         raise InputError(f"{source}: base: {base}: leads back to itself")
+    if len(above) > _MOST_BASES:
+        raise InputError(f"{source}: base: {base}: must be at most {_MOST_BASES} files on one another")
     below = _settings_in(file, base, above)
     below.pop("name", None)
     for *groups, last in _FILES:

@@ -260,6 +260,15 @@ def test_a_base_that_cannot_be_is_refused_in_one_line(tmp_path: Path, text: str,
     assert "\n" not in str(error.value)
 
 
+def test_a_long_chain_of_bases_is_refused(tmp_path: Path) -> None:
+    files = [tmp_path / f"{k}.yaml" for k in range(1500)]
+    for k, file in enumerate(files):
+        file.write_text("base: nominal_imu_uwb\n" if k == 0 else f"base: {k - 1}.yaml\nseed: {k}\n")
+    assert load_scenario(files[20]).seed == 20
+    with pytest.raises(InputError, match=r"base: 1466\.yaml: must be at most 32 files on one another"):
+        load_scenario(files[-1])
+
+
 def test_an_integer_too_large_for_a_quantity_is_refused_before_it_is_a_float() -> None:
     with pytest.raises(InputError, match=r"servo\.weights\.angle\.0: 9223372036854775807: must not exceed 1e\+12"):
         load_scenario("outage", ("servo.weights.angle=[9223372036854775807, 1.0, 1.0]",))
