@@ -10,20 +10,28 @@ import sys
 from types import FrameType
 from typing import NoReturn, TextIO
 
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+_TERMINATED = 128 + signal.SIGTERM  # the exit code, as shells count
+
 
 def main() -> None:
-    """Run the command; bad input ends it with one line and exit code 2, Ctrl-C with 130, a broken pipe with 1."""
-    interrupted = False
+    """Run the command.
+
+    Bad input ends it with one line and exit code 2, a broken pipe with 1; Ctrl-C with a line and 130, and SIGTERM, as
+    of `kill` and of a service that is stopped, just so with a line and 143.
+    """
+    interrupted = 0  # the signal
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # our matrices are small: threads take longer to meet than to compute
 
-    def interrupt(_: int, frame: FrameType | None) -> NoReturn:
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         nonlocal interrupted
-        interrupted = True
+        interrupted = number
         raise KeyboardInterrupt
 
     _open_streams()
-    before = signal.signal(signal.SIGINT, interrupt) if signal.getsignal(signal.SIGINT) != signal.SIG_IGN else None
+    handled = [number for number in _ENDING if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, interrupt) for number in handled}
     try:
         from ortilo_drake.model.input_error import InputError, one_line
 
@@ -32,6 +40,8 @@ def main() -> None:
 
             code = run()
             sys.stdout.flush()
+            if interrupted == signal.SIGTERM:  # of a command that Ctrl-C is the usual end of
+                raise KeyboardInterrupt
         except InputError as error:
             if interrupted:
                 raise KeyboardInterrupt from None
@@ -49,14 +59,20 @@ def main() -> None:
             code = _say("out of memory", 2)
     except BaseException as error:
         # A module in C whose import is interrupted raises an ImportError, or something else.
+        if isinstance(error, SystemExit) and error.code == _TERMINATED:  # keep_alive's, which handles it
+            interrupted = signal.SIGTERM
         if not interrupted and not isinstance(error, KeyboardInterrupt):
             raise
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # pressed twice it would find us halfway out
-        before = None
-        code = _say("interrupted; what is finished is kept", 130)
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)  # sent twice it would find us halfway out
+        before = {}
+        if interrupted == signal.SIGTERM:
+            code = _say("ended by SIGTERM; what is finished is kept", _TERMINATED)
+        else:
+            code = _say("interrupted; what is finished is kept", 128 + signal.SIGINT)
     finally:
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     sys.exit(code)
 
 

@@ -27,14 +27,15 @@ class Done(NamedTuple):
 def run(*words: str) -> int:
     """Run `ortilo` in this process; return its exit code.
 
-    Once interrupted it takes no second Ctrl-C before its process ends; this one goes on, and is to take them.
+    Once ended by a signal it takes no second one before its process ends; this one goes on, and is to take them.
     """
-    interrupt = signal.getsignal(signal.SIGINT)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         with patch.object(sys, "argv", ["ortilo", *words]), pytest.raises(SystemExit) as end:
             cli.main()
     finally:
-        signal.signal(signal.SIGINT, interrupt)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     return int(end.value.code or 0)
 
 

@@ -1,5 +1,6 @@
 """However `ortilo` ends: one line on stderr, the right code, and never a traceback."""
 
+import contextlib
 import errno
 import io
 import os
@@ -62,6 +63,36 @@ def test_an_interrupt_that_a_library_turns_into_another_error_is_still_one(
     monkeypatch.setattr(app, "run", import_in_c)
     assert run("scenario", "list") == 130
     assert capsys.readouterr().err == "ortilo: interrupted; what is finished is kept\n"
+
+
+def test_sigterm_ends_like_control_c_with_its_own_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from ortilo_drake.commands import app
+
+    monkeypatch.setattr(app, "run", lambda: signal.raise_signal(signal.SIGTERM))
+    assert run("scenario", "list") == 143
+    assert capsys.readouterr().err == "ortilo: ended by SIGTERM; what is finished is kept\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_is_ended_by_signals_says_what_it_did_and_ends_alike(
+    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C is the usual end of `hil relay` and `live`, which then print their counts."""
+    from ortilo_drake.commands import app
+
+    def run_until_ended() -> int:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(number)
+        print("counts")
+        return 0
+
+    monkeypatch.setattr(app, "run", run_until_ended)
+    assert run("hil", "relay") == (0 if number == signal.SIGINT else 143)
+    said = capsys.readouterr()
+    assert said.out == "counts\n"
+    assert said.err == ("" if number == signal.SIGINT else "ortilo: ended by SIGTERM; what is finished is kept\n")
 
 
 @pytest.mark.processes
