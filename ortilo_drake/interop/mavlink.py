@@ -23,6 +23,7 @@ import numpy as np
 
 from ortilo_drake.interop.ros.body_motion import quaternion
 from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
+from ortilo_drake.model.inputs.numbers import is_port
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
@@ -131,7 +132,7 @@ def udp_address(url: str) -> tuple[str, int]:
     """Return host and port of 'udpout:HOST:PORT'; InputError if it is anything else."""
     kind, _, rest = url.partition(":")
     host, _, port = rest.rpartition(":")
-    if kind != "udpout" or not host or not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
+    if kind != "udpout" or not host or not is_port(port):
         raise InputError(f"mavlink url: {url!r}: must read udpout:HOST:PORT with a port of 1 to 65535")
     try:
         return str(socket.gethostbyname(host)), int(port)

@@ -9,6 +9,7 @@ import typer
 from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.inputs.numbers import whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,7 +86,7 @@ def survey(
 
 def _numbers(known: str) -> list[int]:
     try:
-        return [int(word) for word in known.split(",")]
+        return [whole(word) for word in known.split(",")]
     except ValueError:
         raise InputError(f"--known {known!r}: must be numbers of anchors with commas between, as 0,1,2") from None
 

@@ -18,6 +18,7 @@ from distributed.comm.core import CommClosedError
 
 from ortilo_drake.flight.processes.program import program_digest
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.inputs.numbers import is_port
 
 ANSWERS_WITHIN: Final = 10.0  # of a scheduler, and of its first worker [s]
 
@@ -74,8 +75,8 @@ def check_address(address: str) -> None:
     """Refuse what is no address of a scheduler, or one beyond loopback that is not TLS; see on_scheduler."""
     scheme, _, rest = address.partition("://")
     host, _, port = rest.rpartition(":")
-    if scheme not in ("tcp", "tls") or not host or not port.isdigit():
-        raise InputError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
+    if scheme not in ("tcp", "tls") or not host or not is_port(port):
+        raise InputError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT, with PORT in 1 to 65535")
     if scheme == "tcp" and not _is_loopback(host.strip("[]")):
         raise InputError(
             f"--scheduler {address}: is beyond loopback: must be tls://, with certificates in Dask's configuration "

@@ -12,6 +12,7 @@ from typing import Final
 from urllib.parse import parse_qs, urlsplit
 
 from ortilo_drake.hil.wire.udpm import Sender
+from ortilo_drake.model.inputs.numbers import whole
 from ortilo_drake.model.typed_yaml import InputError
 
 MEND: Final = "ip link set lo up"
@@ -31,7 +32,7 @@ def address(url: str) -> tuple[str, int, dict[str, int]]:
         group, port = parts.hostname or "", parts.port or 0
         is_group = 224 <= socket.inet_pton(socket.AF_INET, group)[0] <= 239
         options = {
-            key: int(values[-1]) for key, values in parse_qs(parts.query, strict_parsing=bool(parts.query)).items()
+            key: whole(values[-1]) for key, values in parse_qs(parts.query, strict_parsing=bool(parts.query)).items()
         }
     except (ValueError, OSError):
         raise InputError(f"url: {url!r} {allowed}") from None

@@ -6,6 +6,7 @@ import re
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.inputs.numbers import decimal
 from ortilo_drake.model.room import MAX_ANCHORS, load_room
 from ortilo_drake.studies.rooms.room_layout import STAND, Placed, place_anchors, place_landmarks, way
 
@@ -24,7 +25,7 @@ def parse_size(text: str) -> tuple[float, float, float]:
     allowed = "must read LENGTHxWIDTHxHEIGHT in metres, such as 8x6x3"
     words = re.split("[x×X]", text)
     try:
-        x, y, z = (float(word) for word in words)
+        x, y, z = (decimal(word) for word in words)
     except ValueError:
         raise InputError(f"--size: {text!r}: {allowed}") from None
     check_size(f"--size: {text!r}", (x, y, z))

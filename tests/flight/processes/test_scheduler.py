@@ -20,7 +20,21 @@ from ortilo_drake.model.input_error import InputError
 DASK = [sys.executable, "-m", "dask"]
 
 
-@pytest.mark.parametrize("address", ["", "8786", "http://127.0.0.1:1", "tcp://127.0.0.1", "tcp://:8786", "tcp://a:b"])
+@pytest.mark.parametrize(
+    "address",
+    [
+        "",
+        "8786",
+        "http://127.0.0.1:1",
+        "tcp://127.0.0.1",
+        "tcp://:8786",
+        "tcp://a:b",
+        "tls://a:\u0663",
+        "tls://a:\u00b2",
+        "tls://a:0",
+        "tls://a:65536",
+    ],
+)
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(InputError, match="must be tcp://HOST:PORT or tls://HOST:PORT"):
         check_address(address)
