@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
@@ -123,8 +123,8 @@ def _messages(motion: Motion, store, ros1: bool):
         yield t, "/truth", "geometry_msgs/msg/PoseStamped", types["geometry_msgs/msg/PoseStamped"](header(t), pose)
 
 
-def write_bag(path: Path, motion: Motion, kind: str) -> Path:
-    """Write a `ros1` bag, or a `ros2` folder with `sqlite3` or `mcap` inside."""
+def write_bag(path: Path, motion: Motion, kind: str, packed: str = "") -> Path:
+    """Write a `ros1` bag, or a `ros2` folder with `sqlite3` or `mcap` inside, `packed` by file or message or not."""
     ros1 = kind == "ros1"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     if ros1:
@@ -132,6 +132,8 @@ def write_bag(path: Path, motion: Motion, kind: str) -> Path:
     else:
         plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
         writer = Writer2(path, version=9, storage_plugin=plugin)
+        if packed:
+            writer.set_compression(CompressionMode[packed.upper()], CompressionFormat.ZSTD)
     connections = {}
     with writer:
         for t, topic, name, message in _messages(motion, store, ros1):

@@ -164,7 +164,7 @@ def evaluate(
         more = result.sets[kind]
         out.print(f"recall {more.recall:.1%}, {more.false_boxes_per_image:.3f} false boxes an image")
         for name, ap in more.ap50.items():
-            out.print(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}")
+            out.print(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}", markup=False)
     out.print(f"{result.ms_per_frame:.1f} ms a picture on one core ({result.backend})")
     say_written(json_file, worst)
 
@@ -198,7 +198,7 @@ def recognise(
         out.print(f"  {one.number:2} {one.label:15}{views[0]:>22}{views[1]:>22}", markup=False)
     for name, best in (("on the way", [o.way.best for o in found]), ("from near", [o.near.best for o in found])):
         counts = ", ".join(f"{sum(b >= at for b in best)} at {at:g}" for at in (0.1, 0.25, look.threshold))
-        out.print(f"  {name}: of {len(found)} landmarks {counts}")
+        out.print(f"  {name}: of {len(found)} landmarks {counts}", markup=False)
     write_json(json_file, found)
     say_written(json_file)
 

@@ -22,6 +22,7 @@ from ortilo_drake.commands.terminal import (
     err,
     out,
     progress_bar,
+    say_heading,
     say_if_compiling,
     say_warnings,
     say_written,
@@ -37,7 +38,7 @@ LOST = 3  # exit code of a flight that was lost
 
 
 def _print_flight(result: Summary, said: str, blackout: float) -> None:
-    out.print(f"[bold]{result.scenario}[/bold], seed {result.seed}")
+    say_heading(result.scenario, f", seed {result.seed}")
     out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
     show_rows(_rows(result))
     if result.contacts:

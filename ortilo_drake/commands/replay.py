@@ -10,9 +10,9 @@ from ortilo_drake.commands.terminal import (
     check_writable,
     err,
     made_by,
-    out,
     progress_bar,
     say_error,
+    say_heading,
     say_if_compiling,
     say_written,
     show_markdown,
@@ -53,7 +53,7 @@ def replay(
     say_if_compiling()
     result = replay_log(log[0])
     write_json(json_file, result)
-    out.print(f"[bold]{log[0]}[/bold]")
+    say_heading(str(log[0]))
     show_report(result)
     say_written(json_file)
 

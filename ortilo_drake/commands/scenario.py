@@ -43,7 +43,9 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     quiet_drake()
     seconds = check_flyable(chosen) * chosen.h
     say_warnings(cautions(chosen))
-    out.print(f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}")
+    out.print(
+        f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}", markup=False, soft_wrap=True
+    )
 
 
 @scenario_app.command("keys")

@@ -20,6 +20,7 @@ from rich.text import Text
 
 from ortilo_drake.flight.files import check_output, write_text
 from ortilo_drake.model.as_data import as_data
+from ortilo_drake.model.input_error import one_line
 from ortilo_drake.views.page.shell import versions
 
 # Results go to stdout, progress and errors to stderr.
@@ -48,7 +49,7 @@ def check_writable(*paths: Path | None) -> None:
 
 def progress_bar() -> Progress:
     """Return a progress bar on stderr, shown only in a terminal and gone when done."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=err, transient=True, disable=not err.is_terminal, speed_estimate_period=PACE_OVER)
 
 
@@ -104,6 +105,11 @@ def say_warnings(lines: Iterable[str]) -> None:
     """Say on stderr what the flight about to begin will hardly have been meant to be; it is flown all the same."""
     for line in lines:
         say_error(f"warning  {line}")
+
+
+def say_heading(name: str, rest: str = "") -> None:
+    """Print a name in bold and what follows it; a name such as `[/x]` is no markup."""
+    out.print(Text.assemble((one_line(name), "bold"), rest), soft_wrap=True)
 
 
 def show_rows(rows: dict[str, str]) -> None:

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from ortilo_drake.commands.options import JsonOption, WorkersOption, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    out,
+    progress_bar,
+    say_heading,
+    say_if_compiling,
+    say_written,
+    write_json,
+)
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
@@ -26,7 +34,7 @@ def _entry(found: "Average | None") -> str:
 
 
 def _print_tuning(report: "TuningReport", short: list[str]) -> None:
-    out.print(f"[bold]{report.scenario}[/bold], fitted to {len(report.flights)} flights", soft_wrap=True)
+    say_heading(report.scenario, f", fitted to {len(report.flights)} flights")
     for line in short:
         out.print(f"  {line}", markup=False, soft_wrap=True)
     out.print()
@@ -89,7 +97,7 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     before = {name: getattr(map_.filter, name) for name in FITTED}
     after = {name: getattr(fitted.settings, name) for name in FITTED}
     write_json(json_file, fitted._asdict() | {"settings_before": map_.filter})
-    out.print(f"[bold]{', '.join(fitted.motions)}[/bold], fitted by {by.value} to the first parts", soft_wrap=True)
+    say_heading(", ".join(fitted.motions), f", fitted by {by.value} to the first parts")
     for name in FITTED:
         out.print(f"  {name:32} {before[name]:.3g} -> {after[name]:.3g}", markup=False, soft_wrap=True)
     out.print(f"  log-likelihood {fitted.before:.1f} -> {fitted.after:.1f}, computed {fitted.computed} times")
@@ -124,7 +132,7 @@ def _tune_by_flights(
         base = os.path.realpath(search.scenario) if search.scenario.endswith((".yaml", ".yml")) else search.scenario
         write_text(out_file, found_text(found, base))
     write_json(json_file, found)
-    out.print(f"[bold]{search.scenario}[/bold], searched by flights", soft_wrap=True)
+    say_heading(search.scenario, ", searched by flights")
     for key, value in found.best.settings.items():
         numbers = value if isinstance(value, list) else [value]
         out.print(f"  {key:32} {', '.join(f'{number:.4g}' for number in numbers)}", markup=False, soft_wrap=True)

@@ -23,7 +23,15 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    out,
+    say_heading,
+    say_if_compiling,
+    say_written,
+    show_report,
+    write_json,
+)
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
@@ -119,7 +127,7 @@ def check(
         from ortilo_drake.hil.real_time.latency_figure import latency_figure
 
         latency_figure(report.latencies_ms, chosen.h, png)
-    out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
+    say_heading(chosen.name, f", seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
     good = lines["lost"] is None and identical is not False
     out.print(f"  [{'green' if good else 'red'}]{escape(check_verdict(lines, chosen.h))}[/]", soft_wrap=True)
     show_report(lines)

@@ -24,7 +24,14 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, out, say_error, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    say_error,
+    say_heading,
+    say_written,
+    show_report,
+    write_json,
+)
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 
@@ -67,7 +74,7 @@ def world(
             save_flight(flight, out_file)
         lines = report.lines() | {"lost": json.loads(flight.attrs["lost"])}
         write_json(json_file, lines)
-        out.print(f"[bold]{chosen.name}[/bold], seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
+        say_heading(chosen.name, f", seed {chosen.seed}, {'lockstep' if lockstep else 'real time'}")
         show_report(lines)
     if record and record.error:
         raise record.error

@@ -53,7 +53,7 @@ def panel(figures: FlightSoFar) -> Panel:
 
 def profile_table(rows: list[Row], name: str) -> Table:
     """Return the table of hil/real_time/profile.py's rows, of a scenario's name."""
-    table = Table(title=f"{name}: the onboard half's tick", title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=f"{escape(name)}: the onboard half's tick", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("block")
     for title in ("median [us]", "p99 [us]", "share [%]"):
         table.add_column(escape(title), justify="right")

@@ -2,22 +2,25 @@
 
 import os
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Chunk, Message, Schema
 
-from ortilo_drake.model.input_files import open_file
+from ortilo_drake.interop.unpack import CHUNK_LIMIT, Unpacker
+from ortilo_drake.model.input_files import MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
+HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
+DEFINITIONS: Final = 64 * MIB  # of all schemas and channels, which are kept; a hundred types take 1 MiB
+_READ: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 
 class LoggedMessage(NamedTuple):
@@ -29,32 +32,84 @@ class LoggedMessage(NamedTuple):
     data: bytes
 
 
-def _whole_records(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, content) of every complete record, up to DataEnd or to where the file was cut short."""
+def _in_chunk(content: bytes, unpacker: Unpacker) -> Iterator[tuple[int, bytes]]:
+    """Yield (opcode, content) of a chunk's records."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    packed = chunk.compression != ""
+    raw = unpacker.unpack(chunk.compression, chunk.data, "a chunk") if packed else chunk.data
+    if len(raw) != chunk.uncompressed_size:
+        raise ValueError(f"a chunk holds {len(raw)} bytes, and states {chunk.uncompressed_size}")
+    if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
+        raise ValueError("a chunk's checksum is wrong")
+    at = 0
+    while at < len(raw):
+        opcode, length = HEAD.unpack_from(raw, at)
+        at += HEAD.size
+        if length > len(raw) - at:
+            raise ValueError("a record goes beyond its chunk")
+        if opcode in _READ:
+            yield opcode, raw[at : at + length]
+        at += length
+
+
+def _whole_records(path: Path, whole: bool) -> Iterator[tuple[int, bytes]]:
+    """Yield (opcode, content) of schemas, channels and messages, up to DataEnd or to where the file was cut short."""
+    unpacker = Unpacker(path)
     with open_file(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise InputError(f"{path}: not an MCAP file")
         left = os.fstat(file.fileno()).st_size - len(MAGIC)
-        while len(head := file.read(9)) == 9:
-            opcode, length = struct.unpack("<BQ", head)
-            left -= 9 + length
-            if opcode == Opcode.DATA_END or left < 0:
+        while len(head := file.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            left -= HEAD.size + length
+            if opcode == Opcode.DATA_END:
                 return
-            yield opcode, file.read(length)
+            if left < 0:
+                break
+            if opcode == 0:
+                raise ValueError("a record of no kind")
+            if opcode not in (*_READ, Opcode.CHUNK):
+                file.seek(length, os.SEEK_CUR)
+            elif length > CHUNK_LIMIT:
+                raise InputError(
+                    f"{path}: a record of {length / MIB:.4g} MiB; at most {CHUNK_LIMIT / MIB:g} MiB are read"
+                )
+            elif opcode == Opcode.CHUNK:
+                yield from _in_chunk(file.read(length), unpacker)
+            else:
+                yield opcode, file.read(length)
+        if whole:
+            raise InputError(f"{path}: cannot be read as a bag (cut short?): its data have no end")
 
 
-def _records_in(opcode: int, content: bytes) -> list[McapRecord]:
-    stream = ReadDataStream(BytesIO(content))
-    match opcode:
-        case Opcode.CHUNK:
-            return breakup_chunk(Chunk.read(stream), validate_crc=True)
-        case Opcode.SCHEMA:
-            return [Schema.read(stream)]
-        case Opcode.CHANNEL:
-            return [Channel.read(stream)]
-        case Opcode.MESSAGE:
-            return [Message.read(stream, len(content))]
-    return []
+def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel | Message]:
+    """Yield schemas, channels and messages of an MCAP file in the order they were written.
+
+    Args:
+        path: the file.
+        whole: whether to refuse a file that was cut short; otherwise it may end anywhere.
+
+    Raises:
+        InputError: if the file cannot be read, is no MCAP, is damaged before its end, or holds or unpacks to more than
+            the limits of interop/unpack.py.
+    """
+    definitions = 0
+    try:
+        for opcode, content in _whole_records(path, whole):
+            stream = ReadDataStream(BytesIO(content))
+            if opcode == Opcode.MESSAGE:
+                yield Message.read(stream, len(content))
+                continue
+            definitions += len(content)
+            if definitions > DEFINITIONS:
+                raise InputError(f"{path}: more than {DEFINITIONS / MIB:g} MiB of schemas and channels")
+            yield Schema.read(stream) if opcode == Opcode.SCHEMA else Channel.read(stream)
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (McapError, struct.error, ValueError, MemoryError, OverflowError) as error:
+        raise InputError(f"{path}: damaged: {' '.join(str(error).split()) or type(error).__name__}") from None
 
 
 def read_logged(path: Path, wanted: Callable[[str], bool]) -> Iterator[LoggedMessage]:
@@ -65,23 +120,15 @@ def read_logged(path: Path, wanted: Callable[[str], bool]) -> Iterator[LoggedMes
         wanted: whether a topic is asked for.
 
     Raises:
-        InputError: if the file cannot be read, is no MCAP, or is damaged before its end.
+        InputError: as read_records.
     """
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
-    try:
-        for opcode, content in _whole_records(path):
-            for record in _records_in(opcode, content):
-                if isinstance(record, Schema):
-                    schemas[record.id] = record.name
-                elif isinstance(record, Channel):
-                    if wanted(record.topic):
-                        channels[record.id] = (record.topic, schemas.get(record.schema_id, ""))
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    yield LoggedMessage(*channels[record.channel_id], record.log_time, record.data)
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (McapError, zstandard.ZstdError, struct.error, ValueError, MemoryError, OverflowError) as error:
-        raise InputError(f"{path}: damaged: {' '.join(str(error).split()) or type(error).__name__}") from None
+    for record in read_records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            if wanted(record.topic):
+                channels[record.id] = (record.topic, schemas.get(record.schema_id, ""))
+        elif record.channel_id in channels:
+            yield LoggedMessage(*channels[record.channel_id], record.log_time, record.data)

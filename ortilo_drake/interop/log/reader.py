@@ -1,26 +1,30 @@
 """Reading a log back: as the Dataset of the flight, and tick by tick for a replay."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import find_loss
+from ortilo_drake.flight.saved_flight import LARGEST
 from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.interop.log.mcap_records import LoggedMessage, read_logged
 from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SENT, SIGNAL_PREFIX, STRING_TYPE
 from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
 from ortilo_drake.interop.ros.ros_types import from_cdr
-from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.input_files import MIB, exists
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.saved import scenario_from_json
+
+TICK_LIMIT: Final = 64 * MIB  # of the messages of a tick: a picture of 4K takes 33
+MISSING_LIMIT: Final = 256 * MIB  # of ticks that a log leaves out: 50 minutes at 30 Hz
 
 
 class LoggedTick(NamedTuple):
@@ -91,6 +95,16 @@ def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
     raise InputError(f"{file}: {message.topic}: is of type {message.type_name or 'unknown'}")
 
 
+def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[LoggedMessage]:
+    """Yield a tick's messages; InputError if they are more than a tick can have, as where all have one log time."""
+    size = 0
+    for message in messages:
+        size += len(message.data)
+        if size > TICK_LIMIT:
+            raise InputError(f"{file}: tick {k}: holds more than {TICK_LIMIT / MIB:g} MiB")
+        yield message
+
+
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
 
@@ -99,7 +113,7 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
         images: whether to decode pictures.
 
     Raises:
-        InputError: if there is no such log, or it is not one, or it is damaged.
+        InputError: if there is no such log, or it is not one, or it is damaged, or its log times do not rise.
     """
     file, scenario = log_file(path), log_scenario(path)
     sizes = output_sizes(scenario.measurement)
@@ -109,18 +123,30 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
             return images and topic == IMAGE_TOPIC
         return topic == GOAL_TOPIC or topic.startswith(SIGNAL_PREFIX)
 
+    before = -1
     for log_time, group in groupby(read_logged(file, wanted), key=lambda message: message.log_time):
-        signals = dict(_decode(file, message) for message in group)
+        k = round(log_time * 1e-9 * scenario.control_rate)
+        if k <= before:
+            raise InputError(f"{file}: tick {k} after tick {before}: log times must rise")
+        before = k
+        signals = dict(_decode(file, message) for message in _bounded(file, k, group))
         state = signals.pop("state", None)
         outputs = {name: signals.pop(name) for name in sizes if name in signals}
         outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: it never came
-        yield LoggedTick(round(log_time * 1e-9 * scenario.control_rate), state, signals, outputs)
+        yield LoggedTick(k, state, signals, outputs)
 
 
 def read_messages(path: Path) -> Iterator[tuple[int, Signals, Signals]]:
     """Yield (k, messages, outputs) of every tick: what the onboard half took and what it answered; see read_ticks."""
     for tick in read_ticks(path):
         yield tick.k, tick.messages, tick.outputs
+
+
+def _check_extent(file: Path, k: int, there: int, row: int) -> None:
+    """Refuse a flight that would fill the memory, with its own ticks or with those that its log times leave out."""
+    if (k + 1) * row > LARGEST or (k + 1 - there) * row > MISSING_LIMIT:
+        most = f"{LARGEST / MIB:g} MiB, {MISSING_LIMIT / MIB:g} of them of missing ticks"
+        raise InputError(f"{file}: tick {k}, of which {k + 1 - there} are missing: at most {most}, are read")
 
 
 def read_log(path: Path) -> xr.Dataset:
@@ -130,21 +156,26 @@ def read_log(path: Path) -> xr.Dataset:
     in the log of an onboard half, which does not know it. A loss is found from the true states that are there.
 
     Raises:
-        InputError: as read_ticks; also if there is no tick.
+        InputError: as read_ticks; also if there is no tick, or its flight would fill the memory.
     """
     file = log_file(path)
     description, scenario = _description(file), log_scenario(file)
-    ticks = list(read_ticks(file, images=False))
+    sizes = scenario.measurement.logged_sizes()
+    ticks: list[LoggedTick] = []
+    for tick in read_ticks(file, images=False):
+        signals = tick.outputs if tick.state is None else tick.outputs | {"state": tick.state}
+        for name, value in signals.items():
+            if value.shape != (sizes[name],):
+                raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {sizes[name]}")
+        ticks.append(LoggedTick(tick.k, tick.state, {}, tick.outputs))
+        _check_extent(file, tick.k, len(ticks), 8 * sum(sizes.values()))
     if not ticks:
         raise InputError(f"{file}: cut off before its first tick")
-    sizes = scenario.measurement.logged_sizes()
     logged = np.full((ticks[-1].k + 1, sum(sizes.values())), np.nan)
     starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
     for tick in ticks:
         signals = tick.outputs if tick.state is None else tick.outputs | {"state": tick.state}
         for name, value in signals.items():
-            if value.shape != (sizes[name],):
-                raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {sizes[name]}")
             logged[tick.k, starts[name] : starts[name] + sizes[name]] = value
     known = [tick.k for tick in ticks if tick.state is not None]
     lost = find_loss(logged[known, : sizes["state"]], scenario.h, scenario.load_room(), scenario.vehicle)

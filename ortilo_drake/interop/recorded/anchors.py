@@ -11,17 +11,19 @@ import numpy as np
 import yaml
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of, key_of
-from ortilo_drake.interop.recorded.csv_columns import lines_of, text_of
+from ortilo_drake.interop.recorded.csv_columns import lines_of
 from ortilo_drake.interop.recorded.lec_console import heard_in, is_console
 from ortilo_drake.interop.recorded.rejected import Rejections, named
 from ortilo_drake.interop.recorded.sources import MOST
 from ortilo_drake.interop.recorded.table_head import SIGNS, cells_of, mark_of, plain
 from ortilo_drake.interop.recorded.tables import number
+from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml
 
 Vector = tuple[float, float, float]
 NAMED_BY = ("id", "name", "anchor", "address", "addr")  # what files call the column or key with an anchor's name
 FARTHEST = 1e6  # [m]; farther is no room
+CONSOLE_LIMIT = 64 * MIB  # of a file with anchors: what a console prints in ten hours
 FEWEST = 3
 
 
@@ -117,7 +119,7 @@ def _of_yaml(path: Path, text: str) -> dict[str, Vector]:
 
 def _of_table(path: Path, told: Rejections) -> dict[str, Vector]:
     """Return the anchors of rows `id, x, y, z` or `x, y, z`, with names above the columns or without."""
-    lines = lines_of(path, told)
+    lines = list(lines_of(path, told, CONSOLE_LIMIT))
     rows = [(k, text) for k, text in lines if text.lstrip()[0] not in SIGNS] or lines
     mark = mark_of(rows[-1][1])
     body = [(k, cells_of(text, mark)) for k, text in rows]
@@ -156,7 +158,7 @@ def read_anchors(path: Path) -> dict[str, Vector]:
         InputError: if it cannot be read, or has fewer than three anchors.
     """
     told = Rejections(named(path, "anchors"))
-    text = text_of(path, told)
+    text = "\n".join(line for _, line in lines_of(path, told, CONSOLE_LIMIT))
     if is_console(text):
         said: dict[str, list[Vector]] = {}
         for heard in heard_in(path, told):

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.lenient_bag import raw_messages
 from ortilo_drake.interop.recorded.mcap_columns import mcap_messages
 from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.ros2_folder import check_database, files_of_bag
 from ortilo_drake.interop.recorded.sources import Column, Source
-from ortilo_drake.interop.recorded.tables import Table
+from ortilo_drake.interop.recorded.tables import Rows, Table
+from ortilo_drake.interop.unpack import Unpacker
 from ortilo_drake.model.input_files import check_file, exists
-from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.typed_yaml import InputError, nearest
 
 _PART = re.compile(r"([^\[\].]+)|\[(\d+)\]")
 
@@ -52,13 +53,27 @@ def _numbers(message: Any, columns: tuple[Column, ...]) -> list[float]:
     return found
 
 
-def _messages(path: Path, topic: str) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of receipt [ns] and what decodes it of each message."""
+def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+    """Yield type, time of receipt [ns] and what decodes it of each message; `topics` gets the names of all topics."""
     if path.suffix == ".mcap":
-        yield from mcap_messages(path, topic)
-        return
-    for reader, type_name, received, raw in raw_messages(path, topic):
-        yield type_name, received, partial(reader.deserialize, raw, type_name)
+        yield from mcap_messages(path, topic, topics)
+    elif not path.is_dir():
+        yield from _of_file(path, topic, topics, False)
+    else:
+        with files_of_bag(path) as bag:
+            for file in bag.paths:
+                yield from (mcap_messages if file.suffix == ".mcap" else _of_file)(file, topic, topics, bag.packed)
+
+
+def _of_file(path: Path, topic: str, topics: set[str], packed: bool) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+    from ortilo_drake.interop.recorded.lenient_bag import raw_messages
+
+    if path.suffix == ".db3":
+        check_database(path)
+    unpacker = Unpacker(path)
+    for reader, type_name, received, raw in raw_messages(path, topic, topics):
+        data = unpacker.unpack("zstd", raw, "a message") if packed else raw
+        yield type_name, received, partial(reader.deserialize, data, type_name)
 
 
 def read_bag(
@@ -83,20 +98,16 @@ def read_bag(
 
     Raises:
         InputError: if the file is no bag or cut short, there is no such topic or field, or hardly a message can be
-        read.
+            read, or it holds or unpacks to more than the limits.
     """
     if not exists(path):
         raise InputError(f"{path}: no such bag")
     if not path.is_dir():
         check_file(path)
     rejected.word = "message"
-    stamps: list[float] = []
-    rows: list[list[float]] = []
-    called: list[str] = []
-    kept: list[int] = []
-    k = 0
+    rows, topics, k = Rows(path), set[str](), 0
     try:
-        for type_name, received, decode in _messages(path, topic):
+        for type_name, received, decode in _messages(path, topic, topics):
             k += 1
             try:
                 message = decode()
@@ -107,28 +118,30 @@ def read_bag(
                 numbers, stamp = _numbers(message, columns), _stamp(message, received, source.time)
                 anchor = "" if names is None else str(field_of(message, str(names)))
             except LookupError as error:
-                if not rows:  # of the first message: a wrong map, not a wrong message
+                if not rows.width:  # of the first message: a wrong map, not a wrong message
                     fields = ", ".join(name for name in getattr(message, "__dict__", {}) if not name.startswith("__"))
                     raise InputError(
                         f"{path}: {topic}: {type_name} has no field '{error.args[0]}'; has {fields}"
                     ) from None
                 rejected.add("messages without a field asked for", f"in message {k}")
                 continue
+            except OverflowError:
+                rejected.add("messages with a number that is too large", f"in message {k}")
+                continue
             except (TypeError, ValueError):
                 raise InputError(f"{path}: {topic}: a field of {list(columns)} is no number") from None
-            if rows and len(numbers) != len(rows[0]):
-                rejected.add(f"messages without {len(rows[0])} values", f"in message {k}")
+            if rows.width and len(numbers) != rows.width:
+                rejected.add(f"messages without {rows.width} values", f"in message {k}")
                 continue
-            stamps.append(stamp)
-            rows.append(numbers)
-            called.append(anchor)
-            kept.append(k)
+            rows.add(k, stamp, numbers, None if names is None else anchor, received)
     except InputError:
         raise
     except Exception as error:  # rosbags and mcap raise errors of many kinds for files that are cut short or not theirs
         line = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: cannot be read as a bag (cut short?): {line}") from None
+    if topic not in topics:
+        has = ", ".join(sorted(topics)) or "none"
+        raise InputError(f"{path}: no topic '{topic}'{nearest(topic, sorted(topics))}; has {has}")
     if len(rows) < max(2, k / 2):
         raise InputError(f"{path}: {topic}: {len(rows)} of {k} messages can be read")
-    found = None if names is None else np.array(called)
-    return Table(np.array(stamps), np.array(rows, dtype=float), found, np.array(kept))
+    return rows.table()

@@ -1,41 +1,62 @@
 """Tables of text: a header or none, any delimiter, comments, empty lines and broken rows."""
 
 import csv
+from codecs import getincrementaldecoder
+from collections.abc import Iterator
+from io import TextIOWrapper
+from itertools import chain
 from pathlib import Path
-
-import numpy as np
+from typing import BinaryIO, Final
 
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
-from ortilo_drake.interop.recorded.table_head import Line, cells_of, layout_of, plain
-from ortilo_drake.interop.recorded.tables import Table, number, stamp
-from ortilo_drake.model.input_files import DATA_LIMIT, read_bytes
+from ortilo_drake.interop.recorded.table_head import LOOKED_AT, Line, cells_of, is_comment, layout_of, plain
+from ortilo_drake.interop.recorded.tables import Rows, Table, number, stamp
+from ortilo_drake.model.input_files import DATA_LIMIT, MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
+BLOCK: Final = MIB
+LINE: Final = MIB  # characters; a row of 10,000 columns takes a quarter of it
+HEAD: Final = 10_000  # lines above the rows
 
-def text_of(path: Path, rejected: Rejections) -> str:
-    """Return a file's text; Latin-1 where it is no UTF-8 (a degree sign in a head), which is told.
+
+def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
+    """Return a table's encoding: Latin-1 where it is no UTF-8 (a degree sign in a head), which is told."""
+    decoder, line, nul, bad = getincrementaldecoder("utf-8")(), 1, False, False
+    while block := file.read(BLOCK):
+        nul |= b"\0" in block
+        if not bad:
+            held = decoder.getstate()[0]
+            try:
+                decoder.decode(block)
+                line += block.count(b"\n")
+            except UnicodeDecodeError as error:
+                bad, line = True, line + block[: max(0, error.start - len(held))].count(b"\n")
+    file.seek(0)
+    if not bad and not decoder.getstate()[0]:
+        return "utf-8-sig"
+    if nul:
+        raise InputError(f"{path}: cannot be read: not UTF-8 text")
+    rejected.notes.append(f"not UTF-8, first in line {line}; read as Latin-1")
+    return "latin-1"
+
+
+def lines_of(path: Path, rejected: Rejections, limit: int = DATA_LIMIT) -> Iterator[Line]:
+    """Yield number and text of the lines that are not empty, one after the other, so that a file may be large.
 
     Raises:
-        InputError: if it cannot be read, or is no text.
+        InputError: if it cannot be read, is no text, has no lines or one of more than LINE characters.
     """
-    content = read_bytes(path, DATA_LIMIT)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        if b"\0" in content:
-            raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
-        line = content[: error.start].count(b"\n") + 1
-        rejected.notes.append(f"not UTF-8, first in line {line}; read as Latin-1")
-        return content.decode("latin-1")
-
-
-def lines_of(path: Path, rejected: Rejections) -> list[Line]:
-    """Return number and text of the lines that are not empty; InputError if there are none."""
-    lines = [(k, line) for k, line in enumerate(text_of(path, rejected).splitlines(), 1) if line.strip()]
-    if not lines:
+    with open_file(path, limit) as file, TextIOWrapper(file, _encoding(file, path, rejected)) as text:
+        empty = True
+        for k, line in enumerate(iter(lambda: text.readline(LINE + 1), ""), 1):
+            if len(line) > LINE:
+                raise InputError(f"{path}: line {k}: more than {LINE:,} characters, the most that are read")
+            if line.strip():
+                empty = False
+                yield k, line.rstrip("\n")
+    if empty:
         raise InputError(f"{path}: is empty")
-    return lines
 
 
 def _index(column: Column, names: list[str] | None, path: Path) -> int:
@@ -53,17 +74,39 @@ def _index(column: Column, names: list[str] | None, path: Path) -> int:
     return names.index(name)
 
 
-def _skip_comments(comments: list[Line], first_row: int, mark: str, rejected: Rejections) -> None:
-    """Count rows that are commented out; tell of other comments among the rows."""
-    others = []
-    for k, text in comments:
-        cells = cells_of(plain(text), mark)
+class _Comments:
+    """Counts rows that are commented out, and other comments below the first row."""
+
+    def __init__(self, mark: str, first_row: int, rejected: Rejections) -> None:
+        self.mark, self.first_row, self.rejected = mark, first_row, rejected
+        self.others, self.first = 0, 0
+
+    def add(self, comment: Line) -> None:
+        """Count a comment."""
+        k, text = comment
+        cells = cells_of(plain(text), self.mark)
         if all(number(cell) is not None for cell in cells) and any(cells):
-            rejected.add("rows that are commented out", f"in line {k}")
-        elif k > first_row:
-            others.append(k)
-    if others:
-        rejected.notes.append(f"{len(others)} comments among the rows, first in line {others[0]}")
+            self.rejected.add("rows that are commented out", f"in line {k}")
+        elif k > self.first_row:
+            self.others, self.first = self.others + 1, self.first or k
+
+    def tell(self) -> None:
+        """Add the others to the report."""
+        if self.others:
+            self.rejected.notes.append(f"{self.others} comments among the rows, first in line {self.first}")
+
+
+def _head_of(lines: Iterator[Line], path: Path) -> list[Line]:
+    """Return the first lines: what tells the layout, LOOKED_AT rows and what is above them."""
+    found, rows = [], 0
+    for line in lines:
+        found.append(line)
+        rows += not is_comment(line)
+        if rows > LOOKED_AT:
+            break
+        if len(found) > HEAD:
+            raise InputError(f"{path}: no {LOOKED_AT} rows in its first {HEAD:,} lines")
+    return found
 
 
 def read_csv(
@@ -84,7 +127,6 @@ def read_csv(
     Raises:
         InputError: if the file cannot be read, a column is missing, or most rows are no numbers.
     """
-    lines = lines_of(path, rejected)
     wanted = (source.time or 1, *columns, *(() if names is None else (names,)))
     numbered = [c for c in wanted[: 1 + len(columns)] if isinstance(c, int)]
 
@@ -92,30 +134,34 @@ def read_csv(
         return any(cells[c - 1] and stamp(cells[c - 1]) is not None for c in numbered if c <= len(cells))
 
     try:
-        layout = layout_of(lines, source.delimiter, source.header, wanted, is_row)
+        lines = lines_of(path, rejected)
+        layout = layout_of(_head_of(lines, path), source.delimiter, source.header, wanted, is_row)
         if not layout.rows:
             raise InputError(f"{path}: holds no rows")
         places = [_index(column, layout.names, path) for column in wanted]
-        _skip_comments(layout.comments, layout.rows[0][0], layout.mark, rejected)
-        rows = [cells_of(text, layout.mark) for _, text in layout.rows]
+        comments = _Comments(layout.mark, layout.rows[0][0], rejected)
+        for comment in layout.comments:
+            comments.add(comment)
+        width, rows, count = max(places) + 1, Rows(path), 0
+        at, where = places[0], places[1 : 1 + len(columns)]
+        for k, text in chain(layout.rows, lines):
+            if k > layout.rows[-1][0] and is_comment((k, text)):
+                comments.add((k, text))
+                continue
+            count += 1
+            row = cells_of(text, layout.mark)
+            if len(row) < width:
+                rejected.add(f"rows with fewer than {width} cells", f"in line {k}")
+                continue
+            t, values = stamp(row[at]), [value for i in where if (value := number(row[i])) is not None]
+            if t is None or len(values) < len(where):
+                rejected.add("rows with a cell that is no number", f"in line {k}")
+                continue
+            rows.add(k, t, values, None if names is None else row[places[-1]])
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
-    width, found, called, kept = max(places) + 1, [], [], []
-    at, where = places[0], places[1 : 1 + len(columns)]
-    for (k, _), row in zip(layout.rows, rows, strict=True):
-        if len(row) < width:
-            rejected.add(f"rows with fewer than {width} cells", f"in line {k}")
-            continue
-        numbers = [stamp(row[at]), *(number(row[i]) for i in where)]
-        if None in numbers:
-            rejected.add("rows with a cell that is no number", f"in line {k}")
-            continue
-        found.append(numbers)
-        kept.append(k)
-        if names is not None:
-            called.append(row[places[-1]])
-    if len(found) < max(2, len(rows) / 2):
+    comments.tell()
+    if len(rows) < max(2, count / 2):
         why = rejected.most() or "no more"
-        raise InputError(f"{path}: {len(found)} of {len(rows)} rows can be read ({why})")
-    table = np.array(found, dtype=float)
-    return Table(table[:, 0], table[:, 1:], None if names is None else np.array(called), np.array(kept))
+        raise InputError(f"{path}: {len(rows)} of {count} rows can be read ({why})")
+    return rows.table()

@@ -11,11 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from ortilo_drake.interop.recorded.csv_columns import lines_of
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.tables import Table, stamp
+from ortilo_drake.interop.recorded.tables import Rows, Table, stamp
 from ortilo_drake.model.typed_yaml import InputError
 
 _N = r"(-?\d+(?:\.\d+)?|nan)"
@@ -63,19 +61,15 @@ def read_lec(path: Path, rejected: Rejections) -> Table:
     Raises:
         InputError: if hardly a line has a stamp and ranges.
     """
-    heard_all, found = list(heard_in(path, rejected)), []
-    for heard in heard_all:
+    rows, count = Rows(path), 0
+    for heard in heard_in(path, rejected):
+        count += 1
         t = stamp(heard.before) if heard.before else None
         if t is None:
             rejected.add("ranges without a stamp before their line", f"in line {heard.line}")
         else:
-            found.append((t, heard))
-    if len(found) < max(2, len(heard_all) / 2):
+            rows.add(heard.line, t, [heard.range], heard.anchor)
+    if len(rows) < max(2, count / 2):
         why = rejected.most() or "it holds none of lec or les"
-        raise InputError(f"{path}: {len(found)} ranges with a stamp before their line ({why})")
-    return Table(
-        np.array([t for t, _ in found]),
-        np.array([[heard.range] for _, heard in found]),
-        np.array([heard.anchor for _, heard in found]),
-        np.array([heard.line for _, heard in found]),
-    )
+        raise InputError(f"{path}: {len(rows)} ranges with a stamp before their line ({why})")
+    return rows.table()

@@ -1,17 +1,64 @@
-"""ROS 1 bags with definitions that are no UTF-8, or of a topic that nobody asks for and that cannot be read."""
+"""ROS 1 bags and ROS 2 databases by rosbags, within limits.
+
+Definitions that are no UTF-8 are taken, and of a topic that nobody asks for it does not matter whether they can be
+read.
+"""
 
 import struct
+from collections import defaultdict
 from collections.abc import Iterator
+from functools import partial
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO, Final
 
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
-from rosbags.rosbag1.reader import Header, ReaderError, RecordType
+from rosbags.rosbag1.reader import Chunk, Header, IndexData, ReaderError, RecordType
 
+from ortilo_drake.interop.recorded.message_types import check_types
 from ortilo_drake.interop.ros.ros_types import typestore
-from ortilo_drake.model.typed_yaml import InputError, nearest
+from ortilo_drake.interop.unpack import CHUNK_LIMIT, Unpacker
+from ortilo_drake.model.input_files import MIB, open_file
+from ortilo_drake.model.typed_yaml import InputError
+
+INDEXED: Final = 2**22  # messages of a topic: at 1 kHz more than an hour; an entry of the index takes 150 bytes
+_HEAD, _SIZE = 55, struct.Struct("<L")  # of a bag's index: so many bytes, the last four of them its size
+
+
+class BoundedFile:
+    """A regular file of which no more than CHUNK_LIMIT is read at once; a bag's lengths need not be true."""
+
+    def __init__(self, path: Path) -> None:
+        self.file: BinaryIO = open_file(path)
+        self.path = path
+        self.tell, self.seek, self.close = self.file.tell, self.file.seek, self.file.close
+
+    def read(self, size: int) -> bytes:
+        """Return at most so many bytes."""
+        if size > CHUNK_LIMIT:
+            raise InputError(
+                f"{self.path}: a record of {size / MIB:.4g} MiB; at most {CHUNK_LIMIT / MIB:g} MiB are read"
+            )
+        return self.file.read(size)
+
+    def readline(self) -> bytes:
+        """Return the first line, or its begin."""
+        return self.file.readline(80)
+
+
+class _Place:
+    """A bag's path, as far as rosbags uses it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def exists(self) -> bool:
+        return True
+
+    def open(self, mode: str) -> BoundedFile:
+        return BoundedFile(self.path)
 
 
 def _record(header: Header) -> bytes:
@@ -28,8 +75,11 @@ def _record(header: Header) -> bytes:
 class LenientReader(Reader):
     """A reader that takes comments in any encoding, as old bags have them, and only the topic that is asked for."""
 
-    topic: str
-    topics_of_bag: tuple[str, ...] = ()
+    def __init__(self, path: Path, topic: str) -> None:
+        super().__init__(_Place(path))  # type: ignore[arg-type]  # it needs no more of a path
+        self.topic = topic
+        self.topics_of_bag: set[str] = set()
+        self.unpacker = Unpacker(path)
 
     def read_connection(self) -> Connection:
         """Read a connection's record; what is no UTF-8 in it is replaced (rosbags refuses the bag)."""
@@ -48,29 +98,58 @@ class LenientReader(Reader):
             self.bio = whole
             self.bio.seek(end)
 
+    def read_chunk(self) -> Chunk:
+        """Read a chunk's header; it will be unpacked within the limits."""
+        assert self.bio
+        begin = self.bio.tell()
+        kind = Header.read(self.bio, RecordType.CHUNK).get_string("compression")
+        self.bio.seek(begin)
+        chunk = super().read_chunk()
+        unpack = partial(self.unpacker.unpack, kind, what="a chunk")
+        return chunk if kind == "none" else chunk._replace(decompressor=unpack)
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """Read a chunk's index, of the topic's messages only, and no more than INDEXED of them."""
+        assert self.bio
+        begin = self.bio.tell()
+        entries = _SIZE.unpack_from(self.bio.read(_HEAD), _HEAD - _SIZE.size)[0] // 12
+        self.bio.seek(begin)
+        found: dict[int, list[IndexData]] = defaultdict(list)
+        if entries <= INDEXED:
+            super().read_index_data(pos, found)
+        for key in found.keys() & {connection.id for connection in self.connections if connection.topic == self.topic}:
+            entries = len(found[key]) + len(indexes[key])
+            indexes[key] += found[key]
+        if entries > INDEXED:
+            raise InputError(f"{self.unpacker.path}: more than {INDEXED:,} messages of a topic")
+
     def open(self) -> None:
         """Open the bag and keep the connections of the topic, so that no other type can spoil the reading."""
         super().open()
-        self.topics_of_bag = tuple(sorted({connection.topic for connection in self.connections}))
+        self.topics_of_bag = {connection.topic for connection in self.connections}
         self.connections = [connection for connection in self.connections if connection.topic == self.topic]
 
 
-def raw_messages(path: Path, topic: str) -> Iterator[tuple[AnyReader, str, int, bytes]]:
-    """Yield reader, type, time of receipt [ns] and bytes of a topic's messages in a ROS 1 or ROS 2 bag.
+def raw_messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[AnyReader, str, int, bytes]]:
+    """Yield reader, type, time of receipt [ns] and bytes of a topic's messages in a ROS 1 bag or a ROS 2 database.
+
+    Args:
+        path: the file; of a database see check_database.
+        topic: the topic.
+        topics: gets the names of all topics.
 
     Raises:
-        InputError: if there is no such topic; rosbags raises errors of many kinds besides.
+        InputError: if it holds or unpacks to more than the limits; rosbags raises errors of many kinds besides.
     """
     reader = AnyReader([path], default_typestore=typestore())
     lenient = None
     if not reader.is2:
-        lenient = LenientReader(path)
-        lenient.topic = topic
+        lenient = LenientReader(path, topic)
         reader.readers = [lenient]
     with reader:
-        topics = lenient.topics_of_bag if lenient else sorted({connection.topic for connection in reader.connections})
+        topics |= lenient.topics_of_bag if lenient else {connection.topic for connection in reader.connections}
         connections = [c for c in reader.connections if c.topic == topic]
-        if not connections:
-            raise InputError(f"{path}: no topic '{topic}'{nearest(topic, topics)}; has {', '.join(topics) or 'none'}")
-        for connection, received, raw in reader.messages(connections=connections):
+        for connection in connections:
+            check_types(reader.typestore.fielddefs, connection.msgtype)
+        for connection, received, raw in reader.messages(connections=connections) if connections else ():
             yield reader, connection.msgtype, received, raw

@@ -6,13 +6,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from ortilo_drake.interop.log.mcap_records import read_records
+from ortilo_drake.interop.recorded.message_types import check_types
 from ortilo_drake.interop.ros.ros_types import typestore
-from ortilo_drake.model.input_files import open_file
-from ortilo_drake.model.typed_yaml import InputError, nearest
+from ortilo_drake.interop.unpack import Unpacker
+from ortilo_drake.model.typed_yaml import InputError
 
 Decode = Callable[[bytes], Any]
 
@@ -30,36 +31,47 @@ def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Decode:
         found = f"{encoding or 'unnamed'} messages" + (f" ({kind})" if kind else "")
         raise InputError(f"{path}: topic '{channel.topic}' has {found}; cdr (ROS 2), ros1 and json are read")
     name = "" if schema is None else schema.name
+    full = name if "/msg/" in name else name.replace("/", "/msg/", 1)
     store = typestore()
     if schema is not None and schema.data:
         text = schema.data.decode(errors="replace")
+        types = get_types_from_idl(text) if kind.endswith("idl") else get_types_from_msg(text, name)
+        check_types(types, full)
         store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_idl(text) if kind.endswith("idl") else get_types_from_msg(text, name))
-    name = name if "/msg/" in name else name.replace("/", "/msg/", 1)
+        store.register(types)
     if encoding == "ros1":
-        return lambda data: store.deserialize_ros1(data, name)
-    return lambda data: store.deserialize_cdr(data, name)
+        return lambda data: store.deserialize_ros1(data, full)
+    return lambda data: store.deserialize_cdr(data, full)
 
 
-def mcap_messages(path: Path, topic: str) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of logging [ns] and what decodes it of each of a topic's messages.
+def mcap_messages(
+    path: Path, topic: str, topics: set[str], packed: bool = False
+) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+    """Yield type, time of logging [ns] and what decodes it of each of a topic's messages, as they stand in the file.
+
+    Args:
+        path: the file.
+        topic: the topic.
+        topics: gets the names of all topics.
+        packed: whether each message is packed with zstd of its own.
 
     Raises:
-        InputError: if there is no such topic, or its messages are of an encoding that is not read; the library raises
-            errors of many kinds for a file that is cut short.
+        InputError: if the file is damaged, cut short or too large, or its messages are of an encoding that is not read;
+            the library raises errors of many kinds for a wrong schema.
     """
-    with open_file(path) as file:
-        decoders: dict[int, Decode] = {}
-        summary = make_reader(file).get_summary()
-        topics = sorted({c.topic for c in summary.channels.values()}) if summary else []
-        if topics and topic not in topics:
-            raise InputError(f"{path}: no topic '{topic}'{nearest(topic, topics)}; has {', '.join(topics)}")
-        file.seek(0)
-        for schema, channel, message in make_reader(file).iter_messages(topics=[topic]):
-            if channel.id not in decoders:
-                decoders[channel.id] = _decoder(path, channel, schema)
-            decode = decoders[channel.id]
-            name = (schema.name if schema is not None else "") or channel.message_encoding
-            yield name, message.log_time, lambda data=message.data, decode=decode: decode(data)  # type: ignore[misc]
-        if not decoders:
-            raise InputError(f"{path}: no message of topic '{topic}'")
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[str, Decode]] = {}
+    unpacker = Unpacker(path)
+    for record in read_records(path, whole=True):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            topics.add(record.topic)
+            if record.topic == topic and record.id not in channels:
+                schema = schemas.get(record.schema_id)
+                name = (schema.name if schema is not None else "") or record.message_encoding
+                channels[record.id] = (name, _decoder(path, record, schema))
+        elif record.channel_id in channels:
+            name, decode = channels[record.channel_id]
+            data = unpacker.unpack("zstd", record.data, "a message") if packed else record.data
+            yield name, record.log_time, lambda data=data, decode=decode: decode(data)  # type: ignore[misc]

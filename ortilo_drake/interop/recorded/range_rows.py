@@ -13,6 +13,7 @@ from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.model.typed_yaml import InputError
 
+FARTHEST = 1e5  # [m]; what a ranging radio reports beyond is no range, and its square overflows
 FEWEST = 10  # ranges that make a recording
 SHOWN = 8  # names of anchors in an error
 
@@ -62,25 +63,27 @@ def _of_rows(stream: Stream, names: tuple[str, ...]) -> Rows:
     return stream.t[~again], anchor[~again], stream.values[~again, 0]
 
 
-def _usable(stream: Stream, rows: Rows, in_a_row: int, others: str = "") -> Rows:
-    """Return the ranges that are some; the others are counted."""
+def _usable(stream: Stream, rows: Rows, in_a_row: int, scale: float, others: str = "") -> Rows:
+    """Return the ranges [m] that are some; the others are counted."""
     t, anchor, r = rows
     none, low = ~np.isfinite(r), np.isfinite(r) & (r <= 0.0)
-    for bad, reason in ((none, "ranges that are NaN or empty"), (low, "ranges of 0 or less")):
+    far = np.isfinite(r) & (r > FARTHEST / scale)
+    reasons = ("ranges that are NaN or empty", "ranges of 0 or less", f"ranges of more than {FARTHEST / 1000:g} km")
+    for bad, reason in zip((none, low, far), reasons, strict=True):
         first = int(np.argmax(bad))
         place = (
             f"at {t[first]:.3f} s" if in_a_row == 1 else f"in {stream.rejected.word} {stream.rows[first // in_a_row]}"
         )
         stream.rejected.add(reason + others, place, int(bad.sum()))
-    good = ~(none | low)
-    return t[good], anchor[good], r[good]
+    good = ~(none | low | far)
+    return t[good], anchor[good], scale * r[good]
 
 
-def _of_one_anchor(stream: Stream, i: int) -> Rows:
+def _of_one_anchor(stream: Stream, i: int, scale: float) -> Rows:
     width = stream.values.shape[1]
     if width != 1:
         raise InputError(f"{stream.rejected.source}: {width} values in a row or message, one anchor")
-    return _usable(stream, (stream.t, np.full(len(stream.t), i), stream.values[:, 0]), 1)
+    return _usable(stream, (stream.t, np.full(len(stream.t), i), stream.values[:, 0]), 1, scale)
 
 
 def _each_of_one_anchor(folder: Path, map_: Map, count: int, names: tuple[str, ...]) -> Iterator[tuple[int, Stream]]:
@@ -117,7 +120,7 @@ def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ro
     count, parts = found.number, []
     for i, stream in _each_of_one_anchor(folder, map_, count, names):
         told += stream.told
-        parts.append(_of_one_anchor(stream, i))
+        parts.append(_of_one_anchor(stream, i, source.scale))
     if not parts:
         paths = files_of(folder, source.file)
         stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor)
@@ -128,14 +131,14 @@ def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ro
                 raise InputError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
             if width != 1:
                 raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
-            parts.append(_usable(stream, _of_rows(stream, names), 1))
+            parts.append(_usable(stream, _of_rows(stream, names), 1, source.scale))
         elif width != count:
             raise InputError(f"{stream.rejected.source}: {width} ranges in a row, but {count} anchors in the map")
         else:
             rows = np.repeat(stream.t, count), np.tile(np.arange(count), len(stream.t)), stream.values.ravel()
-            parts.append(_usable(stream, rows, count, " (the others of their row are kept)"))
+            parts.append(_usable(stream, rows, count, source.scale, " (the others of their row are kept)"))
     t, anchor, r = (np.concatenate(part) for part in zip(*parts, strict=True))
     if len(t) < FEWEST:
         raise InputError(f"{told[-1].source}: {len(t)} ranges")
     order = np.lexsort((anchor, t))
-    return (t[order], anchor[order], r[order] * source.scale), positions
+    return (t[order], anchor[order], r[order]), positions

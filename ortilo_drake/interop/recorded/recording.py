@@ -15,6 +15,7 @@ from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
 GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
+LARGEST = 1e12  # of a file's numbers; UTM in mm reaches 1e10
 FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
 
 
@@ -75,10 +76,13 @@ def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarr
     return M
 
 
-def _complete(stream: Stream) -> Stream:
-    """Return the rows without NaN or infinity; the others are counted."""
+def _complete(stream: Stream, vectors: int) -> Stream:
+    """Return the rows without NaN or infinity, and none in its vectors whose square is; the others are counted."""
     bad = ~np.isfinite(stream.values).all(axis=1)
+    far = ~bad & (np.abs(stream.values[:, :vectors]) > LARGEST).any(axis=1)
+    stream.rejected.add(f"rows with a number beyond {LARGEST:g}", stream.place(far), int(far.sum()))
     stream.rejected.add("rows with NaN, infinity or an empty cell", stream.place(bad), int(bad.sum()))
+    bad |= far
     if (~bad).sum() < 2:
         raise InputError(f"{stream.rejected.source}: {(~bad).sum()} of {len(bad)} rows are complete")
     return stream.only(~bad)
@@ -96,17 +100,19 @@ def _with_attitude(stream: Stream, source: Matrix | Quaternion | None, begin: in
     return stream.only(good)
 
 
-def _read(folder: Path, source: Source, columns: tuple[Column, ...], what: str, told: list[Rejections]) -> Stream:
+def _read(
+    folder: Path, source: Source, columns: tuple[Column, ...], what: str, told: list[Rejections], vectors: int
+) -> Stream:
     stream = read_stream(files_of(folder, source.file), source, columns, what, source.topic)
     told += stream.told
-    return _complete(stream)
+    return _complete(stream, vectors)
 
 
 def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> Imu:
     source = map_.imu
     assert source is not None
     turned = () if source.orientation is None else source.orientation.columns
-    stream = _read(folder, source, (*source.rates, *source.force, *turned), "imu", told)
+    stream = _read(folder, source, (*source.rates, *source.force, *turned), "imu", told, 6)
     stream = _with_attitude(stream, source.orientation, 6)
     t, values = stream.t, stream.values
     M = axes_matrix(source.axes)
@@ -118,7 +124,7 @@ def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) ->
         attitude = M @ rotations(values[:, 6:], source.orientation, stream.rejected.source) @ M.T
     t = t - (float(t[0]) if source.zero == "first" else origin)
     if map_.command is not None:
-        commanded = _read(folder, map_.command, (map_.command.thrust,), "command", told)
+        commanded = _read(folder, map_.command, (map_.command.thrust,), "command", told, 1)
         t_u, thrust = commanded.t, commanded.values
         t_u = t_u - (float(t_u[0]) if map_.command.zero == "first" else origin)
         held = np.clip(np.searchsorted(t_u, t, side="right") - 1, 0, len(t_u) - 1)
@@ -144,7 +150,7 @@ def _read_truth(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Truth,
     source = map_.truth
     assert source is not None
     turned = () if source.rotation is None else source.rotation.columns
-    stream = _read(folder, source, (*source.position, *turned), "truth", told)
+    stream = _read(folder, source, (*source.position, *turned), "truth", told, 3)
     if source.drop_zero_rows:
         none = (stream.values[:, :3] == 0.0).all(axis=1)
         stream.rejected.add("rows without a position (all zero)", stream.place(none), int(none.sum()))

@@ -28,6 +28,11 @@ def plain(name: str) -> str:
     return name.strip().lstrip(SIGNS).strip()
 
 
+def is_comment(line: Line) -> bool:
+    """Return whether a line, which is not empty, begins with a sign of comments."""
+    return line[1].lstrip()[0] in SIGNS
+
+
 def cells_of(line: str, mark: str) -> list[str]:
     """Return the cells of a line; CSV's quotes are understood."""
     if '"' in line:
@@ -72,8 +77,8 @@ def layout_of(
         columns: those asked for, by name or number.
         is_row: whether cells have numbers where columns are asked for by number.
     """
-    comments = [line for line in lines if line[1].lstrip()[0] in SIGNS]
-    rows = [line for line in lines if line[1].lstrip()[0] not in SIGNS]
+    comments = [line for line in lines if is_comment(line)]
+    rows = [line for line in lines if not is_comment(line)]
     mark = DELIMITERS.get(delimiter, delimiter)
     if delimiter == "auto":
         marks = Counter(mark_of(text) for _, text in rows[:LOOKED_AT])

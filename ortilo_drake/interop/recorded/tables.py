@@ -1,10 +1,18 @@
 """What every reader returns: the rows of one file, as numbers, each with its place."""
 
+from array import array
+from collections.abc import Sequence
 from datetime import UTC, datetime, time
-from typing import NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.typed_yaml import InputError
+
+NUMBERS: Final = 2**24  # of a stream: IMU at 1 kHz for half an hour; what works on them takes 60 bytes for each
+LONGEST: Final = 257  # characters of a name that are kept; those in a map have 256 at most
+NAMES: Final = 10_000  # of anchors that the rows of a file name
 EMPTY = ("", "nan", "na", "null", "none", "-")  # cells without a number
 
 
@@ -19,6 +27,53 @@ class Table(NamedTuple):
     values: np.ndarray
     names: np.ndarray | None
     rows: np.ndarray
+
+
+class Rows:
+    """The rows of a file while it is read, 8 bytes a number."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.width = 0
+        self._t, self._values, self._order = array("d"), array("d"), array("q")
+        self._rows = array("q")
+        self._names: list[str] = []
+        self._known: dict[str, str] = {}
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add(self, row: int, t: float, values: Sequence[float], name: str | None = None, order: int = 0) -> None:
+        """Add a row.
+
+        Args:
+            row: its number in the file.
+            t: stamp.
+            values: as many as in the other rows.
+            name: what it calls its anchor; in all rows or in none.
+            order: rows are sorted by it, those of one as they came.
+
+        Raises:
+            InputError: if there are more than NUMBERS, or more than NAMES of anchors.
+        """
+        self.width = len(values)
+        if len(self._values) + len(self._rows) + self.width >= NUMBERS:
+            raise InputError(f"{self.path}: more than {NUMBERS:,} numbers in its rows; cut it into several recordings")
+        if name is not None:
+            self._names.append(self._known.setdefault(name[:LONGEST], name[:LONGEST]))
+            if len(self._known) > NAMES:
+                raise InputError(f"{self.path}: its rows name more than {NAMES:,} anchors: wrong column?")
+        self._rows.append(row)
+        self._t.append(t)
+        self._values.extend(values)
+        self._order.append(min(order, 2**63 - 1))
+
+    def table(self) -> Table:
+        """Return all rows."""
+        order = np.argsort(np.array(self._order), kind="stable")
+        values = np.array(self._values).reshape(len(self), -1)[order]
+        names = np.array(self._names, dtype=object)[order] if self._known else None
+        return Table(np.array(self._t)[order], values, names, np.array(self._rows)[order])
 
 
 def number(cell: str) -> float | None:

@@ -1,0 +1,34 @@
+"""Message types that a recording defines itself, refused where a short message of them would never be decoded."""
+
+from typing import Any, Final
+
+from rosbags.interfaces import Nodetype
+
+LONGEST: Final = 1000  # texts or messages in an array of fixed length: rosbags writes lines of code for each of them
+
+
+def check_types(types: Any, name: str) -> None:
+    """Refuse messages without fields inside others, and long arrays of fixed length of what is no number.
+
+    A message without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them.
+
+    Args:
+        types: as rosbags' get_types_from_msg returns them.
+        name: the type; those that it uses are checked with it.
+
+    Raises:
+        ValueError: naming type and field.
+    """
+    checked, left = set(), {name}
+    while left:
+        name = left.pop()
+        checked.add(name)
+        for field, (kind, inner) in types[name][1] if name in types else ():
+            item, of = (kind, inner) if kind in (Nodetype.BASE, Nodetype.NAME) else inner[0]
+            if item == Nodetype.NAME:
+                if of in types and not types[of][1]:
+                    raise ValueError(f"{name}.{field}: {of} has no fields")
+                left |= {of} - checked
+            numbers = item == Nodetype.BASE and of[0] != "string"
+            if kind == Nodetype.ARRAY and not numbers and inner[1] > LONGEST:
+                raise ValueError(f"{name}.{field}: {inner[1]} items, at most {LONGEST}")

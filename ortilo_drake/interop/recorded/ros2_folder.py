@@ -1,0 +1,101 @@
+"""The folder of a ROS 2 bag: which files its metadata.yaml names, each checked and, if it is packed, unpacked."""
+
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path, PurePath
+from typing import Any, Final, NamedTuple
+from urllib.parse import quote
+
+import yaml
+
+from ortilo_drake.interop.unpack import CHUNK_LIMIT, FILE_LIMIT, Unpacker
+from ortilo_drake.model.input_files import MIB, check_file, open_file, read_text, reason
+from ortilo_drake.model.typed_yaml import InputError
+
+MOST: Final = 4096  # files of a bag
+STORAGES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
+
+
+class BagFiles(NamedTuple):
+    """The files of a bag, mcap or db3, and whether each message in them is packed."""
+
+    paths: list[Path]
+    packed: bool
+
+
+def _metadata(path: Path) -> tuple[list[str], str, str]:
+    """Return the names of a bag's files, the ending of their kind, and what is packed: file, message or nothing."""
+    try:
+        found: Any = yaml.safe_load(read_text(path))["rosbag2_bagfile_information"]
+        names = [PurePath(str(name)).name for name in found["relative_file_paths"]]
+        storage, mode = str(found["storage_identifier"]), str(found.get("compression_mode") or "").lower()
+        kind = str(found.get("compression_format") or "")
+    except InputError:
+        raise
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
+        raise InputError(f"{path}: is no rosbag2_bagfile_information with files and storage_identifier") from None
+    if storage not in STORAGES:
+        raise InputError(f"{path}: storage_identifier: '{storage}': must be {' or '.join(STORAGES)}")
+    mode = "" if mode == "none" else mode
+    if mode not in ("", "file", "message") or (mode and kind != "zstd"):
+        raise InputError(f"{path}: compression: '{kind}' of '{mode}': must be zstd of file or message, or none")
+    if not 1 <= len(names) <= MOST:
+        raise InputError(f"{path}: relative_file_paths: {len(names)} files, must be 1 to {MOST}")
+    return names, STORAGES[storage], mode
+
+
+@contextmanager
+def files_of_bag(folder: Path) -> Iterator[BagFiles]:
+    """Give the files of a ROS 2 bag, those packed as a whole unpacked to a temporary folder.
+
+    Raises:
+        InputError: if metadata.yaml is wrong, a file it names is not there, no regular one or too large, or all of them
+            unpack to more than the limit.
+    """
+    names, suffix, mode = _metadata(folder / "metadata.yaml")
+    paths = [folder / name for name in names]
+    for path in paths:
+        check_file(path)
+    if mode != "file":
+        yield BagFiles(paths, mode == "message")
+        return
+    tried, unpacker = Unpacker(folder), Unpacker(folder)
+    with tempfile.TemporaryDirectory(prefix="ortilo-") as place:
+        unpacked = []
+        for i, path in enumerate(paths):
+            unpacked.append(Path(place) / f"{i}{suffix}")
+            with open_file(path) as packed:
+                for _ in tried.pieces("zstd", packed, FILE_LIMIT, path.name):
+                    pass  # so that one that is too large leaves nothing on the disk
+            with open_file(path) as packed, unpacked[-1].open("wb") as file:
+                for piece in unpacker.pieces("zstd", packed, FILE_LIMIT, path.name):
+                    file.write(piece)
+        yield BagFiles(unpacked, False)
+
+
+def check_database(path: Path) -> None:
+    """Refuse a database whose tables are not what they seem: views and generated columns compute what never ends.
+
+    Raises:
+        InputError: if it is such a one, no database, or holds a message of more than CHUNK_LIMIT.
+    """
+    try:
+        with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True)) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            query = "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0"
+            tables = {name for (name,) in database.execute(query)}
+            known = {"topics", "messages", "schema", "metadata", "message_definitions"}
+            odd = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'view'")} & known
+            for name in tables & known:
+                columns = database.execute(f"PRAGMA table_xinfo({name})").fetchall()
+                odd |= {f"{name}.{column[1]}" for column in columns if column[6]}
+            if odd or not {"topics", "messages"} <= tables:
+                missing = f"{', '.join(sorted(odd))} is computed" if odd else "has no tables topics and messages"
+                raise InputError(f"{path}: no ROS 2 bag: {missing}")
+            (largest,) = database.execute("SELECT max(length(data)) FROM messages").fetchone()
+    except (sqlite3.Error, OverflowError) as error:
+        raise InputError(f"{path}: cannot be read as a bag (cut short?): {reason(error)}") from None
+    if (largest or 0) > CHUNK_LIMIT:
+        raise InputError(f"{path}: a message of {largest / MIB:.4g} MiB; at most {CHUNK_LIMIT / MIB:g} MiB are read")

@@ -1,0 +1,82 @@
+"""Compressed parts of recorded files, unpacked a piece at a time and no further than the limits.
+
+A few kB of zstd, lz4 or bz2 may unpack to gigabytes, and the size that a file states need not be true. So what counts
+is what came out, not what was stated.
+"""
+
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import zstandard
+
+from ortilo_drake.model.input_files import DATA_LIMIT, MIB
+from ortilo_drake.model.typed_yaml import InputError
+
+CHUNK_LIMIT: Final = 128 * MIB  # of one part; recorders write chunks of 1 to 8 MiB, a large point cloud takes 30
+FILE_LIMIT: Final = DATA_LIMIT  # of all parts of a file: as much as a file that is not compressed may hold
+PIECE: Final = MIB
+
+
+def _open(kind: str, packed: BinaryIO) -> Any:
+    if kind == "zstd":
+        return zstandard.ZstdDecompressor(max_window_size=CHUNK_LIMIT).stream_reader(packed, read_across_frames=True)
+    if kind == "lz4":
+        from lz4.frame import LZ4FrameFile  # type: ignore[import-untyped]  # not before it is asked for
+
+        return LZ4FrameFile(packed)
+    if kind == "bz2":
+        from bz2 import BZ2File
+
+        return BZ2File(packed)
+    raise InputError(f"compression '{kind}': zstd, lz4 and bz2 are read")
+
+
+class Unpacker:
+    """Unpacks the parts of one file.
+
+    Attributes:
+        path: the file, named in errors.
+        left: how many bytes its parts may still unpack to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.left = FILE_LIMIT
+
+    def pieces(self, kind: str, packed: BinaryIO, limit: int, what: str) -> Iterator[bytes]:
+        """Yield what a part unpacks to, at most PIECE bytes at a time.
+
+        Args:
+            kind: zstd, lz4 or bz2.
+            packed: the part.
+            limit: the most bytes that it may unpack to.
+            what: what to call it in an error.
+
+        Raises:
+            InputError: if it is damaged or unpacks to more than the limit, or all parts of the file to more than
+                FILE_LIMIT.
+        """
+        size = 0
+        try:
+            reader = _open(kind, packed)
+            while piece := reader.read(PIECE):
+                size += len(piece)
+                self.left -= len(piece)
+                if size > limit:
+                    raise InputError(f"{what} unpacks to more than {limit / MIB:g} MiB, the most that is read")
+                if self.left < 0:
+                    raise InputError(f"unpacks to more than {FILE_LIMIT / MIB:g} MiB, the most that is read of a file")
+                yield piece
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+        except ImportError:
+            raise InputError(f"{self.path}: {what} is packed with {kind}, whose library is not installed") from None
+        except (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError) as error:
+            line = " ".join(str(error).split()) or type(error).__name__
+            raise InputError(f"{self.path}: {what} is damaged: {kind}: {line}") from None
+
+    def unpack(self, kind: str, packed: bytes, what: str) -> bytes:
+        """Return what a part unpacks to, at most CHUNK_LIMIT; errors as pieces."""
+        return b"".join(self.pieces(kind, BytesIO(packed), CHUNK_LIMIT, what))
