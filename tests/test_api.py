@@ -67,7 +67,10 @@ def test_settings_as_text_and_by_keyword_are_one() -> None:
         od.load_scenario("nominal_imu_uwb", "uwb.link.loss=0.3", uwb__link__loss=0.1).uwb.link.loss.probability == 0.1
     )
     assert od.fly("nominal_imu_uwb", WORDS, seed=3).scenario == load_scenario("nominal_imu_uwb", WORDS, 3)
+    assert by_word == od.load_scenario("nominal_imu_uwb", {"uwb.link.loss": 0.3, "seed": 3})
     assert od.load_scenario is load_scenario
+    with pytest.raises(od.InputError, match=r"^settings: 0.3: must be 'key.key=value'"):
+        od.load_scenario("nominal_imu_uwb", [0.3])  # type: ignore[list-item]
 
 
 def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> None:

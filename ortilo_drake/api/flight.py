@@ -1,7 +1,7 @@
 """One flight: flown, looked at, and written in other people's formats."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
@@ -22,7 +22,7 @@ from ortilo_drake.interop.rerun.recording import check_recording, save_recording
 from ortilo_drake.interop.rerun.sightings import drawn_again
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
-from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.load import Settings
 from ortilo_drake.views.blackout_figures import draw_availability, draw_blackout_errors
 from ortilo_drake.views.figures import draw_flight
 from ortilo_drake.views.page.flight_page import flight_page
@@ -168,7 +168,7 @@ class Flight:
 
 def fly(
     scenario: str | Path | Scenario = "imu_uwb_yolo",
-    settings: str | Iterable[Setting] = (),
+    settings: Settings = (),
     *,
     seed: int | None = None,
     progress: Callable[[int], None] | None = None,

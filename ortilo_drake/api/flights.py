@@ -15,7 +15,7 @@ from ortilo_drake.flight import ensemble
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.load import Settings, as_settings
 from ortilo_drake.scenario.plain import plain_value
 
 
@@ -61,7 +61,7 @@ def _row(summary: dict[str, Any]) -> dict[str, Any]:
 def fly_many(
     scenario: str | Path | Scenario,
     seeds: Iterable[int],
-    settings: str | Iterable[Setting] = (),
+    settings: Settings = (),
     *,
     out: str | Path | None = None,
     workers: int = 1,
@@ -117,7 +117,7 @@ def compare(
     seeds: Iterable[int] = range(5),
     out: str | Path | None = None,
     workers: int = 1,
-    settings: str | Iterable[Setting] = (),
+    settings: Settings = (),
     **changes: Any,
 ) -> Comparison:
     """Fly scenarios with the same seeds and the same settings; return a row for each, named after it.
@@ -138,10 +138,10 @@ def compare(
         InputError: as fly_many.
     """
     seeds, rows, names = list(seeds), [], []
-    settings = [settings] if isinstance(settings, str) else list(settings)
+    laid_over = as_settings(settings, changes)  # once: an iterator has no second turn
     with kept_workers():
         for scenario in scenarios:
-            flights = fly_many(scenario, seeds, settings, out=out, workers=workers, **changes)
+            flights = fly_many(scenario, seeds, laid_over, out=out, workers=workers)
             table = flights.table()
             medians = table[~table["lost"]].drop(columns="lost").astype(float).median()
             rows.append({"flights": len(table), "lost": int(table["lost"].sum())} | medians.to_dict())

@@ -1,7 +1,7 @@
 """Studies of the command line from Python: `ortilo map` and `ortilo tables`; and the matrices of a scenario's parts."""
 
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from pydrake.systems.framework import System
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.load import Settings, as_settings
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.studies.linearization.linearize import Linearization
 from ortilo_drake.studies.linearization.linearize import linearize as linearize_part
@@ -52,7 +52,7 @@ class Study:
 def linearize(
     scenario: str | Path | Scenario,
     part: str,
-    settings: str | Iterable[Setting] = (),
+    settings: Settings = (),
     *,
     reference: np.ndarray | None = None,
     lag: str = "down",
@@ -138,7 +138,7 @@ def tables(
     *beside: str | Path,
     flights: int = 20,
     preset: str = "tuned",
-    settings: str | Iterable[Setting] = (),
+    settings: Settings = (),
     out: str | Path | None = None,
     workers: int = 1,
     progress: Callable[[str], None] = lambda name: None,
@@ -167,9 +167,7 @@ def tables(
     """
     if flights < 1:
         raise InputError(f"flights: {flights}: must be 1 or more")
-    given = [settings] if isinstance(settings, str) else list(settings)
-    given += [(key.replace("__", "."), value) for key, value in changes.items()]
-    scenarios = scenarios_of_tables(preset, given, beside=beside)
+    scenarios = scenarios_of_tables(preset, as_settings(settings, changes), beside=beside)
     with _folder(out) as folder:
         found = make_tables(preset, fly_tables(scenarios, flights, folder / "flights", workers, progress))
     return Study(table_text(found), _statistics(found), as_data(found))

@@ -1,7 +1,7 @@
 """Scenarios by name or from files, with settings laid over them."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from ortilo_drake.scenario.scenario import Scenario
 
 SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
 Setting = str | tuple[str, Any]  # 'key.key=value' with the value in YAML, or 'key.key' and the value as plain data
+Settings = str | Mapping[str, Any] | Iterable[Setting]
 
 
 def scenario_names() -> list[str]:
@@ -127,9 +128,19 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
+def as_settings(settings: Settings, changes: Mapping[str, Any]) -> list[Setting]:
+    """Return load_scenario's settings and changes one by one, in order; InputError if one is no setting."""
+    given = [settings] if isinstance(settings, str) else list(getattr(settings, "items", lambda: settings)())
+    for one in given:
+        if not isinstance(one, str) and not (isinstance(one, tuple) and len(one) == 2 and isinstance(one[0], str)):
+            raise InputError(f"settings: {one!r}: must be 'key.key=value', or a key and its value")
+    given += [(key.replace("__", "."), value) for key, value in changes.items()]
+    return [one if isinstance(one, str) else (one[0], plain_value(*one)) for one in given]
+
+
 def load_scenario(
     scenario: str | Path | Scenario,
-    settings: str | Iterable[Setting] = (),
+    settings: Settings = (),
     seed: int | None = None,
     **changes: Any,
 ) -> Scenario:
@@ -149,8 +160,8 @@ def load_scenario(
 
     Args:
         scenario: a ready-made scenario's name, the path of a .yaml file, or a scenario.
-        settings: changes: 'uwb.link.loss=0.3' with the value in YAML, or several of these; a pair of field and value
-            does too. A changed 'kind' drops what belonged to the former one.
+        settings: changes: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict. A
+            changed 'kind' drops what belonged to the former one.
         seed: the seed of all noise, if not the scenario's own.
         changes: more of them by keyword, two underscores for a dot: `uwb__link__loss=0.3`. Values as in YAML, or paths,
             NumPy's numbers and arrays, and settings of a scenario such as `scenario.uwb`.
@@ -158,9 +169,7 @@ def load_scenario(
     Raises:
         InputError: naming file, field, value and what is allowed.
     """
-    given = [settings] if isinstance(settings, str) else list(settings)
-    given += [(key.replace("__", "."), value) for key, value in changes.items()]
-    given = [one if isinstance(one, str) else (one[0], plain_value(*one)) for one in given]
+    given = as_settings(settings, changes)
     seed = plain_value("seed", seed)
     if isinstance(scenario, Scenario):
         return _with_settings(scenario, given, seed)
