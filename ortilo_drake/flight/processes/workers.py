@@ -15,7 +15,7 @@ from multiprocessing import current_process, resource_tracker
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
+from distributed import Client, KilledWorker, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
 
 from ortilo_drake.flight.processes.scheduler import gone, remote_client
 from ortilo_drake.model.input_error import InputError
@@ -63,7 +63,8 @@ def run_all(
         take: called here with each job's number and result as it comes in, in any order.
 
     Raises:
-        InputError: if the script that runs would start processes again in each of them, or a scheduler goes away.
+        InputError: if the script that runs would start processes again in each of them, a scheduler goes away, or
+            processes are killed while they start or whenever they do a job.
     """
     remote = remote_client()
     if remote is not None:
@@ -88,7 +89,14 @@ def _submit(
         for number, job in enumerate(jobs)
     }
     for future in as_completed(futures):
-        take(futures[future], future.result())
+        try:
+            result = future.result()
+        except KilledWorker:
+            raise InputError(
+                "workers: a process was killed at its work, and each that took it over was too (out of memory?): must "
+                "be fewer; what is finished is kept"
+            ) from None
+        take(futures[future], result)
 
 
 def _refuse_unguarded_script(workers: int) -> None:
@@ -131,7 +139,25 @@ def _connect(workers: int, needed: int, stack: ExitStack) -> Client:
 
 
 def start_cluster(workers: int) -> SpecCluster:
-    """Return a cluster of that many processes on this machine; its context manager ends them."""
+    """Return a cluster of that many processes on this machine; its context manager ends them.
+
+    Raises:
+        InputError: if a process ends while it starts, and one does so at a second try, too.
+    """
+    try:
+        return _start_cluster(workers)
+    except RuntimeError:  # Dask's: a process was killed before it was a worker
+        pass
+    try:
+        return _start_cluster(workers)
+    except RuntimeError:
+        raise InputError(
+            f"workers={workers}: a process ended while it started, twice (out of memory?): must be fewer, or 1 to work "
+            "in this process; what is finished is kept"
+        ) from None
+
+
+def _start_cluster(workers: int) -> SpecCluster:
     security = Security.temporary()
     options = {"host": LOOPBACK, "protocol": "tls://", "security": security, "dashboard": False}
     worker = {"cls": _Nanny, "options": options | {"nthreads": 1, "memory_limit": None, "silence_logs": _SILENT}}

@@ -9,12 +9,16 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from distributed import Client, Security, SpecCluster
+from distributed import Client, KilledWorker, Security, SpecCluster
 from distributed.comm import CommClosedError
+from distributed.process import AsyncProcess
 
+from ortilo_drake.flight.processes import workers
 from ortilo_drake.flight.processes.workers import kept_workers, run_all, start_cluster
+from ortilo_drake.model.input_error import InputError
 
 pytestmark = pytest.mark.processes
 
@@ -140,6 +144,36 @@ def test_of_a_worker_that_dies_and_of_ctrl_c_nothing_is_said(tmp_path: Path) -> 
     assert (tmp_path / "mark").exists()  # a worker did die
     assert (lines[1], rest.splitlines()[-1], process.returncode) == ("at work\n", "interrupted", 0), lines[1] + rest
     assert set(rest.splitlines()) <= {"at work", "interrupted"}
+
+
+@pytest.mark.parametrize("killed", [1, 2])
+def test_a_process_killed_while_it_starts_is_started_once_more(killed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    start, left = AsyncProcess.start, [killed]
+
+    async def start_and_kill(process: AsyncProcess) -> None:
+        await start(process)
+        if left[0]:
+            left[0] -= 1
+            await process.kill()
+
+    monkeypatch.setattr(AsyncProcess, "start", start_and_kill)
+    if killed == 1:
+        with start_cluster(1) as cluster:
+            assert len(cluster.workers) == 1
+        return
+    with pytest.raises(InputError, match="workers=1: a process ended while it started, twice"):
+        start_cluster(1)
+
+
+def test_a_job_that_kills_every_process_is_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Killed:
+        def result(self) -> None:
+            raise KilledWorker("job", None, 3, None)
+
+    monkeypatch.setattr(workers, "remote_client", lambda: SimpleNamespace(submit=lambda *_, **__: Killed()))
+    monkeypatch.setattr(workers, "as_completed", list)
+    with pytest.raises(InputError, match="a process was killed at its work"):
+        run_all(stay, [()], 1)
 
 
 def test_kept_workers_are_the_same_in_every_call_and_end_with_the_context() -> None:
