@@ -120,7 +120,7 @@ def fly(
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
     quiet_drake()
-    say_warnings(cautions(chosen))
+    say_warnings(cautions(chosen, scenario, settings or ()))
     say_if_compiling()
 
     with progress_bar() as progress:

@@ -48,7 +48,7 @@ def live(
     from ortilo_drake.world.scenery.meshcat_room import make_meshcat
 
     quiet_drake()
-    say_warnings(cautions(chosen))
+    say_warnings(cautions(chosen, scenario, settings or ()))
     say_if_compiling()
     path = planned(chosen)
     check_flyable(chosen, path)

@@ -20,6 +20,7 @@ from ortilo_drake.commands.terminal import (
     flights_to_go,
     made_by,
     say_if_compiling,
+    say_warnings,
     say_written,
     show_markdown,
     write_json,
@@ -57,12 +58,14 @@ def rare(
     how rare it is at most. What is there already is not flown again, so an interrupted or killed run goes on where it
     stopped.
     """
+    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.studies.rare.rare_flights import rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text, verdict
 
     flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
     check_writable(report := out_folder / "rare.md", json_file)
     quiet_drake()
+    say_warnings(cautions(flown, scenario, settings or ()))
     say_if_compiling()
     workers = workers or os.cpu_count() or 1
     with flights_to_go() as advance:

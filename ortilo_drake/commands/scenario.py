@@ -42,7 +42,7 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
 
     quiet_drake()
     seconds = check_flyable(chosen) * chosen.h
-    say_warnings(cautions(chosen))
+    say_warnings(cautions(chosen, scenario, settings or ()))
     out.print(
         f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}", markup=False, soft_wrap=True
     )

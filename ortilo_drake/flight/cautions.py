@@ -1,10 +1,22 @@
 """What a user should know of a flight before it is flown: it is allowed, and will hardly be what was meant."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 from ortilo_drake.flight.fit import vehicle_fit
 from ortilo_drake.flight.late import late_messages
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.unread import unread_settings
 
 
-def cautions(scenario: Scenario) -> list[str]:
-    """Return a line for each thing, beginning with the setting; none for a scenario as one would expect it."""
-    return late_messages(scenario) + vehicle_fit(scenario)
+def cautions(scenario: Scenario, name_or_file: str | Path | None = None, settings: Sequence[Setting] = ()) -> list[str]:
+    """Return a line for each thing, beginning with the setting; none for a scenario as one would expect it.
+
+    Args:
+        scenario: what is to be flown.
+        name_or_file: what it was made of, for settings that are given and not read; None leaves those out.
+        settings: that were laid over it.
+    """
+    unread = [] if name_or_file is None else unread_settings(scenario, name_or_file, settings)
+    return unread + late_messages(scenario) + vehicle_fit(scenario)

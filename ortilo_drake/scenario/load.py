@@ -22,7 +22,7 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_FOLDER.glob("*.yaml"))
 
 
-def _resolve(name_or_file: str | Path, field: str) -> Path:
+def resolve(name_or_file: str | Path, field: str) -> Path:
     """Return the file of a scenario; InputError, which begins with the field, if there is none of that name."""
     path = Path(name_or_file)
     if path.suffix in (".yaml", ".yml"):
@@ -36,7 +36,7 @@ def _resolve(name_or_file: str | Path, field: str) -> Path:
     )
 
 
-def _parsed(setting: Setting) -> tuple[str, Any, str]:
+def parsed(setting: Setting) -> tuple[str, Any, str]:
     """Return the key of a setting, its value, and how to call it in an error."""
     if not isinstance(setting, str):
         return *setting, setting[0]
@@ -48,7 +48,7 @@ def _parsed(setting: Setting) -> tuple[str, Any, str]:
 
 
 def _set_field(data: dict[str, Any], setting: Setting) -> None:
-    key, value, shown = _parsed(setting)
+    key, value, shown = parsed(setting)
     if not all(key.split(".")) or key.count(".") > DEEPEST:
         raise InputError(f"{shown}: must read key.key=value")
     *parents, last = key.split(".")
@@ -97,7 +97,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         return data
     if not isinstance(base, str):
         raise InputError(f"{source}: base: {base!r}: must be a ready-made scenario's name or a .yaml file")
-    file = path.parent / _resolve(base, f"{source}: base")  # a ready-made one is absolute
+    file = path.parent / resolve(base, f"{source}: base")  # a ready-made one is absolute
     if not exists(file):
         raise InputError(f"{source}: base: {base}: no such file")
     above = (*above, os.path.realpath(path))
@@ -173,7 +173,7 @@ def load_scenario(
     seed = plain_value("seed", seed)
     if isinstance(scenario, Scenario):
         return _with_settings(scenario, given, seed)
-    path = _resolve(scenario, "scenario")
+    path = resolve(scenario, "scenario")
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
     data.setdefault("name", path.stem)
@@ -213,7 +213,7 @@ _WAY = {"start", "goal"}
 def _set_of_way(settings: Sequence[Setting]) -> set[str]:
     """Return which of start and goal settings give."""
     given: set[str] = set()
-    for key, value, _ in map(_parsed, settings):
+    for key, value, _ in map(parsed, settings):
         words = [key.removeprefix("planner.")] if key.startswith("planner.") else value if key == "planner" else ()
         given |= _WAY & set(words) if isinstance(words, list | dict) else set()
     return given
