@@ -4,7 +4,7 @@ Each rule names settings and says of a scenario whether a part reads them, and w
 taken to be read, and so is all that an estimator of one's own might read: a line is never wrong, and some are missing.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,15 +47,16 @@ def _tight(condition: Callable[[Any], bool]) -> Callable[[Any], bool]:
     return _of("tight", condition)
 
 
-def _lasting(s: Any) -> Mapping[str, bool]:
-    """Return which biases the paper's filter estimates, by their times."""
-    biases = s.estimator.biases
-    return {
-        "uwb": any(biases.uwb_sd) and "uwb" in s.sensors,
-        "camera": any(biases.camera_sd) and "camera" in s.sensors,
-        "imu": biases.level_sd > 0.0 or biases.yaw_sd > 0.0,
-        "row": bool(biases.row_sd),
-    }
+def _lasts(of: str) -> Callable[[Any], bool]:
+    """Return whether the paper's filter estimates the biases that a time of its settings is of."""
+
+    def estimated(s: Any) -> bool:
+        biases = s.estimator.biases
+        if of in ("uwb", "camera"):
+            return of in s.sensors and any(getattr(biases, f"{of}_sd"))
+        return bool(biases.row_sd) if of == "row" else biases.level_sd > 0.0 or biases.yaw_sd > 0.0
+
+    return estimated
 
 
 def _imu(*names: str) -> tuple[str, ...]:
@@ -126,7 +127,7 @@ RULES = (
         "estimator.rates measured",
     ),
     *(
-        Rule((f"{_B}{of}_time",), _paper(lambda s, of=of: _lasting(s)[of], True), f"estimator.biases of {of} above 0")
+        Rule((f"{_B}{of}_time",), _paper(_lasts(of), True), f"estimator.biases of {of} above 0")
         for of in ("uwb", "camera", "imu", "row")
     ),
     # The tight one.
