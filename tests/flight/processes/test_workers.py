@@ -168,7 +168,7 @@ def test_a_process_killed_while_it_starts_is_started_once_more(killed: int, monk
 def test_a_job_that_kills_every_process_is_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     class Killed:
         def result(self) -> None:
-            raise KilledWorker("job", None, 3, None)
+            raise KilledWorker("job", SimpleNamespace(address="tls://127.0.0.1:1"), 3)
 
     monkeypatch.setattr(workers, "remote_client", lambda: SimpleNamespace(submit=lambda *_, **__: Killed()))
     monkeypatch.setattr(workers, "as_completed", list)
