@@ -113,9 +113,9 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
 def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[str, ...]) -> None:
     scenario, flight = flown_here(name, *settings)
     h, vehicle, servo = scenario.h, scenario.vehicle, scenario.servo
-    L = servo_gain(vehicle, servo.weights, h)
+    L = servo_gain(vehicle, servo.weights, h, servo.yaw)
     model, layout = (
-        filter_model(scenario.estimator, vehicle, scenario.estimator.integrator, h),
+        filter_model(scenario.estimator, vehicle, scenario.estimator.integrator, h, servo.yaw),
         scenario.measurement.layout,
     )
     hover = np.array([vehicle.hover_thrust, 0.0, 0.0, 0.0])

@@ -197,7 +197,7 @@ def test_a_missing_file(refused: Any, bare: str, tmp_path: Path, file: str) -> N
     [
         ({"floats": FLOATS - 1}, ["tiny.weights", f"holds {FLOATS - 1} weights", f"needs {FLOATS}"]),
         ({"floats": FLOATS + 5}, ["tiny.weights", f"holds {FLOATS + 5} weights", f"needs {FLOATS}"]),
-        ({"text": TINY.replace("[maxpool]", "[deconv]")}, ["tiny.cfg", "line 12", "[deconv]", "unknown layer"]),
+        ({"text": TINY.replace("[maxpool]", "[deconv]")}, ["tiny.cfg", "line 12", "[deconv]", "not computed here"]),
         ({"text": TINY.replace("classes=9", "classes=8")}, ["tiny.cfg", "classes", "must have filters 26"]),
         ({"names": NAMES.replace("dog", "wolf")}, ["tiny.names", "'dog'"]),
         ({"names": "cat"}, ["tiny.names", "holds 1 names", "9 classes"]),

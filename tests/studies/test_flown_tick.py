@@ -7,9 +7,9 @@ import pytest
 
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
+from ortilo_drake.studies.linearization.closed_forms import DIFFERENTIATED
 from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, without_noise
 from ortilo_drake.studies.linearization.linearization_report import linearization_report
-from ortilo_drake.studies.linearization.linearize import PARTS
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
 
 
@@ -87,7 +87,9 @@ def test_a_tick_before_a_period_of_the_sensors_is_refused() -> None:
 def test_a_report_is_json_and_holds_the_must_shows() -> None:
     report = linearization_report(load_scenario("nominal_imu_uwb"))
     json.dumps(as_data(report), allow_nan=False)
-    assert set(report.agreement) == {*PARTS, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {"rotors_and_plant"}
+    assert set(report.agreement) == {*DIFFERENTIATED, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {
+        "rotors_and_plant"
+    }
     for part in ("plant", "sampled_plant", "closed_loop"):
         assert max(report.agreement[part].values()) < 1e-10
     assert set(report.flown) == {"uwb+imu", "imu"}
