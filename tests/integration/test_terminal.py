@@ -65,3 +65,16 @@ def test_without_a_bar_long_work_says_the_time_to_go(
 def test_help_keeps_the_units_that_options_have_in_square_brackets(words: list[str]) -> None:
     printed = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"}).output
     assert re.search(r"\[(s|m)\]", printed)
+
+
+@pytest.mark.parametrize("name", ["[/x].mcap", "[bold]", "[link=x]y[/link]", "a\\[red]", "[/]"])
+def test_a_name_is_no_markup(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    written = io.StringIO()
+    monkeypatch.setattr(terminal, "out", Console(file=written, width=30))
+    terminal.say_heading(name, ", seed 1")
+    assert written.getvalue() == f"{name}, seed 1\n"
+    monkeypatch.setattr(terminal, "err", Console(file=written, force_terminal=True, width=80))
+    with terminal.progress_bar() as progress:
+        progress.add_task(name, total=1)
+        progress.refresh()
+    assert name in written.getvalue().partition("\n")[2]

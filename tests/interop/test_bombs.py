@@ -316,11 +316,26 @@ def test_metadata_that_say_nothing_known_are_refused(tmp_path, mode) -> None:
         read(tmp_path / "bag")
 
 
-@pytest.mark.parametrize("broken", ["", "[", "rosbag2_bagfile_information: {version: 5}", "[" * 1500])
-def test_metadata_of_another_kind_are_refused(tmp_path, broken) -> None:
+NO_BAG = "is no rosbag2_bagfile_information with files and storage_identifier"
+LAUGHS = "a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12))
+
+
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        ("", NO_BAG),
+        ("rosbag2_bagfile_information: {version: 5}", NO_BAG),
+        ("rosbag2_bagfile_information: {relative_file_paths: [[]], storage_identifier: mcap}", NO_BAG),
+        ("rosbag2_bagfile_information: {relative_file_paths: [a], storage_identifier: [1]}", NO_BAG),
+        ("[", "not valid YAML"),
+        ("[" * 1500, "nested more than"),
+        (LAUGHS + "rosbag2_bagfile_information: {relative_file_paths: [*a11]}", "aliases are not allowed"),
+    ],
+)
+def test_metadata_of_another_kind_are_refused(tmp_path, broken, said) -> None:
     ros2_folder(tmp_path / "bag", "mcap")
     (tmp_path / "bag" / "metadata.yaml").write_text(broken)
-    with pytest.raises(InputError, match="is no rosbag2_bagfile_information with files and storage_identifier"):
+    with pytest.raises(InputError, match=said):
         read(tmp_path / "bag")
 
 

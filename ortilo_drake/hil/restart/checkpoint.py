@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pydrake.trajectories import PiecewisePolynomial
 
 from ortilo_drake.flight.store import keep, kept
+from ortilo_drake.model.npz import arrays_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots, through
 
@@ -46,7 +47,7 @@ def _read(path: Path, of: str, make: Callable[[Mapping[str, np.ndarray]], T]) ->
     """Return what is made of a file's arrays; None if there is none, and a warning if it is damaged."""
 
     def read(data: bytes) -> T:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        with arrays_of(io.BytesIO(data)) as file:
             return make(file)
 
     return kept(path, of, read, "not used")

@@ -5,14 +5,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path, PurePath
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 from urllib.parse import quote
-
-import yaml
 
 from ortilo_drake.interop.unpack import CHUNK_LIMIT, FILE_LIMIT, Unpacker
 from ortilo_drake.model.input_files import MIB, check_file, open_file, read_text, reason
-from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.typed_yaml import InputError, parse_yaml
 
 MOST: Final = 4096  # files of a bag
 STORAGES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
@@ -27,14 +25,15 @@ class BagFiles(NamedTuple):
 
 def _metadata(path: Path) -> tuple[list[str], str, str]:
     """Return the names of a bag's files, the ending of their kind, and what is packed: file, message or nothing."""
+    found = parse_yaml(read_text(path), str(path))
     try:
-        found: Any = yaml.safe_load(read_text(path))["rosbag2_bagfile_information"]
-        names = [PurePath(str(name)).name for name in found["relative_file_paths"]]
-        storage, mode = str(found["storage_identifier"]), str(found.get("compression_mode") or "").lower()
-        kind = str(found.get("compression_format") or "")
-    except InputError:
-        raise
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
+        found = found["rosbag2_bagfile_information"]
+        names = [PurePath(name).name for name in found["relative_file_paths"]]
+        storage, mode = found["storage_identifier"], (found.get("compression_mode") or "").lower()
+        kind = found.get("compression_format") or ""
+        if not all(isinstance(text, str) for text in (storage, kind)):
+            raise TypeError
+    except (ValueError, TypeError, LookupError, AttributeError):
         raise InputError(f"{path}: is no rosbag2_bagfile_information with files and storage_identifier") from None
     if storage not in STORAGES:
         raise InputError(f"{path}: storage_identifier: '{storage}': must be {' or '.join(STORAGES)}")

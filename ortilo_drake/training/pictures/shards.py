@@ -8,6 +8,7 @@ import numpy as np
 
 from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.model.input_files import exists, open_file
+from ortilo_drake.model.npz import arrays_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 from ortilo_drake.training.pictures.renders import render_scene
@@ -61,7 +62,7 @@ def load_frames(folder: Path) -> Frames:
 
 def _read_shard(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
-        with open_file(path) as file, np.load(file, allow_pickle=False) as shard:
+        with open_file(path) as file, arrays_of(file) as shard:
             image, label = shard["images"], shard["labels"]
     except Exception as error:  # zipfile and NumPy raise a dozen kinds for damaged files
         reason = f"{type(error).__name__}: {' '.join(str(error).split())}"[:120]
