@@ -20,6 +20,7 @@ def arrays_of(file: BinaryIO) -> Iterator[Mapping[str, np.ndarray]]:
     if not isinstance(loaded, np.lib.npyio.NpzFile):
         raise ValueError("holds one array, not several by name")
     with loaded as found:
+        assert found.zip  # until it is closed
         for part in found.zip.infolist():
             if part.compress_type != zipfile.ZIP_STORED:
                 raise ValueError(f"{part.filename} is packed; arrays are read that are not")
