@@ -97,6 +97,7 @@ def test_the_tests_that_stand_for_a_claim_exist_and_every_row_has_one() -> None:
         assert [file for file in files if not (ROOT / "tests" / file).exists()] == []
 
 
+@pytest.mark.long
 def test_types_of_other_projects_link_to_their_pages(site: Path) -> None:
     page = (site / "reference/modules/ortilo_drake.world.vehicle.failsafe.html").read_text(encoding="utf-8")
     assert re.search(r'href="https://drake\.mit\.edu/pydrake/[^"]+#pydrake\.systems\.framework\.LeafSystem"', page)
