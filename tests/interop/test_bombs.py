@@ -183,6 +183,9 @@ def test_many_chunks_of_mcap_are_unpacked_to_the_limit_of_a_file(tmp_path, small
         ("zstd", zstandard.compress(bytes(99))[:-3], 99, "a chunk holds 0 bytes, and states 99"),
         ("brotli", b"x", 9, "compression 'brotli': zstd, lz4 and bz2 are read"),
         ("", b"x", 9, "a chunk holds 1 bytes, and states 9"),
+        ("", bytes(99), 99, "damaged: a record of no kind"),
+        ("", record(200, b"") + b"x", 10, "damaged: a record goes beyond its chunk"),
+        ("", record(200, b"x")[:-1], 9, "damaged: a record goes beyond its chunk"),
     ],
 )
 def test_a_damaged_chunk_is_refused_in_one_line(tmp_path, act, kind, packed, size, said) -> None:

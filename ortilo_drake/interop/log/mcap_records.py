@@ -43,10 +43,14 @@ def _in_chunk(content: bytes, unpacker: Unpacker) -> Iterator[tuple[int, bytes]]
         raise ValueError("a chunk's checksum is wrong")
     at = 0
     while at < len(raw):
+        if at + HEAD.size > len(raw):
+            raise ValueError("a record goes beyond its chunk")
         opcode, length = HEAD.unpack_from(raw, at)
         at += HEAD.size
         if length > len(raw) - at:
             raise ValueError("a record goes beyond its chunk")
+        if opcode == 0:
+            raise ValueError("a record of no kind")
         if opcode in _READ:
             yield opcode, raw[at : at + length]
         at += length
