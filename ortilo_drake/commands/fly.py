@@ -19,9 +19,9 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import (
     check_writable,
-    err,
     out,
     progress_bar,
+    say_error,
     say_heading,
     say_if_compiling,
     say_warnings,
@@ -136,7 +136,7 @@ def fly(
         elif meshcat:
             from ortilo_drake.views.display import fly_live
 
-            flight = fly_live(chosen, err.print, show)
+            flight = fly_live(chosen, say_error, show)
         else:
             flight = fly_once(chosen, show)
     result = summary(flight)

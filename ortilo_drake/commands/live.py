@@ -15,7 +15,8 @@ from ortilo_drake.commands.options import (
     quiet_drake,
     with_camera,
 )
-from ortilo_drake.commands.terminal import err, out, say_if_compiling, say_warnings
+from ortilo_drake.commands.terminal import err, out, say_error, say_if_compiling, say_warnings
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.scenario import load_scenario
 
 
@@ -31,7 +32,7 @@ def live(
     """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals; pause, tick by tick, speed.
 
     It takes off when the page is opened, and goes on until the page's button "stop", or Ctrl-C. The page can be opened
-    on this machine only.
+    on this machine only, and only by the address that is printed, which holds a new random token.
     """
     chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
     from pydrake.trajectories import Trajectory
@@ -45,23 +46,19 @@ def live(
     from ortilo_drake.hil.live.scene import Scene
     from ortilo_drake.hil.live.session import Status, fly_live, wait_for_page
     from ortilo_drake.onboard.planner.planned import planned
-    from ortilo_drake.world.scenery.meshcat_room import make_meshcat
+    from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
+    from ortilo_drake.views.guarded.panel import Panel
 
     quiet_drake()
     say_warnings(cautions(chosen, scenario, settings or ()))
     say_if_compiling()
     path = planned(chosen)
     check_flyable(chosen, path)
-    room, meshcat = chosen.load_room(), make_meshcat(port)
+    room, meshcat, panel = chosen.load_room(), hidden_meshcat(), Panel()
     goal = path.value(path.end_time())[:2, 0] if isinstance(path, Trajectory) else room.interior.min[:2]
-    controls = Controls(meshcat, room, chosen.sensors, (float(goal[0]), float(goal[1])))
+    controls = Controls(meshcat, panel, room, chosen.sensors, (float(goal[0]), float(goal[1])))
     lamps = tuple(sensor for sensor in chosen.sensors if sensor != "imu")
     scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
-    out.print(f"open {meshcat.web_url()} and there the controls, upper right; Ctrl-C ends", soft_wrap=True)
-    out.print(
-        f"the lamps above the vehicle, from west to east, are green while these arrive: {', '.join(lamps)}",
-        soft_wrap=True,
-    )
     status: Status | None = None
 
     def show(now: Status) -> None:
@@ -69,12 +66,26 @@ def live(
         status = now
         shown.update(Text(now.line()))
 
-    with contextlib.suppress(KeyboardInterrupt):
-        if wait:
+    def refused(line: str) -> None:
+        say_error(f"refused: {line}")
+
+    guard = Guard(meshcat, panel, port, refused)
+    try:
+        with contextlib.suppress(KeyboardInterrupt), guard:
             out.print(
-                "waiting for the page to be opened before it takes off; --no-wait takes off at once", soft_wrap=True
+                f"open {guard.url} and there the controls, upper right; Ctrl-C ends", markup=False, soft_wrap=True
             )
-            wait_for_page(meshcat.GetNumActiveConnections)
-        with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
-            fly_live(chosen, planner, controls, scene, show)
+            out.print(
+                f"the lamps above the vehicle, from west to east, are green while these arrive: {', '.join(lamps)}",
+                soft_wrap=True,
+            )
+            if wait:
+                out.print(
+                    "waiting for the page to be opened before it takes off; --no-wait takes off at once", soft_wrap=True
+                )
+                wait_for_page(meshcat.GetNumActiveConnections)
+            with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
+                fly_live(chosen, planner, controls, scene, show)
+    except RuntimeError as error:  # of Drake: its Meshcat's thread has ended, its renderer cannot draw
+        raise InputError(f"the flight ended: {error}") from None
     out.print(status.line() if status else "not flown", markup=False, soft_wrap=True)

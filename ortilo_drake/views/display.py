@@ -8,8 +8,10 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
+from ortilo_drake.views.guarded.panel import Panel
 from ortilo_drake.world.scenery.meshcat_draw import draw_plan
-from ortilo_drake.world.scenery.meshcat_room import draw_room, make_meshcat
+from ortilo_drake.world.scenery.meshcat_room import draw_room
 
 
 def fly_live(
@@ -19,14 +21,15 @@ def fly_live(
 
     Args:
         scenario: the scenario.
-        say: called with the address to open.
+        say: called with a line: the address to open, and what was refused there.
         progress: as in fly.
     """
     room = scenario.load_room()
-    meshcat = make_meshcat()
+    meshcat = hidden_meshcat()
     draw_room(meshcat, room)
     path = planned(scenario)
     if isinstance(path, Trajectory):
         draw_plan(meshcat, path)
-    say(f"open {meshcat.web_url()}")
-    return fly(scenario, progress, meshcat)
+    with Guard(meshcat, Panel(), refused=lambda line: say(f"refused: {line}")) as guard:
+        say(f"open {guard.url}")
+        return fly(scenario, progress, meshcat)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Event, Thread
 
 import pytest
@@ -12,7 +13,8 @@ from ortilo_drake.hil.live.controls import GO, GOAL, LOST, PAUSE, SPEED, STOP, C
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.session import Status, fly_live
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.world.scenery.meshcat_room import make_meshcat
+from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
+from ortilo_drake.views.guarded.panel import Panel
 
 pytestmark = pytest.mark.long
 
@@ -26,18 +28,19 @@ class Flying(Thread):
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
-        self.status, self.url, self.is_ready = Status(), "", Event()
+        self.status, self.url, self.is_ready, self.refused = Status(), "", Event(), list[str]()
 
     def run(self) -> None:
         scenario = load_scenario(
             "imu_uwb_yolo", ("planner={kind: hover, point: [8, 1, 1.5], duration: 5}", "camera.kind=projected")
         )
-        meshcat, room = make_meshcat(), scenario.load_room()
-        controls = Controls(meshcat, room, scenario.sensors, (8.0, 1.0))
+        meshcat, panel, room = hidden_meshcat(), Panel(), scenario.load_room()
+        controls = Controls(meshcat, panel, room, scenario.sensors, (8.0, 1.0))
         scene = Scene(meshcat, room, scenario.vehicle, ("uwb", "camera"), scenario.h)
-        self.url = f"{meshcat.web_url()}/"
-        self.is_ready.set()
-        fly_live(scenario, AtOnce(scenario), controls, scene, self.show)
+        with Guard(meshcat, panel, refused=self.refused.append) as guard:
+            self.url = guard.url
+            self.is_ready.set()
+            fly_live(scenario, AtOnce(scenario), controls, scene, self.show)
 
     def show(self, status: Status) -> None:
         self.status = Status(**vars(status))
@@ -76,6 +79,49 @@ def click(tab: Page, name: str) -> None:
     tab.run(f"({NAMED % name}).click()")
 
 
+class Elsewhere(BaseHTTPRequestHandler):
+    """A page of another origin on this machine."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(b"<!DOCTYPE html><link rel=icon href=data:,><p>elsewhere")
+
+    def log_message(self, format: str, *arguments: object) -> None:
+        pass
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Elsewhere) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+
+
+STOPS = """new Promise((done) => {
+    const socket = new WebSocket(%r);
+    const stop = Uint8Array.from([0x82, 0xa4, ...txt('type'), 0xa6, ...txt('button'), 0xa4, ...txt('name'),
+                                  0xa4, ...txt('stop')]);
+    socket.onopen = () => { socket.send(stop); done('open'); };
+    socket.onerror = () => done('refused');
+})"""  # with the message that stops a flight
+
+
+def test_a_page_of_elsewhere_is_refused_though_it_knows_the_address(tab: Page, flying: Flying, elsewhere: str) -> None:
+    tab.open(elsewhere)
+    tab.run("window.txt = (text) => Array.from(text, (c) => c.charCodeAt(0)), 0")
+    address = flying.url.replace("http:", "ws:")
+    assert tab.run(STOPS % address) == "refused"
+    assert tab.run(STOPS % address.replace("127.0.0.1", "localhost")) == "refused"
+    assert tab.run(f"fetch({flying.url!r}).then(() => 'read', () => 'refused')") == "refused"
+    assert flying.refused == [f"Origin {elsewhere.rstrip('/')!r}: another page's"]
+    assert flying.is_alive()
+    tab.open(flying.url)  # for the end, by its own page
+    tab.until(f"document.body.innerText.includes({LOST.format('uwb')!r})")
+
+
 def test_the_user_changes_the_world_and_the_flight_follows(tab: Page, flying: Flying) -> None:
     slide(tab, SPEED, 5.0)
     before = flying.until(lambda s: s.time > 6.0).arrivals
@@ -97,4 +143,5 @@ def test_the_user_changes_the_world_and_the_flight_follows(tab: Page, flying: Fl
         slide(tab, name, value)
     click(tab, GO)
     assert "on the way" in flying.until(lambda s: bool(s.note)).note
-    assert [error for error in tab.errors if "favicon" not in error] == []
+    assert tab.errors == []
+    assert flying.refused == []

@@ -1,25 +1,40 @@
 """A live flight: what the controls change, what they do not, and goals; the page's own controls."""
 
 import re
-import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
 from command_line import run
 from planning_at_once import AtOnce
 from pydrake.geometry import Meshcat
-from waiting import HANGS, wait_for
 
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.hil.live import session as session_module
-from ortilo_drake.hil.live.controls import GOAL, HEAVIER, LOST, PUSH, SPEED, Controls
+from ortilo_drake.hil.live.controls import (
+    GO,
+    GOAL,
+    HEAVIER,
+    LOST,
+    MOST_HEAVIER,
+    MOST_STEPS,
+    PAUSE,
+    PUSH,
+    RESTART,
+    SLOWEST,
+    SPEED,
+    STEP,
+    STRONGEST_PUSH,
+    Controls,
+)
 from ortilo_drake.hil.live.live_flight import LiveFlight, Seen, with_a_force
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.session import Shares, Status, fly_live, wait_for_page
 from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.views.guarded.panel import Panel
 
 HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 5}", "camera.kind=projected")
 HOVERING = load_scenario("imu_uwb_yolo", HOVER)
@@ -161,18 +176,6 @@ def test_it_waits_until_a_page_is_open() -> None:
     assert next(open_pages, None) is None
 
 
-def test_a_page_that_is_open_is_counted_by_meshcat() -> None:
-    """As a browser opens it: by the handshake of RFC 6455, with that text's own key and answer."""
-    meshcat = Meshcat()
-    assert meshcat.GetNumActiveConnections() == 0
-    ask = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-    with socket.create_connection(("localhost", meshcat.port()), HANGS) as page:
-        page.sendall(f"GET / HTTP/1.1\r\nHost: localhost\r\n{ask}Sec-WebSocket-Version: 13\r\n\r\n".encode())
-        assert b"s3pPLMBiTxaQ9kYGzzhZRbK+xOo=" in page.recv(300)
-        wait_for(meshcat.GetNumActiveConnections, "the page")
-        wait_for_page(meshcat.GetNumActiveConnections)
-
-
 def test_the_command_takes_off_when_a_page_is_open_or_at_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -182,17 +185,24 @@ def test_the_command_takes_off_when_a_page_is_open_or_at_once(
     def fly_for_a_second(*arguments: Any) -> None:
         arguments[-1](Status(time=1.0))
 
+    def lose_the_page(*_: object) -> None:
+        raise RuntimeError("Meshcat's internal websocket thread exited\nunexpectedly")
+
     monkeypatch.setattr(session_module, "wait_for_page", never)
     monkeypatch.setattr(session_module, "fly_live", fly_for_a_second)
     words = ("live", "nominal_imu_uwb", "--set", HOVER[0])
     assert run(*words) == 0
-    waiting, ended = capsys.readouterr().out.splitlines()[-2:]
+    address, _, waiting, ended = capsys.readouterr().out.splitlines()
+    assert re.match(r"open http://127\.0\.0\.1:\d+/[-\w]{20,}/ and there the controls", address)
     assert waiting == "waiting for the page to be opened before it takes off; --no-wait takes off at once"
     assert ended == "not flown"
     assert run(*words, "--no-wait") == 0
     said = capsys.readouterr().out
     assert "waiting" not in said
     assert said.splitlines()[-1].startswith("   1.0 s  error")
+    monkeypatch.setattr(session_module, "fly_live", lose_the_page)
+    assert run(*words, "--no-wait") == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("ortilo: the flight ended: Meshcat's internal websocket")
 
 
 def test_shares_count_what_was_due_of_late_though_it_came_a_tick_later() -> None:
@@ -205,20 +215,53 @@ def test_shares_count_what_was_due_of_late_though_it_came_a_tick_later() -> None
     assert shares.now() == {"uwb": 0.5, "camera": 1.0, "imu": 1.0}
 
 
-def test_the_pages_sliders_and_buttons_are_the_wishes(monkeypatch: pytest.MonkeyPatch) -> None:
-    meshcat = Meshcat()
-    room = HOVERING.load_room()
-    controls = Controls(meshcat, room, HOVERING.sensors, (1.0, 2.0))
-    first = controls.wishes()
-    assert first == Wishes(lost={"uwb": 0.0, "camera": 0.0}, goal=(1.0, 2.0), speed=1.0)
-    sets = {LOST.format("uwb"): 70.0, PUSH[1]: 0.5, HEAVIER: 10.0, SPEED: 2.0, GOAL[0]: 4.0}
+def controls() -> tuple[Controls, Meshcat, Callable[..., object]]:
+    meshcat, panel = Meshcat(), Panel()
+    made = Controls(meshcat, panel, HOVERING.load_room(), HOVERING.sensors, (1.0, 2.0))
+    return made, meshcat, lambda **said: panel.take(msgpack.packb(said))
+
+
+def test_the_pages_sliders_and_buttons_are_the_wishes() -> None:
+    its, meshcat, say = controls()
+    assert its.wishes() == Wishes(lost={"uwb": 0.0, "camera": 0.0}, goal=(1.0, 2.0), speed=1.0)
+    sets = {LOST.format("uwb"): 70, PUSH[1]: 0.5, HEAVIER: 10.0, SPEED: 2.0, GOAL[0]: 4.0}
     for name, value in sets.items():
-        meshcat.SetSliderValue(name, value)
-    wishes = controls.wishes()
-    assert wishes.lost == {"uwb": pytest.approx(0.7), "camera": 0.0}
-    assert (wishes.push, wishes.speed) == ((0.0, pytest.approx(0.5)), pytest.approx(2.0))
-    assert wishes.heavier == pytest.approx(0.1)
-    assert wishes.goal == (pytest.approx(4.0, abs=0.03), 2.0)
+        say(type="slider", name=name, value=value)
+    for name in (GO, PAUSE, STEP, STEP):
+        say(type="button", name=name)
+    wanted = Wishes(
+        {"uwb": 0.7, "camera": 0.0}, (0.0, 0.5), 0.1, 2.0, (4.0, 2.0), goes=True, pauses=True, steps=2
+    )  # fmt: skip
+    assert its.wishes() == wanted
+    assert its.wishes() == wanted._replace(goes=False, steps=0)
+    assert meshcat.GetSliderValue(SPEED) == pytest.approx(2.0)  # for pages that are opened later
+    assert set(sets) < set(meshcat.GetSliderNames())
+
+
+def test_a_slider_is_not_pulled_back_while_it_is_dragged() -> None:
+    its, meshcat, say = controls()
+    for percent in (10, 20, 30):
+        say(type="slider", name=LOST.format("uwb"), value=percent)
+        assert its.wishes().lost["uwb"] == percent / 100.0
+        assert meshcat.GetSliderValue(LOST.format("uwb")) == 0.0
+    its.wishes()
+    assert meshcat.GetSliderValue(LOST.format("uwb")) == 30.0
+
+
+def test_no_message_wishes_more_than_the_sliders_ends_and_no_number_of_clicks_is_more_than_a_few() -> None:
+    its, _, say = controls()
+    for name, value in ((LOST.format("uwb"), 1e9), (PUSH[0], -1e300), (HEAVIER, -1e9), (SPEED, 0), (GOAL[0], 2**63)):
+        say(type="slider", name=name, value=value)
+    for name in (GO, STEP, PAUSE, RESTART):
+        for _ in range(50_001 if name == STEP else 501):
+            say(type="button", name=name)
+    wishes = its.wishes()
+    assert wishes.lost["uwb"] == 1.0
+    assert (wishes.push[0], wishes.heavier, wishes.speed) == (-STRONGEST_PUSH, -MOST_HEAVIER / 100.0, SLOWEST)
+    assert wishes.goal[0] == HOVERING.load_room().interior.max[0]
+    assert wishes.steps == MOST_STEPS
+    assert wishes.pauses
+    assert its.wishes().steps == 0
 
 
 def test_the_scene_shows_a_flight_and_its_lamps() -> None:

@@ -1,9 +1,11 @@
 """The sliders and buttons of a live flight, in Meshcat's page."""
 
+import numpy as np
 from pydrake.geometry import Meshcat
 
 from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.model.room import Room
+from ortilo_drake.views.guarded.panel import Panel
 
 LOST = "{} lost [%]"
 PUSH = ("push to the east [N]", "push to the north [N]")
@@ -14,37 +16,43 @@ GO, PAUSE, STEP, RESTART, STOP = "fly to the goal", "pause", "one tick", "fly an
 SLOWEST, FASTEST = 0.1, 5.0
 STRONGEST_PUSH = 2.0  # [N]
 MOST_HEAVIER = 30.0  # [%]
+MOST_STEPS = 10  # single ticks at a look; nobody clicks faster
 
 
 class Controls:
     """What the user of a page wants.
 
     Args:
-        meshcat: whose page it is.
+        meshcat: shows the sliders and buttons on its pages.
+        panel: what the pages' users do with them.
         room: whose floor the goals are on.
         sensors: that fly; each but the imu can lose its messages.
         goal: x, y of the first goal shown [m].
     """
 
-    def __init__(self, meshcat: Meshcat, room: Room, sensors: tuple[str, ...], goal: tuple[float, float]):
-        self._meshcat = meshcat
+    def __init__(self, meshcat: Meshcat, panel: Panel, room: Room, sensors: tuple[str, ...], goal: tuple[float, float]):
+        self._meshcat, self._panel = meshcat, panel
         self._sensors = tuple(sensor for sensor in sensors if sensor != "imu")
+        self._shown: dict[str, float] = {}
+        self._seen: dict[str, float] = {}
         for sensor in self._sensors:
-            meshcat.AddSlider(LOST.format(sensor), 0.0, 100.0, 1.0, 0.0)
+            self._add_slider(LOST.format(sensor), 0.0, 100.0, 1.0, 0.0)
         for name in PUSH:
-            meshcat.AddSlider(name, -STRONGEST_PUSH, STRONGEST_PUSH, 0.05, 0.0)
-        meshcat.AddSlider(HEAVIER, -MOST_HEAVIER, MOST_HEAVIER, 0.5, 0.0)
-        meshcat.AddSlider(SPEED, SLOWEST, FASTEST, 0.1, 1.0)
+            self._add_slider(name, -STRONGEST_PUSH, STRONGEST_PUSH, 0.05, 0.0)
+        self._add_slider(HEAVIER, -MOST_HEAVIER, MOST_HEAVIER, 0.5, 0.0)
+        self._add_slider(SPEED, SLOWEST, FASTEST, 0.1, 1.0)
         low, high = room.interior.min, room.interior.max
         for name, least, most, first in zip(GOAL, low, high, goal, strict=False):
-            meshcat.AddSlider(name, least, most, 0.05, first)
+            self._add_slider(name, float(least), float(most), 0.05, float(np.clip(first, least, most)))
         for name, key in ((GO, "KeyG"), (PAUSE, "KeyP"), (STEP, "KeyN"), (RESTART, "KeyR"), (STOP, "Escape")):
             meshcat.AddButton(name, key)
+            panel.add_button(name)
         self._clicks = dict.fromkeys((GO, PAUSE, STEP, RESTART, STOP), 0)
 
     def wishes(self) -> Wishes:
         """Return what is wanted now; of buttons, what was clicked since the last call."""
-        value, clicked = self._meshcat.GetSliderValue, {name: self._new_clicks(name) for name in self._clicks}
+        self._show_settled()
+        value, clicked = self._seen.__getitem__, {name: self._new_clicks(name) for name in self._clicks}
         return Wishes(
             lost={sensor: value(LOST.format(sensor)) / 100.0 for sensor in self._sensors},
             push=(value(PUSH[0]), value(PUSH[1])),
@@ -53,11 +61,27 @@ class Controls:
             goal=(value(GOAL[0]), value(GOAL[1])),
             goes=clicked[GO] > 0,
             pauses=self._clicks[PAUSE] % 2 == 1,
-            steps=clicked[STEP],
+            steps=min(clicked[STEP], MOST_STEPS),
             restarts=clicked[RESTART] > 0,
             ends=clicked[STOP] > 0,
         )
 
+    def _add_slider(self, name: str, least: float, most: float, step: float, first: float) -> None:
+        self._meshcat.AddSlider(name, least, most, step, first)
+        self._panel.add_slider(name, least, most, first)
+        self._shown[name] = self._seen[name] = first
+
+    def _show_settled(self) -> None:
+        """Tell Meshcat where sliders are that came to rest, for pages that are opened later.
+
+        Meshcat tells all pages at once; told earlier, it would pull a slider back that is still being dragged.
+        """
+        before, self._seen = self._seen, {name: self._panel.value(name) for name in self._shown}
+        for name, value in self._seen.items():
+            if value == before[name] and value != self._shown[name]:
+                self._meshcat.SetSliderValue(name, value)
+                self._shown[name] = value
+
     def _new_clicks(self, name: str) -> int:
-        before, self._clicks[name] = self._clicks[name], self._meshcat.GetButtonClicks(name)
+        before, self._clicks[name] = self._clicks[name], self._panel.clicks(name)
         return self._clicks[name] - before

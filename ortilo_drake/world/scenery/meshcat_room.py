@@ -34,9 +34,9 @@ _SHOWN_AS_SEEN = ("stands", "furniture", "landmarks", "posts")  # as the rendere
 FIELD_OF_VIEW = 40.0  # vertical [deg]; narrow, so that a long room is not distorted
 
 
-def make_meshcat(port: int | None = None) -> Meshcat:
+def make_meshcat(port: int | None = None, host: str = "localhost") -> Meshcat:
     """Return a Meshcat that listens on the loopback interface only, on a free port unless one is given."""
-    return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
+    return Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
 
 
 def class_color(room: Room, label: str) -> Rgba:

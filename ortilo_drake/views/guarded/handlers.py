@@ -1,0 +1,189 @@
+"""What the guard answers: Drake's page and its files, and the page's socket."""
+
+import asyncio
+import hmac
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import msgpack
+from tornado.httpclient import AsyncHTTPClient, HTTPError
+from tornado.httputil import HTTPServerRequest
+from tornado.web import RequestHandler
+from tornado.websocket import WebSocketClientConnection, WebSocketClosedError, WebSocketHandler, websocket_connect
+
+from ortilo_drake.views.guarded.panel import BadMessage, Panel
+
+FILES: Final = re.compile(r"|favicon\.ico|cas-v1/[0-9a-f]{64}")  # of Drake's Meshcat; its page's script is the last
+MOST_DRAWN: Final = 2**28  # one message of Drake's, such as a mesh [bytes]
+PER_MESSAGE: Final = 1000  # what a message that waits takes beside its bytes [bytes]
+ICON: Final = b'<link rel="icon" href="favicon.ico">'
+HEADERS: Final = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+@dataclass
+class Rules:
+    """What is let through, and who is inside.
+
+    Attributes:
+        drawn_at: host:port where Drake's Meshcat listens.
+        hosts: host:port of every address by which a user may call the page.
+        token: first part of the path.
+        panel: what the page's messages are about.
+        refused: called with a line for what was not let through.
+        most_pages: open at a time.
+        most_waiting: of a page that does not read [bytes].
+        pages: those that are open.
+    """
+
+    drawn_at: str
+    hosts: tuple[str, ...]
+    token: str
+    panel: Panel
+    refused: Callable[[str], None]
+    most_pages: int
+    most_waiting: int
+    pages: set["PageSocket"] = field(default_factory=set)
+
+    def refusal(self, request: HTTPServerRequest) -> str | None:
+        """Return why a request is refused; None if it is not.
+
+        A page of elsewhere gives its own Origin; one whose name was bound anew to this machine (DNS rebinding) its own
+        Host; and neither knows the token.
+        """
+        if request.host not in self.hosts:
+            return f"Host {request.host!r}: not {self.hosts[0]!r}"
+        origin = request.headers.get("Origin")
+        if origin is not None and origin != f"http://{request.host}":
+            return f"Origin {origin!r}: another page's"
+        token = request.path.split("/")[1] if request.path.startswith("/") else ""
+        if not hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self.token.encode()):
+            return "an address without the token"
+        return None
+
+
+class _Guarded(RequestHandler):
+    def initialize(self, rules: Rules) -> None:
+        self.rules, self._waits = rules, 0
+        self._drawn: WebSocketClientConnection | None = None
+
+    def set_default_headers(self) -> None:
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        why = self.rules.refusal(self.request)
+        if why is not None:
+            self.rules.refused(why)
+            self.set_status(403)
+            self.finish("refused\n")
+
+    def file(self) -> str:
+        """Return which of Drake's files is asked for."""
+        return self.request.path.removeprefix(f"/{self.rules.token}/")
+
+
+class PageFile(_Guarded):
+    """Drake's page, its icon, and what its scene is made of."""
+
+    async def get(self) -> None:
+        """Answer with the file; 404 for what is none."""
+        name = self.file()
+        if not FILES.fullmatch(name):
+            self.set_status(404)
+            self.finish("no such file\n")
+            return
+        try:
+            found = await AsyncHTTPClient().fetch(f"http://{self.rules.drawn_at}/{name}")
+        except (HTTPError, OSError):
+            self.set_status(502)
+            self.finish("Meshcat has gone\n")
+            return
+        kind = "image/x-icon" if name.endswith("ico") else "text/javascript" if name else "text/html; charset=utf-8"
+        self.set_header("Content-Type", kind)
+        # Unless it is told where, a browser asks for the icon at the root, without the token.
+        self.finish(found.body if name else found.body.replace(b"</head>", ICON + b"</head>", 1))
+
+
+class PageSocket(_Guarded, WebSocketHandler):
+    """The socket of an open page: brings what Drake draws and takes what the panel knows."""
+
+    def open(self, *_: str, **__: str) -> None:
+        """Begin to bring what Drake draws."""
+        if len(self.rules.pages) >= self.rules.most_pages:
+            self._end(1013, f"a page beyond {self.rules.most_pages} open ones")
+            return
+        self.rules.pages.add(self)
+        self._bringing = asyncio.ensure_future(self._bring())
+
+    async def _bring(self) -> None:
+        try:
+            self._drawn = await websocket_connect(f"ws://{self.rules.drawn_at}/", max_message_size=MOST_DRAWN)
+            while self in self.rules.pages and (message := await self._drawn.read_message()) is not None:
+                self.bring(message if isinstance(message, bytes) else message.encode())
+        except OSError:
+            pass
+        finally:
+            if self._drawn is not None:
+                self._drawn.close()
+            self.close(1001)
+
+    def bring(self, message: bytes) -> None:
+        """Send a message to the page; a page that leaves too much unread is closed."""
+        size = len(message) + PER_MESSAGE
+        self._waits += size
+        if self._waits > self.rules.most_waiting:
+            self.rules.refused(f"a page that left {self._waits / 1e6:.1f} MB unread")
+            self.drop()
+            return
+
+        def sent(done: "asyncio.Future[None]") -> None:
+            self._waits -= size
+            if not done.cancelled():
+                done.exception()  # the page has gone; on_close says so
+
+        try:
+            asyncio.ensure_future(self.write_message(message, binary=True)).add_done_callback(sent)
+        except WebSocketClosedError:
+            self._waits -= size
+
+    def on_message(self, message: str | bytes) -> None:
+        """Take what the panel knows, and show it on the other pages; whoever sends anything else is closed."""
+        if self not in self.rules.pages:
+            return
+        try:
+            moved = self.rules.panel.take(message)
+        except BadMessage as error:
+            self._end(1008, f"a message: {error}")
+            return
+        if moved is not None:
+            value = self.rules.panel.value(moved)
+            told = {"type": "set_control_value", "name": moved, "value": value, "invoke_callback": False}
+            for page in self.rules.pages - {self}:
+                page.bring(msgpack.packb(told))
+
+    def on_close(self) -> None:
+        """Let go of what Drake draws."""
+        self.rules.pages.discard(self)
+        if self._drawn is not None:
+            self._drawn.close()
+
+    def drop(self) -> None:
+        """Close at once, whatever is still to be sent."""
+        self.on_close()
+        stream = None if self.ws_connection is None else self.ws_connection.stream
+        if stream is not None:
+            stream.close()
+
+    def _end(self, code: int, why: str) -> None:
+        self.rules.refused(why)
+        self.close(code)
+        self.on_close()

@@ -1,0 +1,97 @@
+"""The sliders and buttons of a page, and what a message of a page may say about them.
+
+Messages come from whoever reached the page's socket. They are decoded here, within narrow limits, and never reach
+Drake, whose own decoder ends the process at the first one that is malformed.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgpack
+
+LARGEST: Final = 4096  # of a message [bytes]; a slider's has about 60, a gamepad's some hundred
+IGNORED: Final = ("camera_pose", "gamepad")  # what Drake's page may send by itself; nothing here needs it
+
+
+class BadMessage(ValueError):
+    """A message that none of our pages sends: one line that says why."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A slider's range."""
+
+    least: float
+    most: float
+
+
+class Panel:
+    """What the user of a page has set and clicked.
+
+    One thread takes messages and another reads: of each slider only the last value is kept and of each button the
+    number of clicks, so that any number of messages between two looks costs the reader nothing.
+    """
+
+    def __init__(self) -> None:
+        self._sliders: dict[str, Slider] = {}
+        self._values: dict[str, float] = {}
+        self._clicks: dict[str, int] = {}
+
+    def add_slider(self, name: str, least: float, most: float, first: float) -> None:
+        """Add a slider with its range and first value."""
+        self._sliders[name], self._values[name] = Slider(least, most), first
+
+    def add_button(self, name: str) -> None:
+        """Add a button."""
+        self._clicks[name] = 0
+
+    def value(self, name: str) -> float:
+        """Return where a slider is."""
+        return self._values[name]
+
+    def clicks(self, name: str) -> int:
+        """Return how often a button was clicked so far."""
+        return self._clicks[name]
+
+    def take(self, message: bytes | str) -> str | None:
+        """Take a page's message; return the name of the slider that moved, if one did.
+
+        Args:
+            message: msgpack: {type: button, name} or {type: slider, name, value}; of IGNORED types nothing is taken.
+                A value outside of its slider's range becomes the range's nearer end.
+
+        Raises:
+            BadMessage: if it is anything else, names no slider or button of this page, or its value is no finite
+                number.
+        """
+        said = _decoded(message)
+        kind, name = said.get("type"), said.get("name")
+        if kind in IGNORED:
+            return None
+        if kind == "button" and isinstance(name, str) and name in self._clicks:
+            self._clicks[name] += 1
+            return None
+        if kind == "slider" and isinstance(name, str) and name in self._sliders:
+            slider, value = self._sliders[name], said.get("value")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise BadMessage(f"slider {name!r}: {value!r}: must be a finite number")
+            self._values[name] = min(max(float(value), slider.least), slider.most)
+            return name
+        raise BadMessage(f"{str(kind)[:40]!r} of {str(name)[:40]!r}: no slider or button of this page")
+
+
+def _decoded(message: bytes | str) -> dict[str, Any]:
+    if isinstance(message, str):
+        raise BadMessage("text: pages send msgpack")
+    if len(message) > LARGEST:
+        raise BadMessage(f"{len(message)} bytes: at most {LARGEST}")
+    try:
+        said = msgpack.unpackb(
+            message, max_str_len=200, max_bin_len=0, max_array_len=64, max_map_len=8, max_ext_len=0, strict_map_key=True
+        )
+    except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException):
+        raise BadMessage("no msgpack of a page") from None
+    if not isinstance(said, dict):
+        raise BadMessage(f"a {type(said).__name__}: must be a map")
+    return said
