@@ -126,8 +126,12 @@ def browser(profile: Path) -> Iterator[Page]:
 
         socket = loop.run_until_complete(connect())
         yield Page(socket, loop)
-        socket.close()
-        loop.run_until_complete(asyncio.sleep(0.05))
+
+        async def hang_up() -> None:  # in its loop: another test's asyncio.run leaves the thread without one
+            socket.close()
+            await asyncio.sleep(0.05)
+
+        loop.run_until_complete(hang_up())
     finally:
         process.terminate()
         process.wait(PATIENCE)
