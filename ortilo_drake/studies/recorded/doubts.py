@@ -99,8 +99,9 @@ def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None, plana
         return []
     mirrored = p - 2.0 * np.outer((p - middle) @ normal, normal)
     here, there = np.median(p, axis=0), np.median(mirrored, axis=0)
-    if planar and np.linalg.norm(here - there) < OFF_PLANE:
-        return []
+    if np.linalg.norm(here - there) < OFF_PLANE:
+        told = f"the anchors stand {off:.2f} m RMS off one plane, and the vehicle in it: ranges hardly tell its height"
+        return [] if planar else [f"{told}; give `planar: true`, or `height` (the antenna's z)"]
     said = (
         f"the anchors stand {off:.2f} m RMS off one plane: the place ({_point(here)}) and its mirror image "
         f"({_point(there)}) have the same ranges; give `height` (the antenna's z), or calibration: {{frame: same}} if "

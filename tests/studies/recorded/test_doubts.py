@@ -225,6 +225,8 @@ def test_anchors_in_a_plane_leave_a_mirror_image(recording) -> None:
     assert "the filter is in the mirror image" not in said[0]
     assert "3.80 m RMS from the truth, mirrored 0.00 m" in doubts.of_plane(flat, p + [0, 0, 3.8], p)[0]
     assert doubts.of_plane(ANCHORS, p, p) == []
+    (in_the_plane,) = doubts.of_plane(flat, p + [0, 0, 1.9], None)
+    assert "give `planar: true`" in in_the_plane
 
 
 def test_numbers_of_calibration_and_rows_are_doubted_beyond_their_limits() -> None:
