@@ -132,8 +132,7 @@ class PageSocket(_Guarded, WebSocketHandler):
         except OSError:
             pass
         finally:
-            if self._drawn is not None:
-                self._drawn.close()
+            self._let_go()
             self.close(1001)
 
     def bring(self, message: bytes) -> None:
@@ -173,8 +172,15 @@ class PageSocket(_Guarded, WebSocketHandler):
     def on_close(self) -> None:
         """Let go of what Drake draws."""
         self.rules.pages.discard(self)
-        if self._drawn is not None:
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """Close the socket to Drake at once: an answer to the closing would come after the server's loop has ended."""
+        if self._drawn is not None and self._drawn.protocol is not None:
+            stream = self._drawn.protocol.stream
             self._drawn.close()
+            if stream is not None:
+                stream.close()
 
     def drop(self) -> None:
         """Close at once, whatever is still to be sent."""
