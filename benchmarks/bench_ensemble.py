@@ -92,7 +92,7 @@ def main() -> None:
     arguments = parser.parse_args()
     flights, rounds = (2, 1) if arguments.smoke else (32, 3)
     found: dict[str, dict[str, float]] = {}
-    for name in SCENARIOS[: 1 if arguments.smoke else None]:  # each kind of flight compiles for a minute
+    for name in list(SCENARIOS)[: 1 if arguments.smoke else None]:  # each kind of flight compiles for a minute
         figures = speeds(name, flights, rounds)
         if not arguments.smoke:
             figures["compile_s"], figures["cached_s"] = first_flights(name)
