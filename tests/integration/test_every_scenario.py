@@ -14,6 +14,7 @@ import yaml
 from command_line import run
 
 import ortilo_drake as od
+from ortilo_drake.commands.fly import LOST
 from ortilo_drake.hil.live.controls import Controls
 from ortilo_drake.model.parts import load_plugin
 from ortilo_drake.scenario import scenario_names
@@ -81,7 +82,7 @@ def of_a_flight(*what: object, duration: float = SHORT) -> Command:
     def command(scenario: str, folder: Path, url: str) -> int:
         fly = with_settings("fly", "S", "--out", "F/flight.nc", "--log", "F/log", duration=duration)
         flown = fly(scenario, folder, url)
-        return flown or ortilo(*filled(what, F=folder), scenario=scenario)
+        return ortilo(*filled(what, F=folder), scenario=scenario) if flown in (0, LOST) else flown
 
     return command
 
@@ -157,7 +158,7 @@ CHOSEN = (
     ("scenario check", "rotors"), ("diagram", "realistic_flow"), ("live", "own_planner"), ("rare", "own_servo"),
     ("report", "outage"), ("replay", "uwb_walls"), ("hindsight of a log", "own_servo"), ("map", "own_estimator"),
     ("hil world", "bursty_link"), ("room coverage", "altimeter"), ("linearize", "own_servo"),
-    ("linearize", "unbiased_imu_uwb"),
+    ("linearize", "unbiased_imu_uwb"), ("tune", "tight_imu_uwb"),
 )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.estimator.filter_model import process_noise
-from ortilo_drake.scenario import DiagonalW, Scenario
+from ortilo_drake.scenario import DiagonalW, IntermittentFilter, Scenario
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
@@ -27,7 +27,13 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     """Return the numbers that state W and V, by their place in the scenario; of V only the sensors that fly.
 
     An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
+
+    Raises:
+        InputError: if the estimator is not the paper's filter.
     """
+    if not isinstance(scenario.estimator, IntermittentFilter):
+        kind = scenario.estimator.kind
+        raise InputError(f"estimator.kind: {kind}: must be intermittent: noise is fitted to the paper's filter alone")
     W, V, found = scenario.estimator.W, scenario.estimator.V, {}
     for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else ("force_sd", "torque_sd"):
         found[f"estimator.W.{name}"] = float(getattr(W, name))
