@@ -4,7 +4,7 @@ import asyncio
 import math
 import socket
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.client import HTTPConnection
 from threading import Thread
 from typing import Any
@@ -16,7 +16,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from tornado.httpclient import HTTPRequest
-from tornado.websocket import WebSocketClientConnection, websocket_connect
+from tornado.websocket import WebSocketClientConnection, WebSocketClosedError, websocket_connect
 from waiting import HANGS, wait_for
 
 from ortilo_drake.model.input_error import InputError
@@ -112,8 +112,9 @@ async def until(look: Callable[[], object]) -> None:
 
 async def say(it: Guarded, *messages: bytes | str) -> int | None:
     page = await it.connect()
-    for message in messages:
-        await page.write_message(message, binary=isinstance(message, bytes))
+    with suppress(WebSocketClosedError):  # the first message may have closed it already
+        for message in messages:
+            await page.write_message(message, binary=isinstance(message, bytes))
     return await closed(page)
 
 
