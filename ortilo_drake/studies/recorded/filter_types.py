@@ -52,8 +52,7 @@ class State(NamedTuple):
     """The filter between two events.
 
     t [s]; nominal p, v (3), R (3, 3), biases of gyro and accelerometer (3), c, g (n); covariance P (N, N); the sample
-    of
-    the IMU that holds (6); transition Phi since the last epoch (N, N), for a smoother.
+    of the IMU that holds (6); transition Phi since the last epoch (N, N), for a smoother.
     """
 
     t: float

@@ -1,9 +1,8 @@
 """An error-state Kalman filter on single ranges and IMU samples, each at its own stamp.
 
-Nominal state: position p and velocity v of the point that is estimated [m, m/s], attitude R (body to world), biases of
-gyro
-b_g [rad/s] and accelerometer b_a [m/s²]; for each anchor a bias c_i [m] that wanders slowly and an error g_i [m] that
-lasts for tau (first-order Gauss-Markov). Error state, in this order (15 + 2 n):
+Nominal state: position p and velocity v of the point that is estimated [m, m/s], attitude R (body to world), biases
+b_g of the gyro [rad/s] and b_a of the accelerometer [m/s²]; for each anchor a bias c_i [m] that wanders slowly and an
+error g_i [m] that lasts for tau (first-order Gauss-Markov). Error state, in this order (15 + 2 n):
 
     p_true = p + dp,  v_true = v + dv,  R_true = exp(dtheta) R,  b_true = b + db,  c_true = c + dc,  g_true = g + dg
 
@@ -13,8 +12,8 @@ Between stamps, with the latest sample (w, f) of the IMU and gravity along -z:
 
 A range to anchor a_i, with the antenna at the lever l from p in body axes:
 
-    r = |p + R l - a_i| + c_i + g_i + white,   H = [u, 0, (R l) x u, 0, 0, e_i, e_i],   u = (p + R l - a_i) / |p + R l -
-    a_i|
+    r = |p + R l - a_i| + c_i + g_i + white,   H = [u, 0, (R l) x u, 0, 0, e_i, e_i]
+    u = (p + R l - a_i) / |p + R l - a_i|
 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation. An anchor that was
 left out for a second, by far, comes back when its innovations are small on average: an error that fades would pull the
