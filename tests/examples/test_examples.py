@@ -63,6 +63,7 @@ def test_an_own_estimator_flies_to_the_goal_and_gets_the_integral_that_the_servo
     assert np.sqrt((flight.error**2).sum("axis").mean().item()) < 0.15
 
 
+@pytest.mark.long
 def test_an_own_sensor_has_the_noise_it_says_and_makes_the_height_known() -> None:
     module = example("barometer")
     flight = module.main(seed=2, barometer={"drift": 0.0, "sd": 0.2})
@@ -190,6 +191,7 @@ def test_a_plugin_flies_from_the_command_line_and_on_workers(tmp_path: Path) -> 
     assert said[1] == "same"
 
 
+@pytest.mark.long
 def test_an_own_study_has_a_row_a_flight_and_more_losses_make_it_worse(tmp_path: Path) -> None:
     file = tmp_path / "study" / "loss.png"
     flights = example("loss_study").main(file, losses=(0.0, 0.95), seeds=range(2), **SHORT)

@@ -44,6 +44,7 @@ def over_the_floor(seed: int, *settings: str) -> tuple[list[float], list[float]]
     return tuple([value for value in found.values() if value is not None] for found in both)  # type: ignore[return-value]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tick_by_tick", [False, True])
 def test_no_ensemble_beats_the_floor_and_the_tuned_filter_sits_on_it(tick_by_tick: bool) -> None:
     """The filter of 'nominal_imu_uwb' knows the world's noise, and near hover all is linear, but for z from ranges."""

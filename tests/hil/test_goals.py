@@ -258,6 +258,7 @@ def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
     os.close(ended)
 
 
+@pytest.mark.long
 def test_a_flight_goes_to_a_goal_and_to_the_next_and_touches_nothing() -> None:
     scenario = load_scenario("nominal_imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.4], duration: 60.0}",))
     world, onboard = WorldHalf(scenario), OnboardHalf(scenario)

@@ -333,6 +333,7 @@ def test_pictures_without_pixels_or_with_too_many(
     assert f"{width} x {height} px" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "named"),
     [

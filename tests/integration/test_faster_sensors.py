@@ -122,6 +122,7 @@ def test_the_innovations_of_the_means_are_as_large_as_the_filter_says(flight: xr
     assert low < nis.mean() / 3.0 < high
 
 
+@pytest.mark.long
 def test_the_filter_is_consistent_and_knows_the_attitude_better(flight: xr.Dataset) -> None:
     slow = fly(load_scenario("nominal_imu_uwb", ("seed=3",)))
     spread = {}

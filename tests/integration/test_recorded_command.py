@@ -40,6 +40,7 @@ def check_trajectories(folder: Path, said: str) -> None:
     assert rmse[1] < rmse[0] < 0.05  # the smoother, the estimate
 
 
+@pytest.mark.long
 def test_replay_writes_report_figures_and_json(capsys: pytest.CaptureFixture[str], place: Path, tmp_path: Path) -> None:
     words = ("--map", str(place / "MAP.yaml"), "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json"))
     assert run("replay", str(place / "walk"), *words) == 0
@@ -58,6 +59,7 @@ def test_replay_writes_report_figures_and_json(capsys: pytest.CaptureFixture[str
     assert motion["rejected"] == {}
 
 
+@pytest.mark.long
 def test_replay_without_truth_or_imu(capsys: pytest.CaptureFixture[str], place: Path, tmp_path: Path) -> None:
     map_file = tmp_path / "bare.yaml"
     map_file.write_text(TABLE_MAP[: TABLE_MAP.index("imu:")])

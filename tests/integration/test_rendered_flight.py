@@ -48,6 +48,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> str:
 # --- the same bits --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_the_same_seed_flies_the_same_bits_twice_and_another_others(bare: str) -> None:
     scenario = scenario_of(bare)

@@ -77,6 +77,7 @@ def test_a_message_older_than_the_horizon_is_not_used() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_flight_repeats_bit_for_bit() -> None:
     simulator = FlightSimulator(load_scenario("tight_imu_uwb", (SHORT,)))
     first = simulator.fly(4)["estimate"].values.copy()

@@ -40,6 +40,7 @@ def read_seeded(name: str, folder: Path) -> DarknetNetwork:
     return network
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(ANCHORS))
 def test_heads_and_boxes_are_opencvs(name: str, tmp_path: Path) -> None:
     reference, network = REFERENCES[name], read_seeded(name, tmp_path)

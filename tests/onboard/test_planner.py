@@ -81,6 +81,7 @@ def test_the_plan_is_the_same_bit_for_bit_in_another_process() -> None:
     assert done.stdout.strip() == hashlib.sha256(P.tobytes()).hexdigest()
 
 
+@pytest.mark.long
 def test_the_way_round_changes_with_the_clearance_but_never_fails_where_the_vehicle_fits() -> None:
     for clearance in (0.0, 0.3, 1.5):
         flight = plan(SETTINGS.model_copy(update={"clearance": clearance}), ROOM, M100)

@@ -136,6 +136,7 @@ def test_the_figure_holds_three_maps_and_two_strips_wide_or_not(halved: Path, of
         assert word in titles
 
 
+@pytest.mark.long
 def test_the_command_answers_first_and_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, report, png = tmp_path / "room.yaml", tmp_path / "c.json", tmp_path / "c.png"
     file.write_text(new_room("hall", (5.0, 4.0, 3.0), 5))

@@ -51,6 +51,7 @@ def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, .
     assert flown_tick.largest_difference < (1e-9 if thrown else 1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo", "realistic_flow", "robust_imu_uwb", "robust_imu_uwb_yolo"])
 def test_so_they_are_with_torque_and_biases_as_states(name: str) -> None:
     tick = differentiate_closed_loop(load_scenario(name), 300)

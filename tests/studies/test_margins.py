@@ -255,6 +255,7 @@ def test_knowing_the_force_costs_margin_and_no_stability(force):
         assert "not stable" in without.note
 
 
+@pytest.mark.long
 def test_where_nothing_holds_the_filter_a_line_says_so():
     scenario = load_scenario("imu_uwb")
     without = margins_report(scenario, hover_V(scenario))["without imu"]

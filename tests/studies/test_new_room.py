@@ -35,6 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 sides = st.floats(3.0, 30.0)
 
 
+@pytest.mark.long
 @settings(max_examples=15)
 @given(x=sides, y=sides, z=st.floats(2.0, 20.0), anchors=st.integers(3, 40))
 def test_a_room_of_any_size_loads_and_has_a_way_through_it(

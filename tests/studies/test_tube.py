@@ -127,6 +127,7 @@ def as_printed(
     return mean, M_all - np.outer(mean, mean), X_all
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_cases_side_by_side_are_the_recursion_as_printed(integrator: str) -> None:
     rng, n = np.random.default_rng(3), 25
@@ -268,6 +269,7 @@ def test_course_is_due_late_and_blacked_out() -> None:
     assert nominal.there[:, 2].all()
 
 
+@pytest.mark.long
 def test_tube_needs_a_servo_fed_by_the_filter_and_constant_delays() -> None:
     with pytest.raises(InputError, match=r"servo\.velocities"):
         predict_tube(load_scenario("paper_imu_uwb"))

@@ -42,6 +42,7 @@ def tuning(folder: Path) -> Tuning:
     return tune(find_flights([folder]))
 
 
+@pytest.mark.long
 def test_the_sensors_noise_is_found(tuning: Tuning) -> None:
     assert tuning.fit.values["multilateration.noise.fraction"] == pytest.approx(0.0075, rel=0.15)
     for i in range(3):
@@ -124,6 +125,7 @@ def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning
     assert in_short(tuning_report(tuning), Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
 
 
+@pytest.mark.long
 def test_the_command_writes_what_it_is_asked_for(
     folder: Path, tuning: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

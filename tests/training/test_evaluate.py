@@ -171,6 +171,7 @@ def test_drawn_boxes_lie_on_the_pictures_pixels() -> None:
     assert (v.min(), v.max()) == (round(edges[:, 1].min()), round(edges[:, 3].max()))
 
 
+@pytest.mark.long
 def test_judging_our_network_writes_plain_data_and_a_picture_whatever_its_weights(tmp_path) -> None:  # type: ignore[no-untyped-def]
     import json
 

@@ -60,6 +60,7 @@ def test_landmarks_stand_within_the_walls_and_apart(seed: int) -> None:
     assert bottoms.min() > -1e-9
 
 
+@pytest.mark.long
 @given(seeds)
 def test_the_walls_leave_no_gap_around_the_room(seed: int) -> None:
     room = room_of(seed)

@@ -53,6 +53,7 @@ def test_errors(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     assert (read_picture(error_figure(beside, tmp_path / "beside.png"), 1300, 468) != drawn).any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("left", [0, 1])
 def test_errors_of_lost_flights_are_left_out(flights: dict[str, list[xr.Dataset]], tmp_path: Path, left: int) -> None:
     summaries = {
@@ -77,6 +78,7 @@ def test_one_flight(flights: dict[str, list[xr.Dataset]], tmp_path: Path, suffix
     read_picture(flight_figure(flights["imu_uwb"][0], tmp_path / f"flight.{suffix}"), 1430, 1066)
 
 
+@pytest.mark.long
 def test_a_flight_lost_at_once_can_be_drawn(tmp_path: Path) -> None:
     settings = ("planner={kind: hover, point: [8, 1, 1.5]}", "vehicle.inertia=[1.0e-9, 1.0e-9, 1.0e-9]")
     flight = fly(load_scenario("imu_uwb", settings))

@@ -197,6 +197,7 @@ def states(world: Diagram, simulator: Simulator, times: np.ndarray) -> np.ndarra
     return np.array(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rotors", ["ideal", "first_order"])
 def test_in_the_disturbed_world_it_holds_then_lands_and_obeys_again(rotors: str) -> None:
     world, simulator = make_flight("world.plant=continuous", f"world.rotors.kind={rotors}")

@@ -189,6 +189,7 @@ def test_a_chain_that_never_leaves_is_deterministic() -> None:
     np.testing.assert_array_equal(arrived(fly(Link(loss=toggling), 500)), np.arange(0, 500, 2))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [1, 3])
 def test_bursts_lose_their_share_for_their_mean_length(every: int) -> None:
     n, seconds = 60_000, 0.5  # 15 ticks

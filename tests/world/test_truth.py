@@ -122,6 +122,7 @@ def pictures(scenario: Scenario, change: Callable[[Diagram, Context], None] | No
     return np.concatenate([port.Eval(context).data.astype(float) for port in ports], axis=2)
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_landmarks_and_a_camera_that_are_set_are_drawn_as_those_built(tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered", "camera.width=160"))

@@ -103,6 +103,7 @@ def flights(request: pytest.FixtureRequest) -> list[RecordedFlight]:
     return [fly_recorded(load_scenario(request.param, (SHORT,)), seed) for seed in range(3)]
 
 
+@pytest.mark.long
 def test_forward_is_the_filter_that_flew(flights: list[RecordedFlight]) -> None:
     for recorded in flights:
         assert is_linear(recorded.scenario)

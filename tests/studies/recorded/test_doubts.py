@@ -132,6 +132,7 @@ def test_one_clock_is_tried_where_the_files_begin_far_apart(recording, later) ->
     assert found.left < 0.05
 
 
+@pytest.mark.long
 def test_a_clock_beyond_the_search_is_found_by_a_wider_one(recording) -> None:
     """The truth began 11 s after the ranges, by a clock of its own, and the map gives a wrong offset."""
     t = recording.truth.t

@@ -55,6 +55,7 @@ def test_clock_frame_biases_and_lever_are_found_from_the_first_part(recording) -
     assert found.left == pytest.approx(0.03, rel=0.15)
 
 
+@pytest.mark.long
 def test_ranges_alone_tell_clock_and_frame(recording) -> None:
     settings = as_map(TABLE_MAP).calibration
     found = calibrate(recording._replace(imu=None), settings, lever=False)
@@ -111,6 +112,7 @@ def test_the_filter_is_consistent_and_better_than_constant_velocity(replayed) ->
     assert found.residual == pytest.approx(0.03, rel=0.2)
 
 
+@pytest.mark.long
 def test_evo_agrees_with_the_errors_themselves(replayed) -> None:
     found, drawn = replayed
     estimated, truth = drawn[WITH_IMU]
@@ -123,6 +125,7 @@ def test_evo_agrees_with_the_errors_themselves(replayed) -> None:
     assert found.rows[WITH_IMU].rpe == pytest.approx(np.sqrt(np.mean(np.sum(d**2, axis=1))), rel=1e-6)
 
 
+@pytest.mark.long
 def test_without_truth_the_heading_is_found_by_innovations(recording) -> None:
     map_ = as_map(TABLE_MAP)
     found, drawn = replay(recording._replace(truth=None), map_, lambda _: None)
@@ -144,6 +147,7 @@ def test_a_flown_command_takes_the_accelerometers_place(folder, recording) -> No
     np.testing.assert_allclose(commanded.imu.rates, recording.imu.rates)
 
 
+@pytest.mark.long
 def test_an_imus_attitude_that_is_not_as_its_force_is_told(recording) -> None:
     attitude = np.tile(Rotation.from_rotvec([0.4, 0, 0]).as_matrix(), (len(recording.imu.t), 1, 1))
     found, _ = replay(
@@ -171,6 +175,7 @@ def test_too_few_ranges_give_one_clear_line(recording) -> None:
         estimate(pair, None, Known(ANCHORS, None, np.zeros(3), None), FilterSettings(), np.zeros(1))
 
 
+@pytest.mark.long
 def test_an_imu_that_was_on_long_before_starts_the_filter_where_the_ranges_do(recording) -> None:
     late = recording.ranges.t > 12.3
     ranges = Ranges(*(part[late] for part in recording.ranges))

@@ -97,6 +97,7 @@ def test_imposed_losses_cost_little(name) -> None:
         assert np.sqrt(np.mean(np.sum(e**2, axis=1))) < 0.5
 
 
+@pytest.mark.long
 def test_the_frames_and_clocks_are_those_of_the_notes(replayed) -> None:
     for name, lever in (("flight1", (0.04, 0.01)), ("flight2", (0.07, 0.01))):
         found = replayed[name]
