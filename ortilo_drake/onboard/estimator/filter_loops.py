@@ -31,7 +31,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     integrated_sensor,
     tilted_lift,
 )
-from ortilo_drake.onboard.estimator.structure import Structure, known_structure
+from ortilo_drake.onboard.estimator.structure import known_structure
 
 
 @register_jitable
@@ -42,7 +42,8 @@ def measure(
     V: np.ndarray,
     m: int,
     first: int,
-    layout: Layout,
+    states: np.ndarray,
+    weights: np.ndarray,
     S: np.ndarray,
     GT: np.ndarray,
 ) -> None:
@@ -55,11 +56,11 @@ def measure(
         V: covariance of this one's, row by row, and whatever follows (m^2 or more).
         m: how many it has.
         first: row of the first of them.
-        layout: of the measurement.
+        states: which states each row of y sees, see model.measurement.Layout (p, w).
+        weights: with which coefficients (p, w).
         S: to work in (m or more, m or more).
         GT: likewise, for [G^T, L^-1 (y - C x^)] (m or more, N + 1).
     """
-    _, states, weights, _, _, _ = layout
     N = GT.shape[1] - 1
     for a in range(m):
         state, c = states[first + a, 0], weights[first + a, 0]
@@ -95,16 +96,28 @@ def measure(
 
 
 @register_jitable
-def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
+def propagate(
+    P: np.ndarray,
+    W: np.ndarray,
+    columns: np.ndarray,
+    values: np.ndarray,
+    counts: np.ndarray,
+    mixing: np.ndarray,
+    keeps: np.ndarray,
+    rows: np.ndarray,
+) -> None:
     """Change P, of which N rows and columns are meant, to Phi P Phi^T + W, symmetric.
 
     Args:
         P: covariance.
         W: of the model (N, N).
-        structure: of the model.
+        columns: of the model's structure, as what follows; see structure.py (N, w).
+        values: likewise (N, w).
+        counts: likewise (N).
+        mixing: likewise (c).
+        keeps: likewise (N).
         rows: to work in (N, N or more).
     """
-    columns, values, counts, mixing, keeps = structure
     N = W.shape[0]
     for side in range(2):  # P Phi^T, then Phi times that
         for a in range(mixing.size):
@@ -157,12 +170,49 @@ def step_in_place(
     Arguments as intermittent_step, after those of to_work_in.
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known = model
-    _, _, _, first, block, is_position = layout
-    N = Phi.shape[0]
-    n = N + N_I
-    structure = known_structure(known, Phi)
-    columns, values, counts, _, _ = structure
-    P = belief[n:].reshape((n, n))
+    _, states, weights, first, block, is_position = layout
+    columns, values, counts, mixing, keeps = known_structure(known, Phi)
+    n = Phi.shape[0] + N_I
+    step_arrays(
+        work, S, belief, belief[n:].reshape((n, n)), y, delta, V2, u, r,
+        Gamma, W, Gamma_a, integrator, mass, yaw, columns, values, counts, mixing, keeps,
+        states, weights, first, block, is_position,
+    )  # fmt: skip
+
+
+@register_jitable
+def step_arrays(
+    work: np.ndarray,
+    S: np.ndarray,
+    belief: np.ndarray,
+    P: np.ndarray,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    u: np.ndarray,
+    r: np.ndarray,
+    Gamma: np.ndarray,
+    W: np.ndarray,
+    Gamma_a: np.ndarray,
+    integrator: int,
+    mass: float,
+    yaw: float,
+    columns: np.ndarray,
+    values: np.ndarray,
+    counts: np.ndarray,
+    mixing: np.ndarray,
+    keeps: np.ndarray,
+    states: np.ndarray,
+    weights: np.ndarray,
+    first: np.ndarray,
+    block: np.ndarray,
+    is_position: np.ndarray,
+) -> None:
+    """Do what step_in_place does; P is a view of the belief's (n, n), the parts of model and layout stand by themselves.
+
+    numba counts no references in a function that takes arrays alone, and one for each array of a tuple.
+    """
+    N = W.shape[0]
     lift = tilted_lift(belief, u, mass, yaw) if N > N_X else (0.0, 0.0, 0.0)
     chosen = integrated_sensor(delta, is_position, integrator)
     for i in range(N_I):
@@ -175,7 +225,7 @@ def step_in_place(
 
     for s in range(delta.size):
         if delta[s] != 0.0:
-            measure(belief, P, y, V2[block[s] :], first[s + 1] - first[s], first[s], layout, S, work)
+            measure(belief, P, y, V2[block[s] :], first[s + 1] - first[s], first[s], states, weights, S, work)
 
     x = work[0]
     for i in range(N):
@@ -189,7 +239,7 @@ def step_in_place(
         x[i] = total
     for i in range(N):
         belief[i] = x[i]
-    propagate(P, W, structure, work)
+    propagate(P, W, columns, values, counts, mixing, keeps, work)
 
 
 @njit(cache=True)

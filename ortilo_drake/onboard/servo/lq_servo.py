@@ -9,6 +9,8 @@ from numba.extending import register_jitable
 from pydrake.systems.framework import LeafSystem, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.triples import Four, Triple, triple
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
@@ -92,6 +94,34 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
     if form == "error":
         return np.zeros(N_I)
     return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
+
+
+def servo_out(
+    n: Any, belief: np.ndarray, force: np.ndarray, reference: np.ndarray, L: np.ndarray, out: np.ndarray
+) -> None:
+    """Say u_k of command (4)."""
+    put(command(belief, reference, L, n.mass, n.yaw, n.error_form != 0, (force[0], force[1], force[2])), out)
+
+
+def lent_out(belief: np.ndarray, state: np.ndarray, out: np.ndarray) -> None:
+    """Say the estimate (15) with the true velocities in it."""
+    put(belief[:N_XBAR], out)
+    put(state[6:N_X], out, 6)
+
+
+SERVO = Element(
+    "servo",
+    out=servo_out,
+    numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
+    tables=(Array("L", 2),),
+)
+LENT = Element("lent_velocities", out=lent_out)
+
+
+def servo_box(L: np.ndarray, mass: float, settings: ServoSettings) -> Box:
+    """Return the servo: it reads the belief (15 or more), the force that is believed to act (3) and the reference."""
+    numbers = {"mass": mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
+    return Box("servo", SERVO, N_U, Given(numbers, tables={"L": L}))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

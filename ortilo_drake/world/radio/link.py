@@ -17,8 +17,9 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import ARRIVED, N_X, STAMP
 from ortilo_drake.scenario import Link
@@ -135,6 +136,95 @@ def blackout_rows(settings: Link, h: float) -> np.ndarray:
         for blackout in settings.blackouts
     ]
     return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+def link_out(n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, out: np.ndarray) -> None:
+    """Say the delay of delay_of_tick [ticks] (1), NOT_SENT where no message is sent, of a link without a chain."""
+    out[0] = delay_of_tick(k, n.every, state, False, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
+
+
+def bursty_out(
+    n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, bad: np.ndarray, out: np.ndarray
+) -> None:
+    """Say what link_out says, of a link whose chain is bad or good."""
+    out[0] = delay_of_tick(k, n.every, state, bad[0] != 0.0, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
+
+
+def bursty_step(n: Any, k: int, seed: int, bad: np.ndarray) -> None:
+    """Have the chain step."""
+    bad[0] = 1.0 if chain_after(k, bad[0] != 0.0, n.loss, seed, n.stream) else 0.0
+
+
+_NUMBERS = (
+    Number("every", kind="i8"),
+    Number("delay", kind="i8"),
+    Number("random", kind="i8"),
+    Number("loss", (4,)),
+    Number("stream", kind="u8"),
+)
+LINK = Element("link", out=link_out, numbers=_NUMBERS, tables=(Array("blackouts", 2),))
+BURSTY = Element(
+    "bursty_link",
+    out=bursty_out,
+    step=bursty_step,
+    numbers=_NUMBERS,
+    tables=(Array("blackouts", 2),),
+    state=(Array("bad"),),
+)
+
+
+def late_out(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray, out: np.ndarray) -> None:
+    """Say the message that lands in tick k, zeros if none does: this tick's, or one of those in flight."""
+    fill(out, 0.0)
+    now = delay[0] == 0.0 and message[ARRIVED] != 0.0
+    landed = landing_row(flying, k, message[STAMP] if now else -np.inf)
+    if landed != NOT_SENT:
+        put(flying[landed, 1:], out)
+    elif now:
+        put(message, out)
+
+
+def late_step(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray) -> None:
+    """Put the message of tick k in flight, if it is late."""
+    if delay[0] > 0.0 and message[ARRIVED] != 0.0:
+        put_in_flight(flying, k + int(delay[0]), message)
+
+
+def sent_out(message: np.ndarray, delay: np.ndarray, out: np.ndarray) -> None:
+    """Say the message of this tick where it is sent, else zeros."""
+    fill(out, 0.0)
+    if delay[0] == 0.0:
+        put(message, out)
+
+
+LATE = Element("late", out=late_out, step=late_step, state=(Array("flying", 2),))
+SENT = Element("sent", out=sent_out)
+
+
+def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
+    """Return what decides which of a sensor's messages are sent, and how late: it reads the true state (12)."""
+    given = Given(
+        {
+            "every": every,
+            "delay": settings.delay,
+            "random": settings.random_delay,
+            "loss": loss_parameters(settings.loss, h),
+            "stream": stream_id(f"link/{sensor}"),
+        },
+        tables={"blackouts": blackout_rows(settings, h)},
+    )
+    if not steps_a_chain(settings):
+        return Box(f"{sensor}_link", LINK, 1, given)
+    return Box(f"{sensor}_link", BURSTY, 1, given.with_(Given(start={"bad": np.zeros(1)})))
+
+
+def delivery_box(sensor: str, message: Box, settings: Link) -> Box | None:
+    """Return what delivers a sensor's messages as its link says; None where they are only ever late by nothing."""
+    most, reads = settings.delay + settings.random_delay, {"message": message.name, "delay": f"{sensor}_link"}
+    if not most:
+        return None
+    flying = np.tile(np.concatenate(([-1.0], np.zeros(message.size))), (most, 1))
+    return Box(f"{sensor}_delivered", LATE, message.size, Given(start={"flying": flying}), reads=reads)
 
 
 # Without a scope Drake reads the sources of all frames to find it.

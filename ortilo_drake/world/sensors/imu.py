@@ -10,14 +10,15 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import time_in
 from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
 from ortilo_drake.model.triples import Four
 from ortilo_drake.scenario import Imu as ImuSettings
-from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.noise import four_normals, normals, put_normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
 
 
@@ -96,6 +97,54 @@ def put_angles(message: np.ndarray, v: Four, x: np.ndarray, bias: np.ndarray, sd
     message[0], message[1] = 1.0, time
     for i in range(3):
         message[2 + i] = x[3 + i] + (bias[i] + sd[0] * v[i])
+
+
+def angles_out(
+    n: Any, k: int, seed: int, sent: np.ndarray, state: np.ndarray, bias: np.ndarray, out: np.ndarray
+) -> None:
+    """Say the imu message of put_angles in a tick in which it is sent, else zeros."""
+    fill(out, 0.0)
+    if sent[0] >= 0.0:
+        put_angles(out, four_normals(seed, n.stream, k), state, bias, n.sd, k * n.h)
+
+
+def imu_out(
+    n: Any,
+    k: int,
+    seed: int,
+    sent: np.ndarray,
+    state: np.ndarray,
+    felt: np.ndarray,
+    disturbance: np.ndarray,
+    bias: np.ndarray,
+    v: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the imu message of put_imu_message in a tick in which it is sent, else zeros."""
+    fill(out, 0.0)
+    if sent[0] >= 0.0:
+        put_normals(v, seed, n.stream, k)
+        put_imu_message(out, v, state, felt, disturbance, n.mass, bias, n.sd, k * n.h)
+
+
+_NUMBERS = (Number("sd", (3,)), Number("stream", kind="u8"), Number("h"))
+ANGLES = Element("imu_angles", out=angles_out, numbers=_NUMBERS, tables=(Array("bias"),))
+IMU = Element(
+    "imu", out=imu_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),)
+)
+
+
+def imu_box(settings: ImuSettings, h: float, whole: bool, mass: float) -> Box:
+    """Return the imu: it reads `sent` (1), not negative where its message is sent, and the true state (12).
+
+    Where more than its angles is read it also reads the control as it acts on the body, `felt` (4), and the disturbance
+    (6), both as they act up to this tick.
+    """
+    sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
+    given = Given({"sd": sd, "stream": stream_id("imu"), "h": h}, tables={"bias": np.zeros(9)})
+    if not whole:
+        return Box("imu", ANGLES, IMU_SIZE, given)
+    return Box("imu", IMU, IMU_SIZE, given.with_(Given({"mass": mass})), {"v": (9,)})
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -10,13 +10,15 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
+from ortilo_drake.model.placing import fill
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_X, uwb_size
 from ortilo_drake.scenario import Uwb
-from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.noise import normals, put_normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
 
 
@@ -105,6 +107,44 @@ def ranging_settings(settings: Uwb) -> np.ndarray:
 def walls_between(settings: Uwb, room: Room) -> np.ndarray:
     """Return the walls that act on a range (m, 7): the room's, or none."""
     return room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
+
+
+def uwb_out(
+    n: Any,
+    k: int,
+    seed: int,
+    sent: np.ndarray,
+    state: np.ndarray,
+    anchors: np.ndarray,
+    bias: np.ndarray,
+    walls: np.ndarray,
+    v: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the uwb message of put_uwb_message in a tick in which it is sent, else zeros."""
+    fill(out, 0.0)
+    if sent[0] >= 0.0:
+        put_normals(v, seed, n.stream, k)
+        put_uwb_message(out, v, state, anchors, bias, walls, n.settings, k * n.h)
+
+
+UWB = Element(
+    "uwb",
+    out=uwb_out,
+    numbers=(Number("settings", (5,)), Number("stream", kind="u8"), Number("h")),
+    tables=(Array("anchors", 2), Array("bias"), Array("walls", 2)),
+    work=(Array("v"),),
+)
+
+
+def uwb_box(settings: Uwb, room: Room, h: float) -> Box:
+    """Return the receiver: it reads `sent` (1), not negative where its message is sent, and the true state (12)."""
+    count = len(room.anchors)
+    given = Given(
+        {"settings": ranging_settings(settings), "stream": stream_id("uwb"), "h": h},
+        tables={"anchors": room.anchor_positions, "bias": np.zeros(count), "walls": walls_between(settings, room)},
+    )
+    return Box("uwb", UWB, uwb_size(count), given, {"v": (count,)})
 
 
 # Without a scope Drake reads the sources of all frames to find it.

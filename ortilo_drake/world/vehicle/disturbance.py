@@ -10,6 +10,7 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.scalars import time_in
 from ortilo_drake.scenario import Disturbance
@@ -36,6 +37,24 @@ def disturbance_at(
     d = np.empty(6)
     put_disturbance(d, force_sd, torque_sd, seed, stream, time, h)
     return d
+
+
+def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
+    """Say d of put_disturbance (6)."""
+    put_disturbance(out, n.force_sd, n.torque_sd, seed, n.stream, k * n.h, n.h)
+
+
+WHITE = Element(
+    "disturbance",
+    out=disturbance_out,
+    numbers=(Number("force_sd"), Number("torque_sd"), Number("stream", kind="u8"), Number("h")),
+)
+
+
+def disturbance_box(settings: Disturbance, h: float) -> Box:
+    """Return the source of white disturbance: force in W [N], torque in B [N m] (6)."""
+    numbers = {"force_sd": settings.force_sd, "torque_sd": settings.torque_sd, "stream": stream_id("disturbance"), "h": h}
+    return Box("disturbance", WHITE, 6, Given(numbers))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -8,13 +8,50 @@ import numpy as np
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step, stepped
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import M100, Vehicle
 
 
 def _body_of(vehicle: Vehicle) -> list[float]:
     return [vehicle.mass, *vehicle.inertia]
+
+
+def sampled_step(n: Any, x: np.ndarray, control: np.ndarray, disturbance: np.ndarray) -> None:
+    """Go on by a tick under held u and d, see model.equations.step."""
+    put(stepped(x, control, disturbance, n.mass, n.inertia, n.kinematics, n.h), x)
+
+
+def felt_step(values: np.ndarray, control: np.ndarray, disturbance: np.ndarray) -> None:
+    """Hold u and d over the tick that begins."""
+    put(control, values)
+    put(disturbance, values, N_U)
+
+
+SAMPLED = Element(
+    "sampled_plant",
+    step=sampled_step,
+    numbers=(Number("mass"), Number("inertia", (3,)), Number("kinematics", kind="i8"), Number("h")),
+    state=(Array("x"),),
+    shows="x",
+)
+FELT = Element("felt", step=felt_step, state=(Array("values"),), shows="values")
+
+
+def plant_box(vehicle: Vehicle, kinematics: str, x_0: np.ndarray, h: float) -> Box:
+    """Return the sampled plant: it reads u as it acts on the body (4) and the disturbance (6), and says x (12)."""
+    numbers = {"mass": vehicle.mass, "inertia": vehicle.inertia, "kinematics": KINEMATICS.index(kinematics), "h": h}
+    return Box("plant", SAMPLED, N_X, Given(numbers, start={"x": x_0}))
+
+
+def felt_box(vehicle: Vehicle) -> Box:
+    """Return what a body without rotors' dynamics has felt since the last tick: u (4) and d (6), hovering at first."""
+    values = np.zeros(N_U + 6)
+    values[0] = vehicle.hover_thrust
+    parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
+    return Box("felt", FELT, N_U + 6, Given(start={"values": values}), parts=parts)
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -1,0 +1,80 @@
+"""A digest of all that a function is made of.
+
+numba's cache does not notice that a function which another one calls has changed. So what is compiled has the digest of
+everything that it calls in its name.
+"""
+
+import hashlib
+import platform
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+
+_LIBRARIES = ("numpy", "math", "numba", "builtins")
+_VERSIONS = f"{platform.python_version()} {numba.__version__} {np.__version__}"
+
+
+def digest_of(*made_of: Any) -> str:
+    """Return a digest of functions, with all that they call and the constants that they read, and of plain values."""
+    parts: list[str] = [_VERSIONS]
+    seen: set[int] = set()
+    for one in made_of:
+        parts += _parts(one, seen)
+    return hashlib.blake2b("\n".join(parts).encode(), digest_size=10).hexdigest()
+
+
+def _parts(value: Any, seen: set[int]) -> Iterator[str]:
+    function = plain(value)
+    if isinstance(function, FunctionType):
+        if id(function) not in seen and not function.__module__.startswith(_LIBRARIES):
+            seen.add(id(function))
+            yield function.__qualname__
+            yield from _of_code(function.__code__)
+            for name, used in _used(function):
+                yield name
+                yield from _parts(used, seen)
+    elif isinstance(value, ModuleType):
+        if not value.__name__.startswith(_LIBRARIES) and value.__file__:
+            yield Path(value.__file__).read_text(encoding="utf-8")
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+    elif isinstance(value, type):
+        yield f"{value.__qualname__} {getattr(value, '_fields', '')}"
+    elif isinstance(value, (list, tuple, dict)):
+        yield repr(value)
+    else:
+        yield repr(value) if isinstance(value, (int, float, str, bool, np.generic, np.dtype, type(None))) else ""
+
+
+def _of_code(code: CodeType) -> Iterator[str]:
+    yield code.co_code.hex()
+    yield repr(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _of_code(constant)
+        else:
+            yield repr(sorted(constant, key=repr) if isinstance(constant, frozenset) else constant)
+
+
+def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """Return what a function reads of its module and of the function that it stands in, by name."""
+    codes = [function.__code__]
+    names: dict[str, None] = {}
+    while codes:
+        code = codes.pop()
+        names |= dict.fromkeys(code.co_names)
+        codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    for name in names:
+        if name in function.__globals__:
+            yield name, function.__globals__[name]
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield name, cell.cell_contents
+
+
+def plain(function: Callable[..., Any] | Any) -> Any:
+    """Return the plain source of a function that numba compiles."""
+    return getattr(function, "py_func", function)

@@ -1,0 +1,131 @@
+"""An element's functions as compiled code with a C interface.
+
+Each is compiled on its own, from a few lines of generated source that make arrays of addresses, and is kept on the disk
+by numba: one compiled form serves every wiring, room and size. Whoever calls it hands over
+
+    n                      the address of the record
+    k, seed                whole numbers
+    <array>, its shape     the address, then one whole number for each dimension; in the order of the parameters
+
+Addresses are not checked: wiring.py and player.py see to it that every size fits.
+"""
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba import njit
+
+from ortilo_drake.loop.digest import digest_of, plain
+from ortilo_drake.loop.element import Element, takes
+
+_KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
+_WHOLE = {"k": "types.int64", "seed": "types.int64"}
+
+
+@dataclass(frozen=True)
+class Native:
+    """A compiled function with a C interface.
+
+    Attributes:
+        symbol: its name for the linker.
+        arguments: how many it takes.
+        address: where it is.
+    """
+
+    symbol: str
+    arguments: int
+    address: int
+
+
+def generated_folder() -> Path:
+    """Return where generated files are kept: beside numba's cache, so that what is compiled of them is kept too."""
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    beside = Path(own) if own else Path(__file__).parent / "__pycache__"
+    if not os.access(beside if beside.exists() else beside.parent, os.W_OK):
+        beside = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ortilo"
+    return beside / "generated"
+
+
+def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
+    """Write a generated module, unless it is there, and run it with names that it need not import.
+
+    numba looks for the file of what it compiles, to keep the result beside it.
+    """
+    module = ModuleType(f"ortilo_generated.{name}")
+    if module.__name__ in sys.modules:
+        return sys.modules[module.__name__]
+    folder = generated_folder()
+    file = folder / f"{name}.py"
+    if not file.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False, encoding="utf-8") as written:
+            written.write(text)
+        os.replace(written.name, file)
+    module.__file__ = str(file)
+    vars(module).update(known)
+    sys.modules[module.__name__] = module
+    exec(compile(text, str(file), "exec"), vars(module))
+    return module
+
+
+def parameters(element: Element, function: Callable[..., None]) -> list[tuple[str, int, str]]:
+    """Return what a function takes, in its order: name, number of dimensions (-1 of what is no array), kind."""
+    found = []
+    for name in takes(function):
+        if name == "n" or name in _WHOLE:
+            found.append((name, -1, ""))
+        elif name in element.own:
+            found.append((name, element.own[name].dimensions, element.own[name].kind))
+        else:
+            found.append((name, 1, "i8" if name == "seeds" else "f8"))
+    return found
+
+
+def native_text(element: Element) -> str:
+    """Return the source of an element's functions with a C interface."""
+    text = f'"""{element.name}, made by ortilo_drake/loop/native.py."""\n\n'
+    text += "import numpy as np\nfrom numba import carray, cfunc, from_dtype, types\n\n"
+    fields = [(number.name, number.kind, number.shape) for number in element.numbers] or [("nothing", "f8", ())]
+    text += f"record = types.CPointer(from_dtype(np.dtype({fields!r}, align=True)))\n"
+    for what, function in element.functions.items():
+        types_of, names, made = [], [], []
+        for name, dimensions, kind in parameters(element, function):
+            names.append(name)
+            if dimensions < 0:
+                types_of.append(_WHOLE.get(name, "record"))
+                made.append("carray(n, 1)[0]" if name == "n" else name)
+                continue
+            shape = [f"{name}_{i}" for i in range(dimensions)]
+            types_of += [f"types.CPointer({_KINDS[kind]})"] + ["types.int64"] * dimensions
+            names += shape
+            made.append(f"carray({name}, ({', '.join(shape)},))")
+        text += f"""
+
+@cfunc(types.void({", ".join(types_of)}), cache=True, error_model="numpy")
+def {what}_c({", ".join(names)}):
+    its_{what}({", ".join(made)})
+"""
+    return text
+
+
+@lru_cache(maxsize=256)
+def native_of(element: Element) -> dict[str, Native]:
+    """Return an element's functions, compiled, by name: `out` and `step`, those that it has."""
+    text = native_text(element)
+    name = f"{element.name}_{digest_of(text, *element.functions.values())}"
+    jitted = {f"its_{what}": njit(error_model="numpy")(plain(f)) for what, f in element.functions.items()}
+    module, found = load(name, text, jitted), {}
+    for what, function in element.functions.items():
+        its = getattr(module, f"{what}_c")
+        count = sum(1 + max(dimensions, 0) for _, dimensions, _ in parameters(element, function))
+        found[what] = Native(f"ortilo_{name}_{what}", count, its.address)
+        llvm.add_symbol(found[what].symbol, its.address)
+    return found

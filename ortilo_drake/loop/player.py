@@ -1,0 +1,111 @@
+"""Flights of a wiring, compiled: generated source that calls the elements' compiled functions, without the GIL."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.digest import digest_of
+from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.native import load
+from ortilo_drake.loop.source import Places, flight_text, places_of
+from ortilo_drake.loop.wiring import Wire, Wiring
+
+_KINDS = {"f8": np.float64, "i8": np.int64, "u8": np.uint64, "b1": np.bool_}
+NOTHING: dict[str, Given] = {}
+
+
+class Player:
+    """Flies a wiring, any number of times, on any thread.
+
+    Args:
+        wiring: what flies.
+        recorded: what is kept of each tick, "box" or "box.part".
+        ends: the box whose last number ends a flight where it is not negative: the cause.
+
+    Attributes:
+        width: numbers that are kept of each tick.
+    """
+
+    def __init__(self, wiring: Wiring, recorded: tuple[str, ...], ends: str):
+        self.wiring, self._places = wiring, places_of(wiring)
+        wires = [wire_of(wiring, name) for name in recorded]
+        self.width = sum(wire.size for wire in wires)
+        self.text = flight_text(wiring, self._places, wires, ends)
+        self._fly: Any = load(f"flight_{digest_of(self.text)}", self.text, {}).fly
+        self._given = {name: box.given for name, box in wiring.boxes.items()}
+        self._memory = Memory(wiring, self._places, self._given)
+
+    def fly(self, seeds: np.ndarray, trace: np.ndarray, drawn: dict[str, Given] = NOTHING) -> int:
+        """Fly once; write a row for each tick, and return the last tick.
+
+        Args:
+            seeds: of all noise, at each tick (ticks).
+            trace: rows to write (ticks, width).
+            drawn: of each box that differs in this flight what it is given in place of its own.
+
+        Raises:
+            ValueError: if the shapes do not fit, or what is drawn is not the box's.
+        """
+        if trace.shape != (len(seeds), self.width) or trace.dtype != np.float64 or seeds.dtype != np.int64:
+            raise ValueError(f"trace: has the shape {trace.shape}, must have {(len(seeds), self.width)}")
+        memory = self._memory.copy()
+        for name, given in drawn.items():
+            memory.put(name, given)
+        return int(self._fly(memory.N, memory.S, memory.W, memory.Y, memory.T, seeds, trace))
+
+
+def wire_of(wiring: Wiring, said: str) -> Wire:
+    """Return what a name, "box" or "box.part", stands for."""
+    name, _, part = said.partition(".")
+    box = wiring.boxes[name]
+    return Wire(name, *(box.parts[part] if part else (0, box.size)))
+
+
+class Memory:
+    """All that one flight of a wiring reads and writes.
+
+    Attributes:
+        N: constants, bytes.
+        S: states.
+        W: room to work in.
+        Y: what is said.
+        T: address and shape of each table.
+    """
+
+    def __init__(self, wiring: Wiring, places: Places, given: dict[str, Given] = NOTHING):
+        self._wiring, self._places = wiring, places
+        numbers, states, work, said, tables = places.sizes
+        self.N, self.S, self.T = np.zeros(numbers, np.uint8), np.zeros(states), np.zeros(tables, np.int64)
+        self._sizes, self._kept = (work, said), dict[tuple[str, str], np.ndarray]()
+        self.W, self.Y = np.zeros(work), np.zeros(said)
+        for name, its in given.items():
+            self.put(name, its)
+
+    def copy(self) -> "Memory":
+        """Return the memory of another flight: what is constant in both is shared."""
+        other = Memory.__new__(Memory)
+        other.__dict__.update(self.__dict__)
+        other.N, other.S, other.T = self.N.copy(), self.S.copy(), self.T.copy()
+        other.W, other.Y = np.zeros(self._sizes[0]), np.zeros(self._sizes[1])
+        other._kept = dict(self._kept)
+        return other
+
+    def put(self, name: str, given: Given) -> None:
+        """Put in what a box is given."""
+        box, at = self._wiring.boxes[name], self._places.numbers[name]
+        dtype = box.element.dtype
+        record = self.N[at : at + dtype.itemsize].view(dtype)
+        for number, value in given.numbers.items():
+            record[number][0] = value
+        for state, value in given.start.items():
+            first, shape = self._places.state[name, state]
+            values = np.asarray(value, dtype=float)
+            if values.shape != shape:
+                raise ValueError(f"{name}: {state}: has the shape {values.shape}, must have {shape}")
+            self.S[first : first + values.size] = values.ravel()
+        for table in box.element.tables:
+            if table.name in given.tables:
+                values = np.ascontiguousarray(given.tables[table.name], dtype=_KINDS[table.kind])
+                first = self._places.tables[name, table.name]
+                self._kept[name, table.name] = values
+                self.T[first : first + 1 + table.dimensions] = values.ctypes.data, *values.shape

@@ -1,0 +1,112 @@
+"""Which box reads which, and the order in which a tick goes through them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+
+import numpy as np
+
+from ortilo_drake.loop.element import RESERVED, Box
+
+
+@dataclass(frozen=True)
+class Wire:
+    """What an input reads: a box, and where in what it says."""
+
+    box: str
+    first: int
+    size: int
+
+
+class Wiring:
+    """Boxes, checked as a whole.
+
+    Args:
+        boxes: in any order.
+
+    Raises:
+        ValueError: if two boxes have one name, if an input reads what is not there, if a box lacks a value or is given
+            one of the wrong shape, or if outputs read each other in a circle.
+    """
+
+    def __init__(self, boxes: list[Box]):
+        self.boxes = {box.name: box for box in boxes}
+        if len(self.boxes) != len(boxes):
+            raise ValueError(f"wiring: two boxes have one name among {', '.join(sorted(box.name for box in boxes))}")
+        for box in boxes:
+            check_values(box)
+        self.holders = {held: box.name for box in boxes for held in box.holds}
+        self.wires = {(box.name, port): self._wire(box, port) for box in boxes for port in box.element.inputs}
+        _ = self.out_order, self.step_order
+
+    def _wire(self, box: Box, port: str) -> Wire:
+        said = box.reads.get(port, port)
+        name, _, part = said.partition(".")
+        source = self.boxes.get(name)
+        if source is None:
+            raise ValueError(f"{box.name}: {port}: reads '{said}', must be one of {', '.join(sorted(self.boxes))}")
+        if not part:
+            return Wire(name, 0, source.size)
+        if part not in source.parts:
+            raise ValueError(f"{box.name}: {port}: reads '{said}', must be a part of it: {', '.join(source.parts)}")
+        first, size = source.parts[part]
+        return Wire(name, first, size)
+
+    @cached_property
+    def out_order(self) -> list[Box]:
+        """The boxes that compute what they say, each after those that it reads."""
+        says = {name for name, box in self.boxes.items() if box.element.out is not None}
+        graph = {name: sorted(self._read_by(name, "out") & says) for name in says}
+        return [self.boxes[name] for name in _sorted(graph)]
+
+    @cached_property
+    def step_order(self) -> list[Box]:
+        """The boxes with a step: who reads a state that is shown comes before whose it is."""
+        steps = {name for name, box in self.boxes.items() if box.element.step is not None}
+        graph: dict[str, list[str]] = {name: [] for name in steps}
+        for name in sorted(steps):
+            for shown in self._read_by(name, "step") & steps:
+                if self.boxes[shown].element.shows and shown != name:
+                    graph[shown].append(name)
+        return [self.boxes[name] for name in _sorted(graph)]
+
+    def _read_by(self, name: str, what: str) -> set[str]:
+        element = self.boxes[name].element
+        read = {self.wires[name, port].box for port in element.inputs_of(element.functions[what])}
+        return {held for box in read for held in (self.boxes[box].holds or (box,))}
+
+
+def _sorted(graph: dict[str, list[str]]) -> list[str]:
+    try:
+        return list(TopologicalSorter(dict(sorted(graph.items()))).static_order())
+    except CycleError as error:
+        raise ValueError(f"wiring: {' reads '.join(error.args[1])}: must not read each other in a tick") from None
+
+
+def check_values(box: Box) -> None:
+    """Check that a box has each of its values, in the right shape.
+
+    Raises:
+        ValueError: if it has not.
+    """
+    element, given = box.element, box.given
+    for role, names, values in (
+        ("number", {number.name for number in element.numbers}, given.numbers),
+        ("state", {array.name for array in element.state}, given.start),
+        ("table", {array.name for array in element.tables}, given.tables),
+        ("work", {array.name for array in element.work}, box.work),
+    ):
+        if names != set(values):
+            raise ValueError(f"{box.name}: {role}: has {sorted(values)}, must have {sorted(names)}")
+        if names & set(RESERVED):
+            raise ValueError(f"{box.name}: {role}: is named {sorted(names & set(RESERVED))}, which is reserved")
+    for number in element.numbers:
+        if np.shape(given.numbers[number.name]) != number.shape:
+            shape = np.shape(given.numbers[number.name])
+            raise ValueError(f"{box.name}: {number.name}: has the shape {shape}, must have {number.shape}")
+    for name, array in element.own.items():
+        shape = box.work[name] if name in box.work else np.shape((given.start | given.tables)[name])
+        if len(shape) != array.dimensions:
+            raise ValueError(f"{box.name}: {name}: has {len(shape)} dimensions, must have {array.dimensions}")
+    if element.shows and np.size(given.start[element.shows]) != box.size:
+        raise ValueError(f"{box.name}: {element.shows}: has {np.size(given.start[element.shows])} numbers, not {box.size}")

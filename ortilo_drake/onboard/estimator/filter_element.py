@@ -1,0 +1,138 @@
+"""The intermittent Kalman filter as an element of the loop."""
+
+from typing import Any
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.placing import put
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
+from ortilo_drake.onboard.estimator.belief import put_known_part
+from ortilo_drake.onboard.estimator.filter_loops import step_arrays
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.measurement_handler import LAYOUT
+from ortilo_drake.onboard.estimator.structure import structure_of
+
+KNOWN = N_XBAR + N_XBAR * N_XBAR  # of the belief of [x; i]
+
+
+def filter_step(
+    n: Any,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    control: np.ndarray,
+    reference: np.ndarray,
+    opening: np.ndarray,
+    belief: np.ndarray,
+    rows: np.ndarray,
+    S: np.ndarray,
+    less: np.ndarray,
+    Gamma: np.ndarray,
+    W: np.ndarray,
+    Gamma_a: np.ndarray,
+    columns: np.ndarray,
+    values: np.ndarray,
+    counts: np.ndarray,
+    mixing: np.ndarray,
+    keeps: np.ndarray,
+    states: np.ndarray,
+    weights: np.ndarray,
+    first: np.ndarray,
+    block: np.ndarray,
+    is_position: np.ndarray,
+) -> None:
+    """Take what arrived in tick k and predict tick k + 1, see filter_loops.step_arrays."""
+    put(control, less)
+    less[0] -= n.hover_thrust
+    open_belief(belief, opening)
+    size = opening.size
+    step_arrays(
+        rows, S, belief, belief[size:].reshape((size, size)), y, delta, V2, less, reference,
+        Gamma, W, Gamma_a, n.integrator, n.mass, n.yaw, columns, values, counts, mixing, keeps,
+        states, weights, first, block, is_position,
+    )  # fmt: skip
+
+
+@register_jitable
+def open_belief(belief: np.ndarray, opening: np.ndarray) -> None:
+    """Add to the diagonal of P what is opened of it (n)."""
+    size = opening.size
+    for i in range(size):
+        if opening[i] != 0.0:
+            belief[size + (size + 1) * i] += opening[i]
+
+
+def known_out(belief: np.ndarray, out: np.ndarray) -> None:
+    """Say the belief of [x; i] (240), and the force that is believed to act (3) [N], of a filter of more states."""
+    size = int(np.sqrt(belief.size + 0.25))  # n + n^2 numbers
+    put_known_part(out, belief, size)
+    put(belief[N_X : N_X + 3], out, KNOWN)
+
+
+MODEL = (
+    Array("Gamma", 2),
+    Array("W", 2),
+    Array("Gamma_a", 2),
+    Array("columns", 2, "i8"),
+    Array("values", 2),
+    Array("counts", kind="i8"),
+    Array("mixing", kind="i8"),
+    Array("keeps"),
+)
+MODEL_NUMBERS = (Number("hover_thrust"), Number("integrator", kind="i8"), Number("mass"), Number("yaw"))
+FILTER = Element(
+    "filter",
+    step=filter_step,
+    numbers=MODEL_NUMBERS,
+    tables=(*MODEL, *LAYOUT[1:]),
+    state=(Array("belief"),),
+    work=(Array("rows", 2), Array("S", 2), Array("less")),
+    shows="belief",
+)
+KNOWN_PART = Element("known_part", out=known_out)
+
+
+def model_given(model: FilterModel, hover_thrust: float) -> Given:
+    """Return a filter's model as an element takes it."""
+    structure = model.structure or structure_of(model.Phi)
+    numbers = {"hover_thrust": hover_thrust, "integrator": model.integrator, "mass": model.mass, "yaw": model.yaw}
+    arrays = {"Gamma": model.Gamma, "W": model.W, "Gamma_a": model.Gamma_a}
+    return Given(numbers, tables=arrays | structure._asdict())
+
+
+def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of what a step works in: of n states, the integral among them, and p values."""
+    return {"rows": (max(n - N_I, p), n - N_I + 1), "S": (p, p), "less": (N_U,)}
+
+
+def filter_boxes(
+    model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray
+) -> list[Box]:
+    """Return the filter: it reads y, delta, V2, the control, the reference and what is opened of P.
+
+    It says [xhat, P row by row] of all its states, `filter`; `belief` is that of [x; i] (240), of the same box where
+    there are no others.
+
+    Args:
+        model: what it believes of the vehicle.
+        measurement: over all its states.
+        hover_thrust: m g [N].
+        belief_0: first [xhat, P row by row] (n + n^2).
+    """
+    n, p = len(model.Phi) + N_I, measurement.sizes["y"]
+    given = model_given(model, hover_thrust)
+    layout = measurement.layout._asdict()
+    del layout["C"]
+    given = given.with_(Given(start={"belief": belief_0}, tables=layout))
+    return [Box("filter", FILTER, n + n * n, given, work_of(n, p)), *known_boxes(n)]
+
+
+def known_boxes(n: int) -> list[Box]:
+    """Return what says the belief of [x; i] of a filter of n states, where that is not the filter itself."""
+    if n == N_XBAR:
+        return []
+    parts = {"belief": (0, KNOWN), "force": (KNOWN, 3)}
+    return [Box("known", KNOWN_PART, KNOWN + 3, reads={"belief": "filter"}, parts=parts)]

@@ -1,0 +1,20 @@
+"""The reference as a row of a table at each tick."""
+
+import numpy as np
+
+from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.model.placing import put
+from ortilo_drake.model.signals import REFERENCE_SIZE
+
+
+def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
+    """Say r, r_dot and r_ddot of tick k (9); those of the last after it."""
+    put(path[min(k, path.shape[0] - 1)], out)
+
+
+REFERENCE = Element("reference", out=reference_out, tables=(Array("path", 2),))
+
+
+def reference_box(path: np.ndarray) -> Box:
+    """Return what plays a path, r, r_dot and r_ddot at every tick (ticks, 9)."""
+    return Box("reference", REFERENCE, REFERENCE_SIZE, Given(tables={"path": path}))
