@@ -64,6 +64,7 @@ class Element:
         state: its states, of floats.
         work: room to work in, of floats, which outlives no call.
         shows: the state that it says; None where `out` says it.
+        allocates: whether its functions make arrays. One that does not is compiled without numba's memory management.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Element:
     state: tuple[Array, ...] = ()
     work: tuple[Array, ...] = ()
     shows: str | None = None
+    allocates: bool = False
 
     @property
     def own(self) -> dict[str, Array]:

@@ -92,24 +92,26 @@ def parameters(element: Element, function: Callable[..., None]) -> list[tuple[st
 def native_text(element: Element) -> str:
     """Return the source of an element's functions with a C interface."""
     text = f'"""{element.name}, made by ortilo_drake/loop/native.py."""\n\n'
-    text += "import numpy as np\nfrom numba import carray, cfunc, from_dtype, types\n\n"
+    text += "import numpy as np\nfrom numba import cfunc, from_dtype, types\n"
+    text += "from ortilo_drake.loop.addresses import array_at, record_at\n\n"
     fields = [(number.name, number.kind, number.shape) for number in element.numbers] or [("nothing", "f8", ())]
     text += f"record = types.CPointer(from_dtype(np.dtype({fields!r}, align=True)))\n"
+    without = "" if element.allocates else ", _nrt=False"
     for what, function in element.functions.items():
         types_of, names, made = [], [], []
         for name, dimensions, kind in parameters(element, function):
             names.append(name)
             if dimensions < 0:
                 types_of.append(_WHOLE.get(name, "record"))
-                made.append("carray(n, 1)[0]" if name == "n" else name)
+                made.append("record_at(n)" if name == "n" else name)
                 continue
             shape = [f"{name}_{i}" for i in range(dimensions)]
             types_of += [f"types.CPointer({_KINDS[kind]})"] + ["types.int64"] * dimensions
             names += shape
-            made.append(f"carray({name}, ({', '.join(shape)},))")
+            made.append(f"array_at({name}, ({', '.join(shape)},))")
         text += f"""
 
-@cfunc(types.void({", ".join(types_of)}), cache=True, error_model="numpy")
+@cfunc(types.void({", ".join(types_of)}), cache=True, error_model="numpy"{without})
 def {what}_c({", ".join(names)}):
     its_{what}({", ".join(made)})
 """
@@ -121,7 +123,8 @@ def native_of(element: Element) -> dict[str, Native]:
     """Return an element's functions, compiled, by name: `out` and `step`, those that it has."""
     text = native_text(element)
     name = f"{element.name}_{digest_of(text, *element.functions.values())}"
-    jitted = {f"its_{what}": njit(error_model="numpy")(plain(f)) for what, f in element.functions.items()}
+    options = {} if element.allocates else {"_nrt": False}
+    jitted = {f"its_{what}": njit(error_model="numpy", **options)(plain(f)) for what, f in element.functions.items()}
     module, found = load(name, text, jitted), {}
     for what, function in element.functions.items():
         its = getattr(module, f"{what}_c")

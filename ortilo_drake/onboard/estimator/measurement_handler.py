@@ -220,6 +220,7 @@ LAYOUT = (
 )
 HANDLER = Element(
     "handler",
+    allocates=True,
     out=handler_out,
     numbers=(Number("oldest", kind="i8"), Number("drops", kind="i8"), Number("h")),
     tables=(

@@ -141,6 +141,7 @@ def fix_out(
 
 FIX = Element(
     "multilateration",
+    allocates=True,
     out=fix_out,
     numbers=(Number("noise", (3,)), Number("three", kind="i8")),
     tables=(Array("anchors", 2),),
