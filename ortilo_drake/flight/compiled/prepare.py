@@ -13,9 +13,7 @@ from ortilo_drake.flight.compiled.faults import VehicleFaults
 from ortilo_drake.flight.compiled.own import remember_estimator
 from ortilo_drake.flight.compiled.prepare_sensors import (
     camera_of,
-    handed_size,
     imu_of,
-    other_names,
     others_of,
     uwb_of,
 )
@@ -49,13 +47,14 @@ from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqS
 from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import described, flown
+from ortilo_drake.sensors.shares import handed_size, own_sensors
 from ortilo_drake.world.faults.vehicle_faults import force_table, wrench_table
 from ortilo_drake.world.noise import stream_id
 
 
 def why_not(scenario: Scenario) -> str | None:
     """Return why a scenario cannot be flown compiled, naming the field, and None where it can."""
-    settings, others = scenario.estimator, other_names(scenario)
+    settings, others = scenario.estimator, own_sensors(scenario)
     is_tight = isinstance(settings, TightFilter)
     own = [name for name in others if described(name).compiled is None]
     if own:
@@ -172,7 +171,7 @@ def _filter(scenario: Scenario, room: Room, r_0: np.ndarray) -> FilterConstants:
     sensors = [flown(name, scenario) for name in measurement.sensors if name in scenario.sensors]
     camera = PAYLOAD + len(scenario.landmark_fix.rows) + len(scenario.landmark_fix.rows) ** 2
     handed = {"uwb": FIX_SIZE, "camera": camera, "imu": IMU_SIZE}
-    sizes = {s.name: handed[s.name] if s.name in handed else handed_size(scenario, s.name) for s in sensors}
+    sizes = {s.name: handed[s.name] if s.name in handed else handed_size(s.name) for s in sensors}
     V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
     oldest = oldest_used(settings.delay, settings.horizon, h)
     incoming = incoming_of(measurement, sizes, V, dict(settings.gates), oldest)

@@ -11,15 +11,14 @@ from ortilo_drake.flight.compiled.constants import (
 )
 from ortilo_drake.flight.compiled.others import remember
 from ortilo_drake.flight.compiled.slow import NO_ERRORS
-from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.landmarks.box_fix import box_belief, prior_covariance
 from ortilo_drake.onboard.ranging.multilateration import believed_noise
-from ortilo_drake.scenario import Belief, IntermittentFilter, Scenario
+from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
-from ortilo_drake.sensors.described import as_known, described
+from ortilo_drake.sensors.described import as_known
+from ortilo_drake.sensors.shares import own_sensors, share_of
 from ortilo_drake.world.faults.scene_faults import message_faults, scene_table
 from ortilo_drake.world.faults.table import FaultTable, table_of
 from ortilo_drake.world.noise import stream_id
@@ -27,8 +26,6 @@ from ortilo_drake.world.radio.link import blackout_rows, steps_a_chain
 from ortilo_drake.world.sensors.landmark_view import surroundings
 from ortilo_drake.world.sensors.projected_camera import noise_streams, tables_of
 from ortilo_drake.world.sensors.uwb import ranging_settings, walls_between
-
-BUILT_IN = ("uwb", "camera", "imu")
 
 
 def faults_of(scenario: Scenario, sensor: str) -> FaultTable | None:
@@ -102,29 +99,6 @@ def camera_of(scenario: Scenario, room: Room) -> CameraConstants:
     )
 
 
-def other_names(scenario: Belief) -> list[str]:
-    """Return the sensors that fly beside uwb, camera and imu, in their order in the measurement."""
-    return [name for name in scenario.measurement.sensors if name in scenario.sensors and name not in BUILT_IN]
-
-
-def share_of(sensor: str) -> Compiled:
-    """Return a sensor's share in compiled flights.
-
-    Raises:
-        ValueError: if it has none.
-    """
-    share = described(sensor).compiled
-    if share is None:
-        raise ValueError(f"sensors: {sensor}: has no compiled form")
-    return share
-
-
-def handed_size(scenario: Belief, sensor: str) -> int:
-    """Return the size of what the handler takes of one of other_names: of its fix, or of its message."""
-    m, share = len(described(sensor).rows), share_of(sensor)
-    return PAYLOAD + (share.payload if share.solve is None else m + m * m)
-
-
 def others_of(scenario: Scenario, room: Room, starts: np.ndarray) -> tuple[OtherConstants, ...]:
     """Return the sensors beside uwb, camera and imu.
 
@@ -134,7 +108,7 @@ def others_of(scenario: Scenario, room: Room, starts: np.ndarray) -> tuple[Other
         starts: where each sensor's message or fix begins in the vector that the handler takes.
     """
     found = []
-    for name in other_names(scenario):
+    for name in own_sensors(scenario):
         share, number = share_of(name), scenario.measurement.sensors.index(name)
         numbers = share.numbers(scenario, room)
         remember(numbers, share)
