@@ -47,14 +47,14 @@ from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqS
 from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import described, flown
-from ortilo_drake.sensors.shares import handed_size, own_sensors
+from ortilo_drake.sensors.shares import handed_size
 from ortilo_drake.world.faults.vehicle_faults import force_table, wrench_table
 from ortilo_drake.world.noise import stream_id
 
 
 def why_not(scenario: Scenario) -> str | None:
     """Return why a scenario cannot be flown compiled, naming the field, and None where it can."""
-    settings, others = scenario.estimator, own_sensors(scenario)
+    settings, others = scenario.estimator, scenario.own_sensors
     is_tight = isinstance(settings, TightFilter)
     own = [name for name in others if described(name).compiled is None]
     if own:

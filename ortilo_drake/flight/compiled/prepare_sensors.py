@@ -18,7 +18,7 @@ from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.sensors.described import as_known
-from ortilo_drake.sensors.shares import own_sensors, share_of
+from ortilo_drake.sensors.shares import share_of
 from ortilo_drake.world.faults.scene_faults import message_faults, scene_table
 from ortilo_drake.world.faults.table import FaultTable, table_of
 from ortilo_drake.world.noise import stream_id
@@ -108,7 +108,7 @@ def others_of(scenario: Scenario, room: Room, starts: np.ndarray) -> tuple[Other
         starts: where each sensor's message or fix begins in the vector that the handler takes.
     """
     found = []
-    for name in own_sensors(scenario):
+    for name in scenario.own_sensors:
         share, number = share_of(name), scenario.measurement.sensors.index(name)
         numbers = share.numbers(scenario, room)
         remember(numbers, share)

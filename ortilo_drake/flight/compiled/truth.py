@@ -11,7 +11,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
-from ortilo_drake.sensors.shares import own_sensors, share_of
+from ortilo_drake.sensors.shares import share_of
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
@@ -22,7 +22,7 @@ from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 def payloads_of(scenario: Scenario, room: Room) -> dict[str, int]:
     """Return the size of each payload, of the compiled sensors that fly, as draw_truth takes them."""
     sizes = {"uwb": 2 * len(room.anchors), "camera": 0, "imu": IMU_SIZE - PAYLOAD}
-    sizes |= {name: share_of(name).payload for name in own_sensors(scenario)}
+    sizes |= {name: share_of(name).payload for name in scenario.own_sensors}
     return {name: size for name, size in sizes.items() if name in scenario.sensors}
 
 
@@ -87,7 +87,7 @@ def constants_of_draw(believed: FlightConstants, scenario: Scenario, room: Room,
         uwb = uwb._replace(anchors=anchors, bias=drawn["uwb.bias"], clock=_clock(drawn, "uwb"))
     others = [
         its._replace(errors=of_sensor(scenario, room, name, drawn, draw), clock=_clock(drawn, name))
-        for name, its in zip(own_sensors(scenario), believed.others, strict=True)
+        for name, its in zip(scenario.own_sensors, believed.others, strict=True)
     ]
     return believed._replace(
         x_0=x_0,
