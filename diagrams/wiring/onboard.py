@@ -4,13 +4,14 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import initial_estimate
-from ortilo_drake.loop.element import Box, bundle, constant
+from ortilo_drake.loop.element import Box, Element, bundle, constant
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_element import filter_boxes
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
+from ortilo_drake.onboard.landmarks.fix_element import camera_fix_box
 from ortilo_drake.onboard.planner.planned import start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.planner.table_player import reference_box
@@ -18,12 +19,11 @@ from ortilo_drake.onboard.ranging.multilateration import fix_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import flown
+from ortilo_drake.sensors.described import as_known, flown
+from ortilo_drake.sensors.messages import message_size
 
 
-def onboard_boxes(
-    scenario: Scenario, room: Room, path: Trajectory, ticks: int, messages: dict[str, str]
-) -> list[Box]:
+def onboard_boxes(scenario: Scenario, room: Room, path: Trajectory, ticks: int, messages: dict[str, str]) -> list[Box]:
     """Return the boxes of the onboard half.
 
     Args:
@@ -67,15 +67,37 @@ def intermittent_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages
     P_0, xbar_0 = initial_covariance(settings, extras), initial_estimate(scenario, r_0)
     belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(len(P_0) - N_XBAR), xbar_0[N_X:], P_0.ravel()))
     known = "known.belief" if extras else "filter"
-    fix = fix_box(scenario.multilateration, room.anchor_positions).reading(belief=known, uwb=messages["uwb"])
-    handed = bundle("messages", [fix, Box(messages["imu"], fix.element, 11)])
+    solvers = [
+        solver.reading(belief=known, **{name: messages[name]}) for name, solver in fix_boxes(scenario, room).items()
+    ]
+    handed = handed_boxes(scenario, room, messages, solvers)
     V = {name: flown(name, scenario).V(scenario) for name in measurement.sensors}
     oldest = oldest_used(settings.delay, settings.horizon, h)
-    sizes = {"uwb": fix.size, "imu": 11}
+    sizes = {name: box.size for name, box in zip(messages, handed, strict=True)}
     incoming = incoming_of(measurement, sizes, V, dict(settings.gates), oldest)
     handler = handler_box(incoming, measurement.layout, settings.delay != "ignore", h).reading(belief=known)
     kalman, *others = filter_boxes(model, seen, vehicle.hover_thrust, belief_0)
     kalman = kalman.reading(
         y="handler.y", delta="handler.delta", V2="handler.V2", control="servo", opening="no_opening"
     )
-    return [fix, handed, handler, kalman, *others, constant("no_opening", np.zeros(len(P_0)))]
+    return [*solvers, bundle("messages", handed), handler, kalman, *others, constant("no_opening", np.zeros(len(P_0)))]
+
+
+def fix_boxes(scenario: Scenario, room: Room) -> dict[str, Box]:
+    """Return what makes fixes, of each sensor whose messages are none: it reads the message and a belief (240)."""
+    found = {}
+    if "uwb" in scenario.sensors:
+        found["uwb"] = fix_box(scenario.multilateration, room.anchor_positions)
+    if "camera" in scenario.sensors:
+        known = as_known(scenario, room)
+        found["camera"] = camera_fix_box(scenario.landmark_fix, known, scenario.image_width)
+    return found
+
+
+def handed_boxes(scenario: Scenario, room: Room, messages: dict[str, str], solvers: list[Box]) -> list[Box]:
+    """Return what the handler takes of each sensor: its fix or, of one that needs none, its message."""
+    fixes = {solver.name: solver for solver in solvers}
+    return [
+        fixes.get(f"{name}_fix") or Box(said, Element("message"), message_size(flown(name, scenario), scenario, room))
+        for name, said in messages.items()
+    ]

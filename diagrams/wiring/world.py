@@ -7,9 +7,10 @@ from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.planner.planned import start_of
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Link, Scenario
 from ortilo_drake.world.radio.link import delivery_box, link_box
 from ortilo_drake.world.sensors.imu import imu_box
+from ortilo_drake.world.sensors.projected_camera_element import camera_box
 from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.vehicle.disturbance import disturbance_box
 from ortilo_drake.world.vehicle.quadrotor import plant_box
@@ -36,11 +37,18 @@ def vehicle_boxes(scenario: Scenario, path: Trajectory) -> list[Box]:
 
 def sensor_boxes(scenario: Scenario, room: Room, name: str) -> list[Box]:
     """Return a sensor with its link; the last box says its message as it lands."""
-    settings, h = scenario.link_of(name), scenario.h
+    settings, h = link_settings(scenario, name), scenario.h
     link = link_box(name, settings, scenario.every(name), h).reading(state="plant")
     sensor = source_box(scenario, room, name).reading(state="plant", sent=link.name)
     delivered = delivery_box(name, sensor, settings)
     return [link, sensor] + ([delivered] if delivered else [])
+
+
+def link_settings(scenario: Scenario, name: str) -> Link:
+    """Return the settings of a sensor's link; from picture to boxes it takes the camera's latency besides."""
+    settings = scenario.link_of(name)
+    latency = scenario.camera.latency if name == "camera" else 0
+    return settings.model_copy(update={"delay": settings.delay + latency})
 
 
 def source_box(scenario: Scenario, room: Room, name: str) -> Box:
@@ -49,4 +57,6 @@ def source_box(scenario: Scenario, room: Room, name: str) -> Box:
         return uwb_box(scenario.uwb, room, scenario.h)
     if name == "imu":
         return imu_box(scenario.imu, scenario.h, False, scenario.vehicle.mass)
+    if name == "camera":
+        return camera_box(scenario.camera, room, scenario.faults, scenario.h)
     raise NotImplementedError(name)

@@ -51,3 +51,20 @@ def persistent_normals(
         _mixed(z[2], before[2], after[2], share, a),
         _mixed(z[3], before[3], after[3], share, a),
     )
+
+
+@register_jitable
+def seeds_of_nodes(slow: np.ndarray, seeds: np.ndarray, k: int) -> np.ndarray:
+    """Return the seeds of the nodes about tick k of numbers that change slowly (n, 2): a node's is that of its tick.
+
+    Args:
+        slow: of each number the share that changes slowly, and the ticks between its nodes (n, 2).
+        seeds: of all ticks; the nodes after them have the last one's.
+        k: tick.
+    """
+    found = np.empty((slow.shape[0], 2), dtype=np.int64)
+    for i in range(slow.shape[0]):
+        spacing = max(int(slow[i, 1]), 1)
+        for j in range(2):
+            found[i, j] = seeds[min((k // spacing + j) * spacing, seeds.size - 1)]
+    return found

@@ -14,6 +14,7 @@ from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import boxes_to_solve, fix_of, refused_after
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
+from ortilo_drake.world.persistent_noise import seeds_of_nodes
 from ortilo_drake.world.radio.link import NOT_SENT
 from ortilo_drake.world.sensors.projected_camera import body_that_looks_ahead, detections_message
 
@@ -37,23 +38,6 @@ def solve_boxes(
     if by_cosines is None:
         return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, rows)
     return cosine_law(centers, positions, outlines, xhat, P, camera, sd, max_residual)
-
-
-@register_jitable(error_model="numpy")
-def seeds_of_nodes(slow: np.ndarray, seeds: np.ndarray, k: int) -> np.ndarray:
-    """Return the seeds of the nodes about tick k of errors that change slowly (2, 2): a node's is that of its tick.
-
-    Args:
-        slow: of the camera's tables.
-        seeds: of all ticks (n); the nodes after them have the last one's.
-        k: tick.
-    """
-    found = np.empty((2, 2), dtype=np.int64)
-    for i in range(2):
-        spacing = max(int(slow[i, 1]), 1)
-        for j in range(2):
-            found[i, j] = seeds[min((k // spacing + j) * spacing, seeds.size - 1)]
-    return found
 
 
 @register_jitable(forceinline=True, error_model="numpy")
