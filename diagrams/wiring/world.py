@@ -1,24 +1,30 @@
 """The boxes of the world: the vehicle, its sensors and their links."""
 
-import numpy as np
 from pydrake.trajectories import Trajectory
 
+from ortilo_drake.diagrams.wiring.vehicle import vehicle_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X
-from ortilo_drake.onboard.planner.planned import start_of
-from ortilo_drake.scenario import Link, Scenario
+from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.onboard.estimator.imu_rows import imu_variances
+from ortilo_drake.scenario import IntermittentFilter, Link, Scenario
+from ortilo_drake.scenario.truth import ClockTruth
+from ortilo_drake.sensors.shares import share_of
+from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
+from ortilo_drake.world.faults.scene_faults import message_faults
 from ortilo_drake.world.radio.link import delivery_box, link_box
 from ortilo_drake.world.sensors.imu import imu_box
+from ortilo_drake.world.sensors.message_error import errors_box
+from ortilo_drake.world.sensors.own_sensor import own_sensor_box
 from ortilo_drake.world.sensors.projected_camera_element import camera_box
+from ortilo_drake.world.sensors.sensor_clock import clock_box
+from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.uwb import uwb_box
-from ortilo_drake.world.vehicle.disturbance import disturbance_box
-from ortilo_drake.world.vehicle.quadrotor import plant_box
 
 
 def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[Box], dict[str, str]]:
     """Return the boxes of the world, and which of them says each sensor's message as it lands."""
-    boxes, messages = vehicle_boxes(scenario, path), {}
+    boxes, messages = vehicle_boxes(scenario, path, "servo", reads_whole_imu(scenario)), dict[str, str]()
     for name in scenario.measurement.sensors:
         if name in scenario.sensors:
             own = sensor_boxes(scenario, room, name)
@@ -27,21 +33,28 @@ def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[
     return boxes, messages
 
 
-def vehicle_boxes(scenario: Scenario, path: Trajectory) -> list[Box]:
-    """Return the plant, `plant`, what makes its wrench and what pushes it about."""
-    x_0 = np.zeros(N_X)
-    x_0[0:3], x_0[5] = start_of(path), scenario.yaw
-    plant = plant_box(scenario.vehicle, scenario.world.kinematics, x_0, scenario.h)
-    return [disturbance_box(scenario.world.disturbance, scenario.h), plant.reading(control="servo")]
-
-
 def sensor_boxes(scenario: Scenario, room: Room, name: str) -> list[Box]:
-    """Return a sensor with its link; the last box says its message as it lands."""
-    settings, h = link_settings(scenario, name), scenario.h
+    """Return a sensor with its clock, errors, faults and link; the last box says its message as it lands."""
+    settings, h, samples = link_settings(scenario, name), scenario.h, scenario.samples(name)
+    faults = message_faults(scenario.faults, name)
     link = link_box(name, settings, scenario.every(name), h).reading(state="plant")
-    sensor = source_box(scenario, room, name).reading(state="plant", sent=link.name)
-    delivered = delivery_box(name, sensor, settings)
-    return [link, sensor] + ([delivered] if delivered else [])
+    asked, clock = asked_box(name, faults, samples, h), None
+    if name != "imu" and scenario.truth.clock != ClockTruth():  # the imu's is the onboard computer's
+        clock = clock_box(name, h).reading(state="plant")
+    seen = "plant" if clock is None else clock.name
+    sensor = source_box(scenario, room, name).reading(state=seen, sent=link.name if asked is None else asked.name)
+    changes, payload = [], (sensor.size - PAYLOAD) // samples - (PAYLOAD if samples > 1 else 0)
+    errors = errors_of(scenario.truth, name, payload, h)
+    if errors is not None:
+        changes.append(errors_box(name, sensor, errors, samples, h))
+    said = changes[-1] if changes else sensor
+    its_h = scenario.sampled_for(name).h
+    boxes = fault_boxes(name, said, faults, room.anchor_positions, samples, its_h)
+    changes += [box.reading(state=seen) for box in boxes]
+    said = changes[-1] if changes else sensor
+    delivered = delivery_box(name, said, settings, asked is None)
+    before = [box for box in (asked, clock) if box is not None]
+    return [link, *before, sensor, *changes, *([delivered] if delivered else [])]
 
 
 def link_settings(scenario: Scenario, name: str) -> Link:
@@ -52,11 +65,24 @@ def link_settings(scenario: Scenario, name: str) -> Link:
 
 
 def source_box(scenario: Scenario, room: Room, name: str) -> Box:
-    """Return what says a sensor's message as it is sent: it reads `sent` and the state."""
+    """Return what says a sensor's message as it is sent: it reads `sent` and the state as the sensor sees it."""
     if name == "uwb":
         return uwb_box(scenario.uwb, room, scenario.h)
     if name == "imu":
-        return imu_box(scenario.imu, scenario.h, False, scenario.vehicle.mass)
+        return inertial_box(scenario)
     if name == "camera":
         return camera_box(scenario.camera, room, scenario.faults, scenario.h)
-    raise NotImplementedError(name)
+    return own_sensor_box(name, share_of(name), scenario, room)
+
+
+def reads_whole_imu(scenario: Scenario) -> bool:
+    """Return whether the estimator reads more of the imu than its angles."""
+    return not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
+
+
+def inertial_box(scenario: Scenario) -> Box:
+    """Return the imu."""
+    whole = reads_whole_imu(scenario)
+    imu = imu_box(scenario.imu, scenario.h, whole, scenario.vehicle.mass, scenario.samples("imu"))
+    felt = "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
+    return imu.reading(felt=felt, disturbance="felt.disturbance", passed="vehicle.passed")

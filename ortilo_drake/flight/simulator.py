@@ -10,6 +10,7 @@ from ortilo_drake.diagrams.closed_loop import ClosedLoop
 from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.vehicle.continuous import steps_a_tick
 
 CHECK_EVERY = 30  # ticks between two checks for a loss
 
@@ -30,11 +31,6 @@ def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
     diagram.SetSeed(context, scenario.seed)
     diagram.SetHovering(context)
     return simulator
-
-
-def steps_a_tick(scenario: Scenario) -> int:
-    """Return into how many steps a tick of a continuous plant is divided; see make_simulator."""
-    return 4 if scenario.world.rotors.kind == "first_order" else 1
 
 
 def fix_steps(simulator: Simulator, scenario: Scenario) -> None:

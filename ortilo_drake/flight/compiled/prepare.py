@@ -21,7 +21,6 @@ from ortilo_drake.flight.compiled.robust import RobustConstants
 from ortilo_drake.flight.compiled.slow import NO_ERRORS
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import bounds_of
-from ortilo_drake.flight.simulator import steps_a_tick
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.measurement import Measurement
@@ -50,6 +49,7 @@ from ortilo_drake.sensors.described import described, flown
 from ortilo_drake.sensors.shares import handed_size
 from ortilo_drake.world.faults.vehicle_faults import force_table, wrench_table
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.vehicle.continuous import steps_a_tick
 
 
 def why_not(scenario: Scenario) -> str | None:

@@ -4,14 +4,18 @@ A body of c times the mass moves under thrust f and force d as the one of the ol
 torques as they are; so does its accelerometer. So a dropped load is a change of what acts on the body.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle, mixing_inverse, mixing_matrix
 from ortilo_drake.scenario.faults import AnyFault, Gust, LoadDropped, RotorWeak
-from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, FaultTable, numbered, settings_of, table_of
+from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, TABLES, FaultTable, numbered, settings_of, table_of
 from ortilo_drake.world.faults.timing import is_active
 from ortilo_drake.world.vehicle.rotors import times
 
@@ -62,6 +66,52 @@ def force_at(d: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
         if faults.kinds[i] == LOAD_DROPPED and is_active(faults, i, t):
             acting[:3] /= settings_of(faults, i)[0]
     return acting
+
+
+def wrench_out(
+    n: Any,
+    k: int,
+    control: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say u (4) of wrench_at."""
+    put(wrench_at(control, FaultTable(kinds, starts, ends, streams, first, values), k * n.h), out)
+
+
+def force_out(
+    n: Any,
+    k: int,
+    disturbance: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say d (6) of force_at."""
+    put(force_at(disturbance, FaultTable(kinds, starts, ends, streams, first, values), k * n.h), out)
+
+
+WRENCH = Element("wrench_faults", out=wrench_out, numbers=(Number("h"),), tables=TABLES, allocates=True)
+FORCE = Element("force_faults", out=force_out, numbers=(Number("h"),), tables=TABLES, allocates=True)
+
+
+def wrench_faults_box(faults: FaultTable, h: float) -> Box:
+    """Return what says u under the faults of wrench_table, where the rotors have no dynamics: it reads u_c (4)."""
+    return Box("wrench_faults", WRENCH, N_U, Given({"h": h}, tables=faults._asdict()))
+
+
+def force_faults_box(faults: FaultTable, h: float) -> Box:
+    """Return what says the disturbance under the faults of force_table: it reads it as it is drawn (6)."""
+    return Box("force_faults", FORCE, 6, Given({"h": h}, tables=faults._asdict()))
 
 
 class WrenchFaults(LeafSystem):

@@ -218,11 +218,18 @@ def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
     return Box(f"{sensor}_link", BURSTY, 1, given.with_(Given(start={"bad": np.zeros(1)})))
 
 
-def delivery_box(sensor: str, message: Box, settings: Link) -> Box | None:
-    """Return what delivers a sensor's messages as its link says; None where they are only ever late by nothing."""
+def delivery_box(sensor: str, message: Box, settings: Link, is_sent: bool = True) -> Box | None:
+    """Return what delivers a sensor's messages as its link says; None where each that is there lands at once.
+
+    Args:
+        sensor: its name.
+        message: what says its messages.
+        settings: of its link.
+        is_sent: whether there is a message only where one is sent.
+    """
     most, reads = settings.delay + settings.random_delay, {"message": message.name, "delay": f"{sensor}_link"}
     if not most:
-        return None
+        return None if is_sent else Box(f"{sensor}_delivered", SENT, message.size, reads=reads)
     flying = np.tile(np.concatenate(([-1.0], np.zeros(message.size))), (most, 1))
     return Box(f"{sensor}_delivered", LATE, message.size, Given(start={"flying": flying}), reads=reads)
 

@@ -15,11 +15,13 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import time_in
-from ortilo_drake.model.signals import IMU_SIZE, N_U, N_X
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_U, N_X, STAMP, size_of_samples
 from ortilo_drake.model.triples import Four
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import four_normals, normals, put_normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
+from ortilo_drake.world.sensors.sample_collector import sample_of
+from ortilo_drake.world.vehicle.continuous import PASSED
 
 
 @register_jitable
@@ -127,24 +129,64 @@ def imu_out(
         put_imu_message(out, v, state, felt, disturbance, n.mass, bias, n.sd, k * n.h)
 
 
+def samples_out(
+    n: Any,
+    k: int,
+    sent: np.ndarray,
+    seeds: np.ndarray,
+    state: np.ndarray,
+    felt: np.ndarray,
+    disturbance: np.ndarray,
+    passed: np.ndarray,
+    bias: np.ndarray,
+    v: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the samples of an imu faster than the tick in a tick in which they are sent, else zeros.
+
+    Those inside the tick before, the oldest first, are of what was passed then and of that tick's seed; at t_0 only the
+    last sample is there.
+    """
+    fill(out, 0.0)
+    if sent[0] < 0.0:
+        return
+    count = passed.size // PASSED + 1
+    period = n.h / count
+    out[ARRIVED], out[STAMP] = 1.0, k * n.h
+    for i in range(1, count):
+        if k == 0:
+            break
+        time, at = n.h * (i / count) + (k - 1) * n.h, (i - 1) * PASSED
+        x, u = passed[at : at + N_X], passed[at + N_X : at + PASSED]
+        put_normals(v, seeds[k - 1], n.stream, tick_of(time, period))
+        put_imu_message(sample_of(out, i - 1, count), v, x, u, disturbance, n.mass, bias, n.sd, time)
+    put_normals(v, seeds[k], n.stream, tick_of(k * n.h, period))
+    put_imu_message(sample_of(out, count - 1, count), v, state, felt, disturbance, n.mass, bias, n.sd, k * n.h)
+
+
 _NUMBERS = (Number("sd", (3,)), Number("stream", kind="u8"), Number("h"))
 ANGLES = Element("imu_angles", out=angles_out, numbers=_NUMBERS, tables=(Array("bias"),))
-IMU = Element(
-    "imu", out=imu_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),)
+IMU = Element("imu", out=imu_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),))
+SAMPLES = Element(
+    "imu_samples", out=samples_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),)
 )
 
 
-def imu_box(settings: ImuSettings, h: float, whole: bool, mass: float) -> Box:
+def imu_box(settings: ImuSettings, h: float, whole: bool, mass: float, samples: int = 1) -> Box:
     """Return the imu: it reads `sent` (1), not negative where its message is sent, and the true state (12).
 
     Where more than its angles is read it also reads the control as it acts on the body, `felt` (4), and the disturbance
-    (6), both as they act up to this tick.
+    (6), both as they act up to this tick; where it is faster than the tick also what was `passed` inside the tick
+    before, see vehicle/continuous.py.
     """
     sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
     given = Given({"sd": sd, "stream": stream_id("imu"), "h": h}, tables={"bias": np.zeros(9)})
     if not whole:
         return Box("imu", ANGLES, IMU_SIZE, given)
-    return Box("imu", IMU, IMU_SIZE, given.with_(Given({"mass": mass})), {"v": (9,)})
+    given = given.with_(Given({"mass": mass}))
+    if samples > 1:
+        return Box("imu", SAMPLES, size_of_samples(IMU_SIZE, samples), given, {"v": (9,)})
+    return Box("imu", IMU, IMU_SIZE, given, {"v": (9,)})
 
 
 # Without a scope Drake reads the sources of all frames to find it.

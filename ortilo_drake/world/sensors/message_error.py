@@ -9,7 +9,13 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
+from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.sample_collector import sample_of
+from ortilo_drake.world.sensors.sensor_errors import SensorErrors
+from ortilo_drake.world.slow_error import slow_noise_after
 
 
 @njit(cache=True)
@@ -34,6 +40,54 @@ def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarra
         if there and flagged and found[PAYLOAD + i] < 0.0:
             found[PAYLOAD + i] = 0.0 * found[PAYLOAD + i]
     return found
+
+
+def errors_out(
+    n: Any, message: np.ndarray, x: np.ndarray, bias: np.ndarray, factor: np.ndarray, out: np.ndarray
+) -> None:
+    """Say a message with what lasts of its errors, see message_with_error; of several samples each of them."""
+    put(message, out)
+    for i in range(n.samples):
+        sample = sample_of(out, i, n.samples)
+        put(message_with_error(sample, factor, bias + x, n.flagged != 0), sample)
+
+
+def errors_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
+    """Go on to the slow part of the next tick, see slow_error.py."""
+    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
+
+
+ERRORS = Element(
+    "message_errors",
+    out=errors_out,
+    step=errors_step,
+    numbers=(Number("samples", kind="i8"), Number("flagged", kind="i8"), Number("stream", kind="u8"), Number("h")),
+    tables=(Array("bias"), Array("factor"), Array("a"), Array("q")),
+    state=(Array("x"),),
+    allocates=True,
+)
+
+
+def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h: float) -> Box:
+    """Return what adds to a sensor's messages the errors that last: none, unless they are drawn.
+
+    Args:
+        sensor: its name.
+        message: what says its messages.
+        errors: what changes slowly of them.
+        samples: in a message.
+        h: tick [s].
+    """
+    noise, nothing = errors.noise, np.zeros(len(errors.noise.a))
+    numbers = {
+        "samples": samples,
+        "flagged": errors.flagged,
+        "stream": stream_id(f"slow error/{sensor}_slow_error"),
+        "h": h,
+    }
+    tables = {"bias": nothing, "factor": np.ones(len(nothing)), "a": noise.a, "q": noise.q}
+    given = Given(numbers, start={"x": nothing}, tables=tables)
+    return Box(f"{sensor}_error", ERRORS, message.size, given, reads={"message": message.name})
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -3,9 +3,19 @@
 from functools import partial
 
 import numpy as np
+from numba.extending import register_jitable
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in, size_of_samples
+
+
+@register_jitable
+def sample_of(message: np.ndarray, i: int, n: int) -> np.ndarray:
+    """Return sample i of the n in a message, [arrived, stamp, payload]; of one sample the message itself."""
+    if n == 1:
+        return message
+    size = (message.size - PAYLOAD) // n
+    return message[PAYLOAD + i * size : PAYLOAD + (i + 1) * size]
 
 
 class SampleCollector(LeafSystem):

@@ -12,20 +12,43 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_X
+
+
+@register_jitable
+def take_back(before: np.ndarray, x: np.ndarray, delta: float) -> None:
+    """Change x (12), written to `before`, to what it was delta [s] before."""
+    for i in range(6):
+        before[i] -= delta * x[6 + i]
 
 
 @njit(cache=True)
 def state_before(x: np.ndarray, delta: float) -> np.ndarray:
     """Return x (12) as it was delta [s] before, its velocities as they are."""
     before = x.copy()
-    for i in range(6):
-        before[i] -= delta * x[6 + i]
+    take_back(before, x, delta)
     return before
+
+
+def seen_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
+    """Say the state (12) as a sensor sees it whose clock is off."""
+    put(state, out)
+    take_back(out, state, n.offset + n.drift * (k * n.h))
+
+
+CLOCK = Element("sensor_clock", out=seen_out, numbers=(Number("offset"), Number("drift"), Number("h")))
+
+
+def clock_box(sensor: str, h: float) -> Box:
+    """Return what says the state as a sensor sees it: it reads the true state; its clock is right unless it is drawn."""
+    return Box(f"{sensor}_clock", CLOCK, N_X, Given({"offset": 0.0, "drift": 0.0, "h": h}))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

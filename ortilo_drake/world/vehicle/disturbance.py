@@ -10,12 +10,14 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import put_normals, stream_id
 from ortilo_drake.world.seeded_system import Seeded
+from ortilo_drake.world.slow_error import SlowNoise, slow_noise_after
 
 
 @register_jitable
@@ -53,8 +55,42 @@ WHITE = Element(
 
 def disturbance_box(settings: Disturbance, h: float) -> Box:
     """Return the source of white disturbance: force in W [N], torque in B [N m] (6)."""
-    numbers = {"force_sd": settings.force_sd, "torque_sd": settings.torque_sd, "stream": stream_id("disturbance"), "h": h}
+    numbers = {
+        "force_sd": settings.force_sd,
+        "torque_sd": settings.torque_sd,
+        "stream": stream_id("disturbance"),
+        "h": h,
+    }
     return Box("disturbance", WHITE, 6, Given(numbers))
+
+
+def lasting_out(disturbance: np.ndarray, bias: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
+    """Say the disturbance with what lasts of it (6), see world/slow_error.py."""
+    for i in range(out.size):
+        out[i] = disturbance[i] + (bias[i] + x[i])
+
+
+def lasting_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
+    """Go on to the gust of the next tick."""
+    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
+
+
+LASTING = Element(
+    "lasting_force",
+    out=lasting_out,
+    step=lasting_step,
+    numbers=(Number("stream", kind="u8"), Number("h")),
+    tables=(Array("bias"), Array("a"), Array("q")),
+    state=(Array("x"),),
+    allocates=True,
+)
+
+
+def lasting_force_box(noise: SlowNoise, h: float) -> Box:
+    """Return what adds a force that lasts to the disturbance: none, unless it is drawn."""
+    numbers = {"stream": stream_id("slow error/lasting_force"), "h": h}
+    tables = {"bias": np.zeros(6), "a": noise.a, "q": noise.q}
+    return Box("lasting_force", LASTING, 6, Given(numbers, start={"x": np.zeros(6)}, tables=tables))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

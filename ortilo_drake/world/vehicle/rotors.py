@@ -29,6 +29,16 @@ def times(M: np.ndarray, v: np.ndarray) -> np.ndarray:
     return product
 
 
+@register_jitable
+def put_times(product: np.ndarray, M: np.ndarray, v: np.ndarray) -> None:
+    """Write M v, each row summed from the left as by times, without an array of its own."""
+    for i in range(product.size):
+        total = M[i, 0] * v[0]
+        for j in range(1, v.size):
+            total += M[i, j] * v[j]
+        product[i] = total
+
+
 @njit(cache=True)
 def commanded_speeds(u: np.ndarray, M_inverse: np.ndarray, max_speed: float) -> np.ndarray:
     """Return the rotor speeds (n) that make u, by M^+ (n x 4), each limited to [0, max_speed] [rad/s]."""

@@ -9,8 +9,9 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given
 from ortilo_drake.model.signals import N_U
-from ortilo_drake.world.vehicle.rotors import times
+from ortilo_drake.world.vehicle.rotors import put_times, times
 
 product = njit(cache=True)(times)
 
@@ -29,6 +30,19 @@ def wrench_matrix(thrust_factor: float, center_of_gravity: np.ndarray) -> np.nda
     T = np.diag([thrust_factor, thrust_factor, thrust_factor, 1.0])
     T[1, 0], T[2, 0] = -thrust_factor * r_y, thrust_factor * r_x
     return T
+
+
+def wrench_out(control: np.ndarray, wrench: np.ndarray, out: np.ndarray) -> None:
+    """Say u = T u_c (4)."""
+    put_times(out, wrench, control)
+
+
+WRENCH = Element("wrench_error", out=wrench_out, tables=(Array("wrench", 2),))
+
+
+def wrench_error_box() -> Box:
+    """Return what says the wrench that rotors without dynamics really make: T is the identity unless it is drawn."""
+    return Box("wrench_error", WRENCH, N_U, Given(tables={"wrench": np.eye(N_U)}))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -1,0 +1,170 @@
+"""Faults of a sensor's messages as elements of the loop, each between the sensor and its link."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
+from ortilo_drake.scenario.faults import Stuck
+from ortilo_drake.world.faults.message_fault import held_after, stuck_says, with_fault
+from ortilo_drake.world.faults.range_faults import Moment
+from ortilo_drake.world.faults.table import TABLES, FaultTable, Numbered, table_of
+from ortilo_drake.world.faults.timing import is_active, is_ahead
+from ortilo_drake.world.sensors.sample_collector import sample_of
+
+
+def fault_out(
+    n: Any,
+    seed: int,
+    message: np.ndarray,
+    state: np.ndarray,
+    anchors: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say a message under a fault, see with_fault; of several samples each of them."""
+    fault = FaultTable(kinds, starts, ends, streams, first, values)
+    put(message, out)
+    for i in range(n.samples):
+        sample = sample_of(out, i, n.samples)
+        put(with_fault(sample, fault, 0, Moment(state, sample[STAMP], anchors, seed, n.h)), sample)
+
+
+def stuck_out(
+    n: Any,
+    message: np.ndarray,
+    held: np.ndarray,
+    holds: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say a message of a sensor that may be stuck, see stuck_says; of several samples each of them."""
+    fault = FaultTable(kinds, starts, ends, streams, first, values)
+    put(message, out)
+    put(held, holds)
+    for i in range(n.samples):
+        sample = sample_of(out, i, n.samples)
+        if sample[ARRIVED] != 0.0:
+            active = is_active(fault, 0, sample[STAMP])
+            said = stuck_says(sample, holds, active)
+            put(held_after(sample, holds, active), holds)
+            put(said, sample)
+
+
+def stuck_step(
+    n: Any,
+    message: np.ndarray,
+    held: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+) -> None:
+    """Hold what the message of this tick said, see held_after."""
+    fault = FaultTable(kinds, starts, ends, streams, first, values)
+    for i in range(n.samples):
+        sample = sample_of(message, i, n.samples)
+        if sample[ARRIVED] != 0.0:
+            put(held_after(sample, held, is_active(fault, 0, sample[STAMP])), held)
+
+
+def asked_out(
+    n: Any,
+    k: int,
+    delay: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say a number (1) that is not negative where a sensor is to measure.
+
+    It is where its message is sent; and in every tick before it is stuck, as it will say again what it said last.
+    """
+    faults = FaultTable(kinds, starts, ends, streams, first, values)
+    fill(out, delay[0])
+    for i in range(kinds.size):
+        if is_ahead(faults, i, (k - n.before) * n.h):
+            out[0] = max(out[0], 0.0)
+
+
+FAULT = Element(
+    "fault",
+    out=fault_out,
+    numbers=(Number("samples", kind="i8"), Number("h")),
+    tables=(Array("anchors", 2), *TABLES),
+    allocates=True,
+)
+STUCK = Element(
+    "stuck",
+    out=stuck_out,
+    step=stuck_step,
+    numbers=(Number("samples", kind="i8"),),
+    tables=TABLES,
+    state=(Array("held"),),
+    work=(Array("holds"),),
+    allocates=True,
+)
+ASKED = Element("asked", out=asked_out, numbers=(Number("before", kind="i8"), Number("h")), tables=TABLES)
+
+
+def fault_boxes(
+    sensor: str, message: Box, faults: list[Numbered], anchors: np.ndarray, samples: int, h: float
+) -> list[Box]:
+    """Return the faults of a sensor's messages, the last of which says them; they read the state as the sensor sees it.
+
+    Args:
+        sensor: its name.
+        message: what says its messages.
+        faults: its own, in the scenario's order.
+        anchors: where they stand (n, 3), unless that is drawn.
+        samples: in a message.
+        h: time from one sample to the next [s].
+    """
+    boxes: list[Box] = []
+    for its in faults:
+        given = Given({"samples": samples}, tables=table_of([its])._asdict())
+        name, reads = f"{sensor}_fault_{its.i}", {"message": message.name}
+        if isinstance(its.fault, Stuck):
+            size = message.size if samples == 1 else (message.size - PAYLOAD) // samples
+            held = np.zeros(size - PAYLOAD)
+            given = given.with_(Given(start={"held": held}))
+            message = Box(name, STUCK, message.size, given, {"holds": held.shape}, reads)
+        else:
+            given = given.with_(Given({"h": h}, tables={"anchors": anchors}))
+            message = Box(name, FAULT, message.size, given, reads=reads)
+        boxes.append(message)
+    return boxes
+
+
+def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
+    """Return what says when a sensor that will be stuck is to measure; None where none will be.
+
+    Args:
+        sensor: its name; the delay of its link is read.
+        faults: its own.
+        samples: in a message. Those inside the tick before are held too, so it is asked a tick longer for them.
+        h: tick [s].
+    """
+    stuck = [its for its in faults if isinstance(its.fault, Stuck)]
+    if not stuck:
+        return None
+    given = Given({"before": samples > 1, "h": h}, tables=table_of(stuck)._asdict())
+    return Box(f"{sensor}_asked", ASKED, 1, given, reads={"delay": f"{sensor}_link"})
