@@ -208,16 +208,17 @@ ROTORS_FELT = Element(
 )
 
 
-def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int) -> list[Box]:
+def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: bool) -> list[Box]:
     """Return the continuous plant: it reads the control (4) and the disturbance (6), and says x (12), `plant`.
 
-    The control is what acts on the body; of rotors with dynamics it is what is commanded, and `rotors_felt` says what
-    acts. `vehicle.passed` is what was passed inside the last tick, rows of PASSED, the oldest first.
+    The control is what acts on the body; of rotors with dynamics it is what is commanded, and `rotors_felt`, if it is
+    asked for, says what acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first.
 
     Args:
         scenario: the scenario.
         x_0: state at the start (12).
         samples: of the fastest sensor in a tick.
+        feels: whether it is asked for what acts on the body.
     """
     vehicle, h = scenario.vehicle, scenario.h
     has_rotors = scenario.world.rotors.kind == "first_order"
@@ -244,7 +245,7 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int) -> list[
         Box("vehicle", CONTINUOUS, body.size, given, parts=parts),
         Box("plant", STATE, N_X, reads={"body": "vehicle.x"}),
     ]
-    if has_rotors:
+    if has_rotors and feels:
         felt = Given({"h": h}, tables=tables)
         boxes.append(Box("rotors_felt", ROTORS_FELT, N_U, felt, reads={"speeds": "vehicle.speeds"}))
     return boxes
