@@ -124,7 +124,7 @@ def native_of(element: Element) -> dict[str, Native]:
     text = native_text(element)
     name = f"{element.name}_{digest_of(text, *element.functions.values())}"
     options = {} if element.allocates else {"_nrt": False}
-    jitted = {f"its_{what}": njit(error_model="numpy", **options)(plain(f)) for what, f in element.functions.items()}
+    jitted = {f"its_{what}": njit(error_model="numpy", forceinline=True, **options)(plain(f)) for what, f in element.functions.items()}
     module, found = load(name, text, jitted), {}
     for what, function in element.functions.items():
         its = getattr(module, f"{what}_c")
