@@ -1,9 +1,9 @@
 """The sampled loop: elements described once, the wiring that joins them, and the players that fly it.
 
-    element.py   an element: one box of the block diagram, as two small functions
-    wiring.py    which box reads which, and the order of a tick that follows
-    digest.py    what a compiled function is made of
-    native.py    an element's functions as compiled code with a C interface
-    source.py    a tick of a wiring as straight-line source text
-    player.py    flights of a wiring, compiled
+element.py   an element: one box of the block diagram, as two small functions
+wiring.py    which box reads which, and the order of a tick that follows
+digest.py    what a compiled function is made of
+native.py    an element's functions as compiled code with a C interface
+source.py    a tick of a wiring as straight-line source text
+player.py    flights of a wiring, compiled
 """

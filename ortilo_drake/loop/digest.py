@@ -32,7 +32,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
     if isinstance(function, FunctionType):
         if id(function) not in seen and not function.__module__.startswith(_LIBRARIES):
             seen.add(id(function))
-            yield function.__qualname__
+            yield f"{function.__module__}.{function.__qualname__}"  # numba's cache has the module's name in it
             yield from _of_code(function.__code__)
             for name, used in _used(function):
                 yield name

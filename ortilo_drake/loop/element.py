@@ -15,8 +15,8 @@ Both are plain functions. Their parameters, in any order, are the wiring:
 
 An element that `shows` one of its states says that array: nothing is copied.
 
-Functions allocate nothing where they can help it and return nothing. numba compiles them (native.py); their plain source
-runs on Drake's AutoDiffXd and Expression. Helpers that they call are register_jitable or njit.
+The functions return nothing and, where they can help it, allocate nothing. numba compiles them (native.py); their plain
+source runs on Drake's AutoDiffXd and Expression. Helpers that they call are register_jitable or njit.
 """
 
 import inspect
@@ -34,7 +34,7 @@ Kind = Literal["f8", "i8", "u8", "b1"]
 class Number:
     """A constant of an element: its name, its shape and its kind.
 
-    Floats (f8), whole numbers (i8) and streams of noise (u8) have eight bytes each, so that numpy's record is C's struct.
+    Floats (f8), whole numbers (i8) and streams of noise (u8) have eight bytes each: NumPy's record is then C's struct.
     """
 
     name: str
@@ -99,7 +99,7 @@ class Element:
     @property
     def dtype(self) -> np.dtype:
         """The record of its constants."""
-        fields = [(number.name, number.kind, number.shape) for number in self.numbers]
+        fields: Any = [(number.name, number.kind, number.shape) for number in self.numbers]
         return np.dtype(fields or [("nothing", "f8")], align=True)
 
 
@@ -161,4 +161,5 @@ def bundle(name: str, boxes: list[Box]) -> Box:
 def constant(name: str, values: Any) -> Box:
     """Return a box that always says the same numbers."""
     start = np.atleast_1d(np.asarray(values, dtype=float))
-    return Box(name, Element("constant", state=(Array("values"),), shows="values"), start.size, Given(start={"values": start}))
+    element = Element("constant", state=(Array("values"),), shows="values")
+    return Box(name, element, start.size, Given(start={"values": start}))

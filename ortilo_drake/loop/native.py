@@ -72,7 +72,11 @@ def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
     module.__file__ = str(file)
     vars(module).update(known)
     sys.modules[module.__name__] = module
-    exec(compile(text, str(file), "exec"), vars(module))
+    try:
+        exec(compile(text, str(file), "exec"), vars(module))
+    except BaseException:
+        del sys.modules[module.__name__]
+        raise
     return module
 
 
@@ -124,7 +128,8 @@ def native_of(element: Element) -> dict[str, Native]:
     text = native_text(element)
     name = f"{element.name}_{digest_of(text, *element.functions.values())}"
     options = {} if element.allocates else {"_nrt": False}
-    jitted = {f"its_{what}": njit(error_model="numpy", forceinline=True, **options)(plain(f)) for what, f in element.functions.items()}
+    compiled = njit(error_model="numpy", forceinline=True, **options)  # descriptors of arrays then stay in registers
+    jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}
     module, found = load(name, text, jitted), {}
     for what, function in element.functions.items():
         its = getattr(module, f"{what}_c")

@@ -108,5 +108,7 @@ def check_values(box: Box) -> None:
         shape = box.work[name] if name in box.work else np.shape((given.start | given.tables)[name])
         if len(shape) != array.dimensions:
             raise ValueError(f"{box.name}: {name}: has {len(shape)} dimensions, must have {array.dimensions}")
-    if element.shows and np.size(given.start[element.shows]) != box.size:
-        raise ValueError(f"{box.name}: {element.shows}: has {np.size(given.start[element.shows])} numbers, not {box.size}")
+    if element.shows:
+        size = np.size(given.start[element.shows])
+        if size != box.size:
+            raise ValueError(f"{box.name}: {element.shows}: has {size} numbers, must have {box.size}")

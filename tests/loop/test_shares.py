@@ -14,7 +14,7 @@ from ortilo_drake.loop.wiring import Wiring
 
 class Numbers(NamedTuple):
     scale: float
-    count: int
+    size: int
     grid: np.ndarray
     upside_down: bool
     there: np.ndarray
@@ -23,7 +23,7 @@ class Numbers(NamedTuple):
 @register_jitable
 def said(numbers: Numbers, k: int, state: np.ndarray, out: np.ndarray) -> None:
     sign = -1.0 if numbers.upside_down else 1.0
-    for i in range(numbers.count):
+    for i in range(numbers.size):
         out[i] = sign * (numbers.scale * state[i] + numbers.grid[i, 1] * k) if numbers.there[i] else 7.0
 
 

@@ -1,0 +1,60 @@
+"""A wiring refuses what does not fit, and orders a tick."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_loop import boxes
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.wiring import Wiring
+
+
+def with_(name: str, **changes: object) -> list[Box]:
+    return [replace(box, **changes) if box.name == name else box for box in boxes()]  # type: ignore[arg-type]
+
+
+def test_outputs_come_after_what_they_read() -> None:
+    wiring = Wiring(boxes())
+    names = [box.name for box in wiring.out_order]
+    assert names.index("sensor") < names.index("gain")
+    assert [box.name for box in wiring.step_order] == ["mass"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ([*boxes(), boxes()[0]], "wiring: two boxes have one name among gain, gain, mass, sensor, watch"),
+        (with_("watch", reads={"x": "masss"}), "watch: x: reads 'masss', must be one of gain, mass, sensor, watch"),
+        (with_("gain", reads={"y": "sensor.z"}), "gain: y: reads 'sensor.z', must be a part of it: y"),
+        (with_("mass", given=Given({}, {"x": np.zeros(2)})), "mass: number: has [], must have ['h']"),
+        (with_("mass", given=Given({"h": [0.1]}, {"x": np.zeros(2)})), "mass: h: has the shape (1,), must have ()"),
+        (with_("mass", given=Given({"h": 0.1})), "mass: state: has [], must have ['x']"),
+        (with_("mass", given=Given({"h": 0.1}, {"x": np.zeros(3)})), "mass: x: has 3 numbers, must have 2"),
+        (with_("gain", given=Given(tables={"K": np.zeros(2)})), "gain: K: has 1 dimensions, must have 2"),
+        (with_("gain", work={"room": (3,)}), "gain: work: has ['room'], must have []"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changed: list[Box], said: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}$"):
+        Wiring(changed)
+
+
+def test_outputs_in_a_circle_are_refused() -> None:
+    def echo_out(heard: np.ndarray, out: np.ndarray) -> None:
+        out[0] = heard[0]
+
+    echo = Element("echo", out=echo_out)
+    circle = [Box("a", echo, 1, reads={"heard": "b"}), Box("b", echo, 1, reads={"heard": "a"})]
+    with pytest.raises(ValueError, match="must not read each other in a tick"):
+        Wiring(circle)
+
+
+def test_a_reserved_name_is_refused() -> None:
+    def odd_out(n: object, out: np.ndarray) -> None:
+        out[0] = 0.0
+
+    odd = Element("odd", out=odd_out, numbers=(Number("a"),), tables=(Array("seed"),))
+    with pytest.raises(ValueError, match=r"odd: table: is named \['seed'\], which is reserved"):
+        Wiring([Box("odd", odd, 1, Given({"a": 1.0}, tables={"seed": np.zeros(1)}))])
