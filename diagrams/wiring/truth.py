@@ -1,0 +1,124 @@
+"""How the world of one seed differs from what is believed: what each box of its flight is given in place of its own.
+
+The counterpart of world/truth.py, which sets the same numbers in a Context.
+"""
+
+import numpy as np
+
+from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
+from ortilo_drake.scenario import Scenario, Truth
+from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
+from ortilo_drake.sensors.shares import share_of
+from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
+from ortilo_drake.world.faults.fault_element import FAULT
+from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
+from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
+from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
+
+
+def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
+    """Return what boxes are given in the flight in whose world that was drawn at the start, by their names.
+
+    Args:
+        wiring: of the scenario, its world as it is believed to be.
+        scenario: the scenario.
+        room: as it was surveyed.
+        draw: what was drawn.
+    """
+    if scenario.truth == Truth():
+        return {}
+    drawn = draw_truth(scenario.truth, draw, room, payloads_of(scenario, room))
+    parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
+    parts += [of_sensor(wiring, scenario, room, sensor, drawn, draw) for sensor in payloads_of(scenario, room)]
+    found: dict[str, Given] = {}
+    for name, given in (item for part in parts for item in part.items()):
+        if name in wiring.boxes:
+            found[name] = found.get(name, Given()).with_(given)
+    return found
+
+
+def normals_at_start(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int]:
+    """Return how many normal numbers each stream gives to what is drawn at the start, by name; arguments as above."""
+    asked: dict[str, int] = {}
+
+    def ask(name: str, n: int) -> np.ndarray:
+        asked[name] = n
+        return np.zeros(n)
+
+    drawn_of(wiring, scenario, room, ask)
+    return asked
+
+
+def payloads_of(scenario: Scenario, room: Room) -> dict[str, int]:
+    """Return the size of each payload, of the sensors that fly, as draw_truth takes them; 0 of the camera's."""
+    sizes = {"uwb": 2 * len(room.anchors), "camera": 0, "imu": IMU_SIZE - PAYLOAD}
+    flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
+    flying.sort(key=lambda name: list(sizes).index(name) if name in sizes else len(sizes))
+    return {name: sizes[name] if name in sizes else share_of(name).payload for name in flying}
+
+
+def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
+    """Return where the vehicle starts, what it weighs, and what its rotors make of a command."""
+    vehicle, start = scenario.vehicle, np.zeros(12)
+    start[0:3], start[5] = drawn["start.position"], drawn["start.yaw"]
+    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
+    inertia = np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia])
+    name, state = ("vehicle", "body") if "vehicle" in wiring.boxes else ("plant", "x")
+    body = wiring.boxes[name].given.start[state].copy()
+    body[:12] += start
+    found = {name: Given({"mass": mass, "inertia": inertia}, {state: body})}
+    if "imu" in wiring.boxes and "mass" in wiring.boxes["imu"].given.numbers:
+        found["imu"] = Given({"mass": mass})
+    if scenario.truth.vehicle != VehicleTruth():
+        wrench = wrench_matrix(float(drawn["vehicle.thrust_factor"]), drawn["vehicle.center_of_gravity"])
+        tables = Given(tables={"wrench": wrench})
+        found["wrench_error"] = found["rotors_felt"] = tables
+        if name == "vehicle":
+            found[name] = found[name].with_(tables)
+    return found
+
+
+def of_force(scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
+    """Return the force that lasts."""
+    truth = scenario.truth.force
+    if truth == ForceTruth():
+        return {}
+    noise = gauss_markov(np.array([*[truth.gust_sd] * 3, 0.0, 0.0, 0.0]), truth.gust_time, scenario.h)
+    bias = np.concatenate((drawn["force.mean"], np.zeros(3)))
+    return {"lasting_force": lasting("lasting_force", noise, bias, draw)}
+
+
+def lasting(name: str, noise: SlowNoise, bias: np.ndarray, draw: AtStart) -> Given:
+    """Return an error that lasts, started as SlowError_ of that name starts it."""
+    return Given(start={"x": noise.start * draw(f"slow error/{name}", len(bias))}, tables={"bias": bias})
+
+
+def of_sensor(
+    wiring: Wiring, scenario: Scenario, room: Room, sensor: str, drawn: Drawn, draw: AtStart
+) -> dict[str, Given]:
+    """Return a sensor's clock, where it and what it sees stand, and the errors of its messages; arguments as above."""
+    clock = Given({"offset": float(drawn[f"clock.offset.{sensor}"]), "drift": float(drawn[f"clock.drift.{sensor}"])})
+    found = {f"{sensor}_clock": clock}
+    errors = errors_of(scenario.truth, sensor, payloads_of(scenario, room)[sensor], scenario.h)
+    if errors is not None:
+        n = len(errors.noise.a)
+        lasts = lasting(f"{sensor}_slow_error", errors.noise, bias_of(drawn, sensor, n), draw)
+        found[f"{sensor}_error"] = lasts.with_(Given(tables={"factor": factor_of(drawn, sensor, n)}))
+    if sensor == "imu":
+        bias = [*drawn["imu.level"], drawn["imu.yaw"], *drawn["imu.rates"], *drawn["imu.specific_force"]]
+        found["imu"] = Given(tables={"bias": np.array(bias)})
+    if sensor == "uwb":
+        anchors = Given(tables={"anchors": room.anchor_positions + drawn["survey.anchors"]})
+        found["uwb"] = anchors.with_(Given(tables={"bias": drawn["uwb.bias"]}))
+        found |= {name: anchors for name, box in wiring.boxes.items() if box.element is FAULT}
+    if sensor == "camera":
+        numbers = {
+            "p_BC": np.array(room.camera.position) + drawn["camera.position"],
+            "f": wiring.boxes["camera"].given.numbers["f"] * float(drawn["camera.focal_factor"]),
+            "turned": drawn["camera.angles"],
+        }
+        found["camera"] = Given(numbers, tables={"positions": room.landmark_positions + drawn["survey.landmarks"]})
+    return found
