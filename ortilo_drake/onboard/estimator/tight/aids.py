@@ -26,7 +26,7 @@ class Aids(NamedTuple):
         angle_sd: noise of a sample of the imu's angles [rad]; 0 leaves them out.
         gates: largest squared innovations of a single number and of a box, and of a box that may be a landmark's (3).
         huber: see update.
-        watch: what the watch goes by; None without one.
+        watch: what the watch goes by, if there is one (Motion.watches).
     """
 
     anchors: np.ndarray
@@ -43,4 +43,4 @@ class Aids(NamedTuple):
     angle_sd: float
     gates: np.ndarray
     huber: float
-    watch: Watch | None
+    watch: Watch

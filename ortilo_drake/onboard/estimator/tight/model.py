@@ -80,11 +80,11 @@ def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
     return Motion(variances, coasting, keeps, steps, scenario.vehicle.mass, inertia, h, silent, watches, scenario.yaw)
 
 
-def watch_of(settings: Settings, h: float) -> Watch | None:
-    """Return what the watch goes by; None without one."""
+def watch_of(settings: Settings, h: float) -> Watch:
+    """Return what the watch goes by; zeros without one."""
     watch = settings.watch
     if watch is None:
-        return None
+        return Watch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     attitude = watch.gyroscope_sd * watch.time  # what the step has turned it by until it is noticed
     opened = watch.gyroscope_sd**2, attitude**2, watch.offset_sd**2
     return Watch(1.0 - np.exp(-h / watch.time), watch.leans, watch.sided, *opened)

@@ -11,7 +11,7 @@ from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import RATES, Motion, go_on
-from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch, says_again, watch_angles, watch_ranges
+from ortilo_drake.onboard.estimator.tight.watch import LAST, says_again, watch_angles, watch_ranges
 from ortilo_drake.onboard.landmarks.landmark_association import associate
 
 PRESENT, NOT_TAKEN = -1, -2  # in place of a clone's number
@@ -34,22 +34,8 @@ def clone_of(message: np.ndarray, now: float, h: float, clones: int) -> int:
 
 
 @register_jitable
-def _is_news(message: np.ndarray, last: np.ndarray, watch: Watch | None) -> bool:
-    return watch is None or not says_again(message, last)
-
-
-@register_jitable
-def _angles_watched(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, watch: Watch | None) -> None:
-    if watch is not None:
-        watch_angles(C, watched, normalized, watch)
-
-
-@register_jitable
-def _ranges_watched(
-    C: np.ndarray, watched: np.ndarray, layout: Layout, used: int, refused: int, longer: int, watch: Watch | None
-) -> None:
-    if watch is not None:
-        watch_ranges(C, watched, layout, used, refused, longer, watch)
+def _is_news(message: np.ndarray, last: np.ndarray, watches: bool) -> bool:
+    return not watches or not says_again(message, last)
 
 
 @njit(cache=True)
@@ -86,17 +72,19 @@ def take_messages(
     if count > 0 and aids.angle_sd > 0.0:
         variance = aids.angle_sd**2 / count
         take_angles(x, C, layout, residual, variance, aids.gates[0], aids.huber, normalized)
-        _angles_watched(C, watched, normalized, aids.watch)
+        if motion.watches:
+            watch_angles(C, watched, normalized, aids.watch)
     boxes_at = LAST + uwb.size - 2
     clone = clone_of(uwb, now, motion.h, layout.clones)
-    if clone != NOT_TAKEN and _is_news(uwb, watched[LAST:boxes_at], aids.watch):
+    if clone != NOT_TAKEN and _is_news(uwb, watched[LAST:boxes_at], motion.watches):
         noise, gate = aids.range_noise, aids.gates[0]
         used, refused, _, longer = take_ranges(
             x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone, aids.differences
         )
-        _ranges_watched(C, watched, layout, used, refused, longer, aids.watch)
+        if motion.watches:
+            watch_ranges(C, watched, layout, used, refused, longer, aids.watch)
     clone = clone_of(detections, now, motion.h, layout.clones)
-    if clone != NOT_TAKEN and _is_news(detections, watched[boxes_at:], aids.watch):
+    if clone != NOT_TAKEN and _is_news(detections, watched[boxes_at:], motion.watches):
         xhat, P_pose = pose_belief(x, C, layout, clone)
         chosen, centers, _ = associate(
             detections,
