@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import initial_estimate
+from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import Box, Element, bundle, constant
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X, N_XBAR
@@ -19,6 +20,7 @@ from ortilo_drake.onboard.ranging.multilateration import fix_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import as_known, flown
 from ortilo_drake.sensors.messages import message_size
 
@@ -33,7 +35,8 @@ def onboard_boxes(scenario: Scenario, room: Room, path: Trajectory, ticks: int, 
         ticks: of the flight.
         messages: which box says each sensor's message as it lands.
     """
-    estimator = intermittent_boxes(scenario, room, start_of(path), messages)
+    make = tight_boxes if isinstance(scenario.estimator, TightFilter) else intermittent_boxes
+    estimator = make(scenario, room, start_of(path), messages)
     force = "known.force" if any(box.name == "known" for box in estimator) else "no_force"
     known = "known.belief" if force != "no_force" else "filter"
     servo = servo_box(

@@ -1,0 +1,216 @@
+"""The tight filter as elements of the loop: the filter, and what it hears in a tick."""
+
+from typing import Any
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.onboard.estimator.tight.aids import Aids
+from ortilo_drake.onboard.estimator.tight.layout import Layout
+from ortilo_drake.onboard.estimator.tight.model import first_states
+from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, clone_of, take_messages
+from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, Motion, keep_pose, one_ahead
+from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch
+
+
+@register_jitable
+def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
+    """Return the samples in the imu's message (n, 11), n of them where it is faster than the tick."""
+    if n == 1:
+        return imu.reshape((1, IMU_SIZE))
+    return imu[PAYLOAD:].reshape((n, IMU_SIZE))
+
+
+@register_jitable
+def put_ahead(ahead: np.ndarray, belief: np.ndarray) -> None:
+    """Write a prediction (156) to a belief of [x; i] (240), the integral left as it is: that is known."""
+    put(ahead[:N_X], belief)
+    for row in range(N_X):
+        put(ahead[N_X * (row + 1) : N_X * (row + 2)], belief, N_XBAR * (row + 1))
+
+
+def tight_step(
+    n: Any,
+    k: int,
+    imu: np.ndarray,
+    uwb: np.ndarray,
+    camera: np.ndarray,
+    control: np.ndarray,
+    reference: np.ndarray,
+    x: np.ndarray,
+    C: np.ndarray,
+    kept: np.ndarray,
+    watched: np.ndarray,
+    belief: np.ndarray,
+    ahead: np.ndarray,
+    keeps: np.ndarray,
+    steps: np.ndarray,
+    anchors: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    labels: np.ndarray,
+) -> None:
+    """Take what arrived in tick k, each message at its stamp, and predict tick k + 1."""
+    at = n.layout
+    layout = Layout(at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7], at[8], at[9])
+    motion = Motion(
+        n.variances, n.coasting, keeps, steps, n.mass, n.inertia, n.h, n.silent, n.watches != 0, n.yaw
+    )  # fmt: skip
+    opens = n.watch
+    aids = Aids(
+        anchors, n.lever, n.range_noise, n.differences != 0,
+        positions, outlines, labels, Camera(n.p_BC, n.f, n.c, n.image), n.pixel_noise, n.margin, n.inside,
+        n.angle_sd, n.gates, n.huber, Watch(opens[0], opens[1], opens[2], opens[3], opens[4], opens[5]),
+    )  # fmt: skip
+    for i in range(3):
+        belief[N_X + i] += reference[i] - belief[i]
+    take_messages(x, C, kept, watched, samples_of(imu, n.samples), uwb, camera, k * n.h, layout, motion, aids)
+    one_ahead(x, C, kept, control, motion, ahead)
+    keep_pose(x, C, layout)
+    put_ahead(ahead, belief)
+
+
+def heard_out(
+    n: Any,
+    k: int,
+    imu: np.ndarray,
+    uwb: np.ndarray,
+    camera: np.ndarray,
+    first: np.ndarray,
+    block: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say [y, delta, V2] of tick k: what can be used of the messages; y is NaN of ranges and boxes, which have no fix."""
+    fill(out, 0.0)
+    p, s = first[-1], first.size - 1
+    for j, message in ((n.numbers[0], uwb), (n.numbers[2], camera)):
+        if j >= 0 and clone_of(message, k * n.h, n.h, n.clones) != NOT_TAKEN:
+            fill(out[first[j] : first[j + 1]], np.nan)
+            out[p + j] = 1.0
+    j = n.numbers[1]
+    if j >= 0:
+        if imu[ARRIVED] != 0.0:
+            put(samples_of(imu, n.samples)[-1, PAYLOAD : PAYLOAD + 3], out, first[j])
+            out[p + j] = 1.0
+        m = first[j + 1] - first[j]
+        for i in range(m):
+            out[p + s + block[j] + i * (m + 1)] = n.angle_sd**2
+
+
+TIGHT = Element(
+    "tight",
+    step=tight_step,
+    numbers=(
+        Number("layout", (10,), "i8"),
+        Number("samples", kind="i8"),
+        Number("variances", (2,)),
+        Number("coasting", (2,)),
+        Number("mass"),
+        Number("inertia", (3,)),
+        Number("h"),
+        Number("silent", (2,)),
+        Number("watches", kind="i8"),
+        Number("yaw"),
+        Number("lever", (3,)),
+        Number("range_noise", (2,)),
+        Number("differences", kind="i8"),
+        Number("p_BC", (3,)),
+        Number("f"),
+        Number("c", (2,)),
+        Number("image", (2,)),
+        Number("pixel_noise", (3,)),
+        Number("margin"),
+        Number("inside"),
+        Number("angle_sd"),
+        Number("gates", (3,)),
+        Number("huber"),
+        Number("watch", (6,)),
+    ),
+    tables=(
+        Array("keeps"),
+        Array("steps"),
+        Array("anchors", 2),
+        Array("positions", 2),
+        Array("outlines", 3),
+        Array("labels", kind="i8"),
+    ),
+    state=(Array("x"), Array("C", 2), Array("kept"), Array("watched"), Array("belief")),
+    work=(Array("ahead"),),
+    shows="belief",
+    allocates=True,
+)
+HEARD = Element(
+    "heard",
+    out=heard_out,
+    numbers=(
+        Number("numbers", (3,), "i8"),
+        Number("samples", kind="i8"),
+        Number("clones", kind="i8"),
+        Number("angle_sd"),
+        Number("h"),
+    ),
+    tables=(Array("first", kind="i8"), Array("block", kind="i8")),
+    allocates=True,
+)
+
+
+def tight_box(
+    layout: Layout,
+    motion: Motion,
+    aids: Aids,
+    samples: int,
+    payloads: int,
+    C_0: np.ndarray,
+    xbar_0: np.ndarray,
+) -> Box:
+    """Return the tight filter, `filter`: it reads the messages of imu, uwb and camera, the control and the reference.
+
+    It shows the belief of [x; i] (240) that was predicted for this tick. The message of a sensor that does not fly is
+    zeros: 11 of the imu, two of the others.
+
+    Args:
+        layout: of its states.
+        motion: imu and vehicle.
+        aids: the other sensors.
+        samples: of the imu in a message.
+        payloads: size of those of uwb and camera together, of what flies.
+        C_0: first covariance (n, n).
+        xbar_0: first estimate (15).
+    """
+    x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
+    belief = np.zeros(N_XBAR + N_XBAR * N_XBAR)
+    put_ahead(ahead, belief)
+    values = motion._asdict() | aids._asdict() | aids.camera._asdict()
+    values |= {"layout": np.array(layout), "watch": np.array(aids.watch), "samples": samples}
+    numbers = {number.name: values[number.name] for number in TIGHT.numbers}
+    tables = {table.name: values[table.name] for table in TIGHT.tables}
+    start = {"x": x, "C": C_0, "kept": kept, "watched": np.zeros(LAST + payloads), "belief": belief}
+    return Box("filter", TIGHT, belief.size, Given(numbers, start, tables), {"ahead": (N_AHEAD,)})
+
+
+def heard_box(
+    measurement: Measurement, sensors: tuple[str, ...], samples: int, clones: int, angle_sd: float, h: float
+) -> Box:
+    """Return what says y, delta and V2 of a tick, `handler`: it reads the messages of imu, uwb and camera.
+
+    Args:
+        measurement: the layout of what it says.
+        sensors: those that fly.
+        samples: of the imu in a message.
+        clones: poses of past ticks that the filter keeps.
+        angle_sd: noise of a sample of the imu's angles [rad].
+        h: tick [s].
+    """
+    first, block = measurement.layout.first, measurement.layout.block
+    p, s, q = int(first[-1]), len(first) - 1, int(block[-1])
+    numbers = [measurement.sensors.index(name) if name in sensors else -1 for name in ("uwb", "imu", "camera")]
+    given = Given(
+        {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h},
+        tables={"first": first, "block": block},
+    )
+    return Box("handler", HEARD, p + s + q, given, parts={"y": (0, p), "delta": (p, s), "V2": (p + s, q)})
