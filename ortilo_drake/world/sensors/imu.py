@@ -168,7 +168,12 @@ _NUMBERS = (Number("sd", (3,)), Number("stream", kind="u8"), Number("h"))
 ANGLES = Element("imu_angles", out=angles_out, numbers=_NUMBERS, tables=(Array("bias"),))
 IMU = Element("imu", out=imu_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),))
 SAMPLES = Element(
-    "imu_samples", out=samples_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),)
+    "imu_samples",
+    out=samples_out,
+    numbers=(*_NUMBERS, Number("mass")),
+    tables=(Array("bias"),),
+    work=(Array("v"),),
+    allocates=True,
 )
 
 
