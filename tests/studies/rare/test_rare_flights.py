@@ -9,7 +9,6 @@ import pytest
 from command_line import run
 from scipy.stats import binomtest, chi
 
-from ortilo_drake.flight.compiled.boxes import seeds_of_nodes
 from ortilo_drake.flight.compiled.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
@@ -18,6 +17,7 @@ from ortilo_drake.studies.rare.rare_flights import Rare, counted_of, rare_flight
 from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
 from ortilo_drake.studies.rare.subset import Climb, Plan, flights_of
 from ortilo_drake.world.noise import normals, stream_id
+from ortilo_drake.world.persistent_noise import seeds_of_nodes
 
 SHORT = ("world.disturbance.force_sd=0.2",)
 SCENARIO = load_scenario("nominal_imu_uwb", SHORT)

@@ -1,0 +1,78 @@
+"""The landmark fix as an element: OpenCV's boxes give the pose that they were seen from."""
+
+import numpy as np
+import pytest
+from plain_box import PlainBox
+from seen_landmarks import EXACT, ROOM, boxes, covariance, state
+
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD, STAMP
+from ortilo_drake.onboard.landmarks.box_fix import DOUBLINGS
+from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
+from ortilo_drake.scenario import LandmarkFix as Settings
+
+SHOWN = [0, 2, 4, 6, 8, 9]  # of the room: in the image, whole, from EXACT
+VALUES = {"known_tilt": [0, 1, 2, 5], "pose": [0, 1, 2, 3, 4, 5]}
+NOTHING = np.zeros(DETECTIONS_SIZE)
+
+
+def fix(method: str, **settings: object) -> PlainBox:
+    return PlainBox(camera_fix_box(Settings(method=method, **settings), ROOM, 320))
+
+
+def seen_from(pose: tuple[float, ...], stamp: float = 0.4) -> np.ndarray:
+    message = np.zeros(DETECTIONS_SIZE)
+    message[ARRIVED], message[STAMP] = 1.0, stamp
+    message[PAYLOAD::DETECTION_SIZE] = -1.0
+    rows = message[PAYLOAD:].reshape(-1, DETECTION_SIZE)
+    rows[: len(SHOWN), 0], rows[: len(SHOWN), 1] = ROOM.landmark_labels[SHOWN], 0.9
+    rows[: len(SHOWN), 2:] = boxes(pose, ROOM.landmark_positions[SHOWN], ROOM.landmark_outlines[SHOWN])
+    return message
+
+
+def belief(away: tuple[float, float, float] = (0.0, 0.0, 0.0), position_sd: float = 0.1) -> np.ndarray:
+    xhat = state()
+    xhat[:3] += away
+    return np.concatenate((xhat, covariance(position_sd)))
+
+
+@pytest.mark.parametrize("method", ELEMENTS)
+def test_the_fix_of_boxes_is_where_they_were_seen_from(method: str) -> None:
+    its, where = fix(method), VALUES.get(method, [0, 1, 2])
+    found = its.say(camera=seen_from(EXACT), belief=belief((0.1, -0.05, 0.05)))
+    assert (found[ARRIVED], found[STAMP]) == (1.0, 0.4)
+    np.testing.assert_allclose(found[PAYLOAD : PAYLOAD + len(where)], np.array(EXACT)[where], atol=1e-5)
+    assert not its.say(camera=NOTHING, belief=belief()).any()
+
+
+def test_a_prior_stands_in_for_the_covariance() -> None:
+    sure = np.concatenate((state(), np.zeros(225)))
+    prior = (0.1, 0.004)
+    found = fix("known_attitude", prior_sd=prior).say(camera=seen_from(EXACT), belief=sure)
+    plain = fix("known_attitude").say(camera=seen_from(EXACT), belief=belief())
+    np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)  # covariance() is that of the prior
+
+
+def test_refused_images_are_counted_until_the_estimate_is_found_again() -> None:
+    """0.4 m off with an sd of 0.05 m: each image without a fix counts one more, each fix one less."""
+    its, away, there = fix("pose", center_sd=1.0, joint=0.999), belief((0.0, 0.4, 0.0), position_sd=0.05), []
+    expected = 0.0
+    for _ in range(DOUBLINGS + 2):
+        found = its.say(camera=seen_from(EXACT), belief=away)
+        there.append(found[ARRIVED] == 1.0)
+        its.step(camera=seen_from(EXACT), belief=away)
+        expected += -1.0 if there[-1] else 1.0
+        assert its.state["refused"][0] == expected
+    assert not there[0]
+    assert any(there)
+    its.state["refused"][0] = DOUBLINGS
+    found = its.say(camera=seen_from(EXACT), belief=away)
+    np.testing.assert_allclose(found[PAYLOAD : PAYLOAD + 3], EXACT[:3], atol=1e-3)
+    its.step(camera=NOTHING, belief=away)
+    assert its.state["refused"][0] == DOUBLINGS
+
+
+def test_without_the_joint_test_no_image_is_counted() -> None:
+    its, away = fix("pose", center_sd=1.0), belief((0.0, 0.4, 0.0), position_sd=0.05)
+    assert not its.say(camera=seen_from(EXACT), belief=away).any()
+    its.step(camera=seen_from(EXACT), belief=away)
+    assert its.state["refused"][0] == 0.0

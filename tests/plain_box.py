@@ -1,0 +1,37 @@
+"""A box by the plain source of its functions, its inputs given by hand."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.element import Box, takes
+from ortilo_drake.loop.wiring import check_values
+
+
+class PlainBox:
+    """What a box says and keeps when its functions are called with these inputs."""
+
+    def __init__(self, box: Box):
+        check_values(box)
+        element, given = box.element, box.given
+        self.n = np.zeros(1, element.dtype).view(np.recarray)[0]
+        for name, value in given.numbers.items():
+            self.n[name] = value
+        self.state = {name: np.array(value, dtype=float) for name, value in given.start.items()}
+        tables = {table.name: np.ascontiguousarray(given.tables[table.name], table.kind) for table in element.tables}
+        self._own = self.state | tables | {name: np.zeros(shape) for name, shape in box.work.items()}
+        self._functions, self.out = element.functions, np.zeros(box.size)
+
+    def say(self, k: int = 0, seed: int = 0, **inputs: np.ndarray) -> np.ndarray:
+        """Return what it says in a tick."""
+        self._call("out", k, seed, inputs)
+        return self.out.copy()
+
+    def step(self, k: int = 0, seed: int = 0, **inputs: np.ndarray) -> None:
+        """Take its state to the next tick."""
+        self._call("step", k, seed, inputs)
+
+    def _call(self, what: str, k: int, seed: int, inputs: dict[str, np.ndarray]) -> None:
+        known: dict[str, Any] = {"n": self.n, "k": k, "seed": seed, "seeds": np.full(k + 1, seed), "out": self.out}
+        known |= self._own | inputs
+        self._functions[what](**{name: known[name] for name in takes(self._functions[what])})
