@@ -3,18 +3,15 @@
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numba import njit
 
-from ortilo_drake.flight.compiled.constants import FlightConstants
-from ortilo_drake.flight.compiled.constants_onboard import OwnConstants
+from ortilo_drake.diagrams.wiring.whole import missing
+from ortilo_drake.flight.compiled.assembled import Assembled
 from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE, TRUE, figures_of
-from ortilo_drake.flight.compiled.loop import fly_one, start_one
-from ortilo_drake.flight.compiled.prepare import constants_of, why_not
-from ortilo_drake.flight.compiled.truth import constants_of_draw, normals_at_start
+from ortilo_drake.flight.compiled.played import Played
+from ortilo_drake.flight.compiled.prepare import why_not
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
 from ortilo_drake.model.typed_yaml import InputError
@@ -45,9 +42,9 @@ class Engine:
         reason = why_not(scenario)
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")
-        self._scenario, self._room, self._constants = scenario, scenario.load_room(), constants_of(scenario)
-        self._start_one, self._fly_one = kernels_of(self._constants)
-        self._ticks = len(self._constants.reference) - 1
+        self._scenario = scenario
+        self._flights = Played(scenario) if missing(scenario) is None else Assembled(scenario)
+        self._ticks = self._flights.ticks
         self._sensors = scenario.measurement.sensors
         counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]
         self.columns = (*FIGURES, *counted)
@@ -66,8 +63,7 @@ class Engine:
         log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
-        world = self._drawn(self._constants, of_seed(seed))
-        last, cause = self._fly(seeds, world, trace, arrived, log)
+        last, cause = self._flights.fly(seeds, of_seed(seed), trace, arrived, log)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
         flight.attrs["real_time_factor"] = float("nan")
@@ -82,7 +78,7 @@ class Engine:
         scenario = with_seed(self._scenario, seed)
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self.ticks, seed, dtype=np.int64)
-        last, cause = self._fly(seeds, self._drawn(self._constants, of_seed(seed)), trace, arrived, NO_LOG)
+        last, cause = self._flights.fly(seeds, of_seed(seed), trace, arrived, NO_LOG)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         return trace[: last + 1], lost
 
@@ -98,14 +94,13 @@ class Engine:
         to_fly = iter(range(all_seeds.size))
 
         def work() -> None:
-            own = _copied(self._constants)  # threads that share arrays wait for each other's reference counts
-            trace, reference = np.zeros((self.ticks, TRACE_SIZE)), own.reference
+            trace = np.zeros((self.ticks, TRACE_SIZE))
             for i in to_fly:
                 seeds_of_ticks = np.full(self.ticks, all_seeds[i])
-                world = self._drawn(own, of_seed(int(all_seeds[i])))
-                last, cause = self._fly(seeds_of_ticks, world, trace, arrived[i], NO_LOG)
+                draw = of_seed(int(all_seeds[i]))
+                last, cause = self._flights.fly(seeds_of_ticks, draw, trace, arrived[i], NO_LOG)
                 found[i, 0], found[i, 1] = last, cause
-                figures_of(trace[: last + 1], reference[: last + 1, :3], found[i])
+                figures_of(trace[: last + 1], self.reference[: last + 1], found[i])
 
         if threads == 1:
             work()
@@ -115,15 +110,6 @@ class Engine:
                     done.result()
         return np.column_stack((found, *self._counts(found[:, 0], arrived)))
 
-    def _fly(
-        self, seeds: np.ndarray, world: FlightConstants, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
-    ) -> tuple[int, int]:
-        """Fly once, see loop.fly_one."""
-        h, reference, x_0, *parts = world
-        kept = self._start_one(x_0, *parts[:-2])  # all but servo and bounds
-        last, cause = self._fly_one(seeds, trace, arrived, log, *kept, h, reference, *parts)
-        return int(last), int(cause)
-
     @property
     def ticks(self) -> int:
         """How many ticks a flight that is not lost has, the first and the last among them."""
@@ -132,7 +118,7 @@ class Engine:
     @property
     def reference(self) -> np.ndarray:
         """The position r of the reference at each tick [m] (n, 3)."""
-        return self._constants.reference[:, :3]
+        return self._flights.reference
 
     @property
     def h(self) -> float:
@@ -142,7 +128,7 @@ class Engine:
     @cached_property
     def drawn(self) -> dict[str, int]:
         """How many standard normal numbers each stream gives to what is drawn at the start, by its name."""
-        return normals_at_start(self._constants, self._scenario, self._room)
+        return self._flights.normals_at_start()
 
     def distances(self, seeds: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
         """Fly, and return how far each flight is from its reference at each tick [m] (n, ticks); infinity once lost.
@@ -160,15 +146,11 @@ class Engine:
             if start is not None:
                 parts = dict(zip(names, np.split(start[i], ends[:-1]), strict=True)) if names else {}
                 draw = _among(parts)
-            last, cause = self._fly(of_ticks, self._drawn(self._constants, draw), trace, arrived, NO_LOG)
+            last, cause = self._flights.fly(of_ticks, draw, trace, arrived, NO_LOG)
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
             away = trace[flown, TRUE] - self.reference[flown]
             found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
         return found
-
-    def _drawn(self, constants: FlightConstants, draw: AtStart) -> FlightConstants:
-        """Return the constants of one flight: what differs in its world is drawn."""
-        return constants_of_draw(constants, self._scenario, self._room, draw)
 
     def simulated_time(self, figures: np.ndarray) -> float:
         """Return how long flights of these figures lasted together [s]."""
@@ -188,31 +170,7 @@ def _among(parts: dict[str, np.ndarray]) -> AtStart:
 
 
 @lru_cache(maxsize=1)
-def _uncached_kernels() -> tuple[Any, Any]:
-    return njit(start_one.py_func), njit(nogil=True, error_model="numpy")(fly_one.py_func)
-
-
-def kernels_of(constants: FlightConstants) -> tuple[Any, Any]:
-    """Return start_one and fly_one, or both anew: numba's cache would not notice that a user's function has changed."""
-    numbers = [other.numbers for other in constants.others]
-    if isinstance(constants.filter, OwnConstants):
-        numbers.append(constants.filter.numbers)
-    modules = {type(its).__module__.partition(".")[0] for its in numbers}
-    return (start_one, fly_one) if modules <= {"ortilo_drake"} else _uncached_kernels()
-
-
-@lru_cache(maxsize=1)
 def engine_of(scenario_json: str) -> Engine | None:
     """Return the engine of a scenario, None where Drake flies it; the last one is kept."""
     scenario = Scenario.model_validate_json(scenario_json)
     return None if why_not(scenario) else Engine(scenario)
-
-
-def _copied(constants: Any) -> Any:
-    """Return constants with arrays of their own."""
-    if isinstance(constants, np.ndarray):
-        return constants.copy()
-    if not isinstance(constants, tuple):
-        return constants
-    parts = [_copied(part) for part in constants]
-    return type(constants)(*parts) if hasattr(constants, "_fields") else tuple(parts)

@@ -1,0 +1,75 @@
+"""A scenario's flights, played from its wiring by compiled code."""
+
+from functools import cached_property
+
+import numpy as np
+
+from ortilo_drake.diagrams.wiring.truth import drawn_of, normals_at_start
+from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of
+from ortilo_drake.flight.compiled.figures import TRACE_SIZE
+from ortilo_drake.flight.figures_element import figures_box
+from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.flight.lost import bounds_of
+from ortilo_drake.loop.player import Player
+from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.drawn_truth import AtStart
+
+_LOGGED = ("state", "control", "y", "delta", "V2", "belief", "reference")  # as Measurement.logged_sizes has them
+
+
+class Played:
+    """Flights of a scenario all of whose boxes are elements.
+
+    Args:
+        scenario: the scenario.
+
+    Attributes:
+        ticks: of a flight, but for the first.
+        reference: r at each tick [m] (ticks + 1, 3).
+    """
+
+    def __init__(self, scenario: Scenario):
+        self._scenario, self._room, self.ticks = scenario, scenario.load_room(), flight_ticks(scenario)
+        boxes = boxes_of(scenario, self.ticks)
+        self._signals = signals_of(boxes)
+        figures = figures_box(bounds_of(self._room, scenario.vehicle))
+        figures = figures.reading(state=self._signals["state"], belief=self._signals["belief"])
+        self.wiring = Wiring([*boxes, figures])
+        self._player = Player(self.wiring, ("figures", self._signals["delta"]), "figures")
+        self.reference = self.wiring.boxes["reference"].given.tables["path"][:, :3]
+
+    @cached_property
+    def _logger(self) -> Player:
+        return Player(self.wiring, ("figures", *(self._signals[name] for name in _LOGGED)), "figures")
+
+    def fly(
+        self, seeds: np.ndarray, draw: AtStart, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
+    ) -> tuple[int, int]:
+        """Fly once and write what it leaves behind; return its last tick and the cause of its loss, see lost.CAUSES.
+
+        Args:
+            seeds: of all noise, at each tick (ticks + 1): one and the same for a flight of a seed, another from some
+                tick on for one that branches off it.
+            draw: what is drawn at the start.
+            trace: a row for each tick, see figures.py (ticks + 1, TRACE_SIZE).
+            arrived: in how many ticks each sensor's value reached the filter (s).
+            log: a row for each tick, see Measurement.logged_sizes (ticks + 1, w); (0, w) for none.
+        """
+        player = self._logger if log.shape[0] else self._player
+        rows = np.empty((self.ticks + 1, player.width))
+        last = player.fly(seeds, rows, drawn_of(self.wiring, self._scenario, self._room, draw))
+        flown, after = rows[: last + 1], TRACE_SIZE + 1
+        trace[: last + 1] = flown[:, :TRACE_SIZE]
+        if log.shape[0]:
+            log[: last + 1] = flown[:, after:]
+            y, delta = (self._scenario.measurement.sizes[name] for name in ("y", "delta"))
+            after += 16 + y
+            arrived[:] = np.sum(flown[:, after : after + delta], axis=0)
+        else:
+            arrived[:] = np.sum(flown[:, after:], axis=0)
+        return last, int(rows[last, TRACE_SIZE])
+
+    def normals_at_start(self) -> dict[str, int]:
+        """Return how many standard normal numbers each stream gives to what is drawn at the start, by its name."""
+        return normals_at_start(self.wiring, self._scenario, self._room)
