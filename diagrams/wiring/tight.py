@@ -15,7 +15,7 @@ from ortilo_drake.scenario import Scenario
 _NOTHING = {"imu": IMU_SIZE, "uwb": PAYLOAD, "camera": PAYLOAD}  # size of the message of a sensor that does not fly
 
 
-def tight_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages: dict[str, str]) -> list[Box]:
+def tight_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
     """Return the tight filter, `filter`, and what it hears, `handler`; arguments as of onboard_boxes."""
     belief = scenario.belief
     settings: Any = belief.estimator
@@ -27,5 +27,5 @@ def tight_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages: dict[
     kalman = tight_box(layout, motion, aids, samples, size, C_0, initial_estimate(belief, r_0))
     heard = heard_box(belief.measurement, sensors, samples, layout.clones, aids.angle_sd, belief.h)
     silent = [constant(f"no_{name}", np.zeros(size)) for name, size in _NOTHING.items() if name not in messages]
-    said = {name: messages.get(name, f"no_{name}") for name in _NOTHING}
+    said = {name: messages[name].name if name in messages else f"no_{name}" for name in _NOTHING}
     return [heard.reading(**said), kalman.reading(**said, control="servo"), *silent]

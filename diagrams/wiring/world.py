@@ -22,14 +22,14 @@ from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.uwb import uwb_box
 
 
-def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[Box], dict[str, str]]:
+def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[Box], dict[str, Box]]:
     """Return the boxes of the world, and which of them says each sensor's message as it lands."""
-    boxes, messages = vehicle_boxes(scenario, path, "servo", reads_whole_imu(scenario)), dict[str, str]()
+    boxes, messages = vehicle_boxes(scenario, path, "servo", reads_whole_imu(scenario)), dict[str, Box]()
     for name in scenario.measurement.sensors:
         if name in scenario.sensors:
             own = sensor_boxes(scenario, room, name)
             boxes += own
-            messages[name] = own[-1].name
+            messages[name] = own[-1]
     return boxes, messages
 
 

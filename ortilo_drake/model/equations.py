@@ -104,11 +104,11 @@ def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
 
 
 @register_jitable
-def euler_rates(rpy: np.ndarray, w: np.ndarray) -> np.ndarray:
+def euler_rates(rpy: np.ndarray, w: np.ndarray) -> Triple:
     """Return rpy_dot = E(rpy)^-1 w, the Euler-angle rates that go with body rates; singular at theta = +-pi/2."""
     s_phi, c_phi = np.sin(rpy[0]), np.cos(rpy[0])
     psi_dot = (s_phi * w[1] + c_phi * w[2]) / np.cos(rpy[1])
-    return np.array((w[0] + np.sin(rpy[1]) * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot))
+    return w[0] + np.sin(rpy[1]) * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot
 
 
 @register_jitable

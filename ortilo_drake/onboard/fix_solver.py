@@ -1,11 +1,17 @@
 """A solver that is a function of a message and the estimate: message in, value and covariance out."""
 
 from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from ortilo_drake.loop.element import Box, Element
+from ortilo_drake.loop.shares import Fields, fields_of, function_of
 from ortilo_drake.model.parts import Compiled
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
 from ortilo_drake.scenario import Belief
@@ -69,3 +75,41 @@ def compiled_solver(name: str, compiled: Compiled, rows: int, scenario: Belief, 
         return (fix[:rows], fix[rows:]) if fix.size else None
 
     return FixSolver(name, compiled.payload, rows, solve)
+
+
+def saying(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
+    """Return a function that says the fix of what landed, as a share solves it."""
+
+    @register_jitable
+    def say(numbers: Any, message: np.ndarray, belief: np.ndarray, out: np.ndarray) -> None:
+        """Say [1, stamp, value, covariance row by row], zeros if nothing landed or there is no solution."""
+        fill(out, 0.0)
+        if message[ARRIVED] != 0.0:
+            P = (
+                belief[N_XBAR:].copy().reshape((N_XBAR, N_XBAR))
+            )  # copies: a user's function may change what it is given
+            fix = solve(numbers, message[PAYLOAD:].copy(), belief[:N_XBAR].copy(), P)
+            if fix.size > 0:
+                out[ARRIVED], out[STAMP] = 1.0, message[STAMP]
+                put(fix, out, PAYLOAD)
+
+    return say
+
+
+@lru_cache(maxsize=64)
+def element_of(solve: Callable[..., np.ndarray], fields: Fields) -> Element:
+    """Return the element of a function that solves messages, whose numbers have these fields."""
+    out = function_of(fields, saying(solve), "message", "belief", "out")
+    return Element("own_fix", out=out, numbers=fields.numbers, tables=fields.tables, allocates=True)
+
+
+def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: Room) -> Box | None:
+    """Return the solver of a sensor by its share: it reads the message as it lands and a belief of [x; i] (240).
+
+    It is None where the message itself begins with the value; rows is m.
+    """
+    if share.solve is None:
+        return None
+    numbers = share.numbers(scenario, room)
+    fields = fields_of(numbers)
+    return Box(f"{name}_fix", element_of(share.solve, fields), PAYLOAD + rows + rows * rows, fields.given(numbers))

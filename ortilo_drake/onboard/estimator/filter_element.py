@@ -108,13 +108,10 @@ def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
     return {"rows": (max(n - N_I, p), n - N_I + 1), "S": (p, p), "less": (N_U,)}
 
 
-def filter_boxes(
-    model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray
-) -> list[Box]:
+def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray) -> Box:
     """Return the filter: it reads y, delta, V2, the control, the reference and what is opened of P.
 
-    It says [xhat, P row by row] of all its states, `filter`; `belief` is that of [x; i] (240), of the same box where
-    there are no others.
+    It says [xhat, P row by row] of all its states.
 
     Args:
         model: what it believes of the vehicle.
@@ -127,12 +124,9 @@ def filter_boxes(
     layout = measurement.layout._asdict()
     del layout["C"]
     given = given.with_(Given(start={"belief": belief_0}, tables=layout))
-    return [Box("filter", FILTER, n + n * n, given, work_of(n, p)), *known_boxes(n)]
+    return Box("filter", FILTER, n + n * n, given, work_of(n, p))
 
 
-def known_boxes(n: int) -> list[Box]:
-    """Return what says the belief of [x; i] of a filter of n states, where that is not the filter itself."""
-    if n == N_XBAR:
-        return []
-    parts = {"belief": (0, KNOWN), "force": (KNOWN, 3)}
-    return [Box("known", KNOWN_PART, KNOWN + 3, reads={"belief": "filter"}, parts=parts)]
+def known_box(name: str) -> Box:
+    """Return what reads a belief of [x; e; i] and says that of [x; i], a part `belief`, and the `force`."""
+    return Box(name, KNOWN_PART, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})

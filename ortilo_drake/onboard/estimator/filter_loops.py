@@ -208,7 +208,7 @@ def step_arrays(
     block: np.ndarray,
     is_position: np.ndarray,
 ) -> None:
-    """Do what step_in_place does; P is a view of the belief's (n, n), the parts of model and layout stand by themselves.
+    """Do what step_in_place does, with the parts of model and layout by themselves; P is a view of the belief's (n, n).
 
     numba counts no references in a function that takes arrays alone, and one for each array of a tuple.
     """

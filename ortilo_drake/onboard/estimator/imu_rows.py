@@ -16,11 +16,15 @@ It also holds the body rates w at t_k. As Euler-angle rates, by the roll and pit
 with c the gyroscope's bias, to first order in the tilt.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.equations import euler_rates
+from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY
@@ -99,3 +103,38 @@ def with_imu_rows(
     V2_all = np.empty(V2.size + 9 * m, y.dtype)
     put_imu_rows(y_all, delta_all, V2_all, y, delta, V2, imu, j, variance)
     return y_all, delta_all, V2_all
+
+
+def imu_rows_out(
+    n: Any,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    stamps: np.ndarray,
+    imu: np.ndarray,
+    variances: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say [y, delta, V2, stamps] with the imu's rows, see put_imu_rows; their stamp is that of its message."""
+    m = variances.size // 3
+    p, s, q = y.size + 3 * m, delta.size + m, V2.size + 9 * m
+    put_imu_rows(out[:p], out[p : p + s], out[p + s : p + s + q], y, delta, V2, imu, n.number, variances)
+    fill(out[p + s + q :], stamps[n.number])
+    put(stamps, out, p + s + q)
+
+
+IMU_ROWS = Element("imu_rows", out=imu_rows_out, numbers=(Number("number", kind="i8"),), tables=(Array("variances"),))
+
+
+def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
+    """Return what adds the imu's rows: it reads the imu's message as it lands, y, delta, V2 and stamps.
+
+    Args:
+        measurement: without those rows.
+        variances: of them, see imu_variances.
+    """
+    m, (p, s, q) = len(variances) // 3, measurement.sizes.values()
+    p, s, q = p + 3 * m, s + m, q + 9 * m
+    parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
+    given = Given({"number": measurement.sensors.index("imu")}, tables={"variances": variances})
+    return Box("imu_rows", IMU_ROWS, p + 2 * s + q, given, parts=parts)

@@ -205,7 +205,10 @@ def handler_out(
 ) -> None:
     """Say [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
     fill(out, 0.0)
-    layout, incoming = Layout(C, states, weights, first, block, is_position), Incoming(start, V2, with_message, gates, n.oldest)
+    layout, incoming = (
+        Layout(C, states, weights, first, block, is_position),
+        Incoming(start, V2, with_message, gates, n.oldest),
+    )
     judged = k if n.drops else NEVER
     put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout)
 

@@ -44,7 +44,7 @@ def covariance_of(belief: np.ndarray, prior: np.ndarray) -> np.ndarray:
 
 def boxes_out(
     n: Any,
-    camera: np.ndarray,
+    message: np.ndarray,
     belief: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
@@ -56,18 +56,18 @@ def boxes_out(
 ) -> None:
     """Say the fix message of pose_from_boxes, of the boxes that landed; zeros if there is none."""
     fill(out, 0.0)
-    if camera[ARRIVED] != 1.0:
+    if message[ARRIVED] != 1.0:
         return
     believed = believed_of(n, positions, outlines, labels, limits)
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
-    boxes = boxes_to_solve(camera, xhat, P, believed, 2.0 ** refused[0])
+    boxes = boxes_to_solve(message, xhat, P, believed, 2.0 ** refused[0])
     solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], n.max_residual, n.rows)
-    put(fix_of(*solution, xhat, camera[STAMP], n.rows), out)
+    put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
 
 def cosines_out(
     n: Any,
-    camera: np.ndarray,
+    message: np.ndarray,
     belief: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
@@ -79,18 +79,18 @@ def cosines_out(
 ) -> None:
     """Say the fix message of cosine_law, of the boxes that landed; zeros if there is none."""
     fill(out, 0.0)
-    if camera[ARRIVED] != 1.0:
+    if message[ARRIVED] != 1.0:
         return
     believed = believed_of(n, positions, outlines, labels, limits)
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
-    boxes = boxes_to_solve(camera, xhat, P, believed, 2.0 ** refused[0])
+    boxes = boxes_to_solve(message, xhat, P, believed, 2.0 ** refused[0])
     solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], n.max_residual)
-    put(fix_of(*solution, xhat, camera[STAMP], n.rows), out)
+    put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
 
 def refused_step(
     n: Any,
-    camera: np.ndarray,
+    message: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
     labels: np.ndarray,
@@ -99,9 +99,9 @@ def refused_step(
     out: np.ndarray,
 ) -> None:
     """Count the images that were refused in a row, where there is a joint test: see refused_after."""
-    if limits.size > 0 and camera[ARRIVED] == 1.0:
+    if limits.size > 0 and message[ARRIVED] == 1.0:
         believed = believed_of(n, positions, outlines, labels, limits)
-        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, camera, believed)
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
 
 
 _NUMBERS = (
@@ -145,7 +145,7 @@ ELEMENTS = {
 
 
 def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int) -> Box:
-    """Return what makes a fix of boxes: it reads the camera's message, `camera`, and a belief of [x; i] (240).
+    """Return what makes a fix of boxes: it reads the camera's message and a belief of [x; i] (240).
 
     Args:
         settings: method and what it believes of the boxes.

@@ -16,8 +16,7 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
 from ortilo_drake.onboard.ranging.clock_offset import differentiable_offset_fix
@@ -128,30 +127,6 @@ def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
     noise = settings.noise
     sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
     return np.array([*sd, settings.bias_sd])
-
-
-def fix_out(
-    n: Any, uwb: np.ndarray, belief: np.ndarray, anchors: np.ndarray, out: np.ndarray
-) -> None:
-    """Say the fix message (14) of the ranges that landed, zeros if there is none."""
-    fill(out, 0.0)
-    if uwb[ARRIVED] != 0.0:
-        put(fix_message(uwb, anchors, n.noise, belief[:N_XBAR], n.three != 0), out)
-
-
-FIX = Element(
-    "multilateration",
-    allocates=True,
-    out=fix_out,
-    numbers=(Number("noise", (3,)), Number("three", kind="i8")),
-    tables=(Array("anchors", 2),),
-)
-
-
-def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
-    """Return the solver: it reads the uwb message as it lands and the belief about which it is solved (240)."""
-    numbers = {"noise": believed_noise(settings), "three": settings.method == "nearest_three"}
-    return Box("uwb_fix", FIX, FIX_SIZE, Given(numbers, tables={"anchors": anchors}))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -13,6 +13,8 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in
 
@@ -40,6 +42,29 @@ def repeats(said: np.ndarray, last: np.ndarray) -> float:
         if not abs(said[i] - last[1 + i]) <= SAME:  # NaN is never the same
             return 1.0
     return float(last[0] + 1.0)
+
+
+def heard_out(n: Any, message: np.ndarray, last: np.ndarray, out: np.ndarray) -> None:
+    """Say the message, or zeros where the sensor is stuck."""
+    fill(out, 0.0)
+    if message[ARRIVED] != 0.0 and repeats(message[PAYLOAD:], last) < n.stuck:
+        put(message, out)
+
+
+def heard_step(message: np.ndarray, last: np.ndarray) -> None:
+    """Remember what a message said, and how many have in a row."""
+    if message[ARRIVED] != 0.0:
+        said = message[PAYLOAD:]
+        last[0] = repeats(said, last)
+        put(said, last, 1)
+
+
+STUCK = Element("stuck_gate", out=heard_out, step=heard_step, numbers=(Number("stuck"),), state=(Array("last"),))
+
+
+def stuck_box(name: str, size: int, stuck: int) -> Box:
+    """Return the gate of a sensor whose messages have that size: it reads the message as it lands."""
+    return Box(f"{name}_heard", STUCK, size, Given({"stuck": stuck}, {"last": np.zeros(1 + size - PAYLOAD)}))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

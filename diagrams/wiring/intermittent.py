@@ -1,0 +1,142 @@
+"""The boxes of the paper's estimator: fixes, handler, what refuses and weighs, and the filter.
+
+    message -> [heard] -> [fix] -> handler -> [robust gate] -> [imu's rows] -> filter
+
+What stands in brackets is there where a scenario wants it. Fixes are solved about the filter's belief: the present one
+or, where late measurements are replayed, that of the message's own tick.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.diagrams.onboard import initial_estimate
+from ortilo_drake.diagrams.wiring.fixes import heard_boxes, solver_boxes
+from ortilo_drake.loop.element import Box, bundle, constant
+from ortilo_drake.model.clock import history_ticks
+from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
+from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box
+from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
+from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
+from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
+from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
+from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
+from ortilo_drake.onboard.estimator.robust.system import opening_variances
+from ortilo_drake.onboard.estimator.robust.weights import weighing_of
+from ortilo_drake.scenario import Belief, Scenario
+from ortilo_drake.sensors.described import flown
+
+
+class Filtering(NamedTuple):
+    """What the filter estimates.
+
+    Attributes:
+        extras: its states beside the vehicle's and the integral.
+        seen: its measurement, over all its states.
+        n: how many those are.
+        replays: whether it puts late measurements into the tick of their stamp.
+    """
+
+    extras: tuple[Extra, ...]
+    seen: Measurement
+    n: int
+    replays: bool
+
+    @property
+    def belief(self) -> str:
+        """Which box says the filter's belief of all its states."""
+        return "filter.belief" if self.replays else "filter"
+
+    @property
+    def known(self) -> str:
+        """Which box says its belief of [x; i]."""
+        return "known.belief" if self.extras else self.belief
+
+
+def intermittent_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
+    """Return the paper's estimator; arguments as of onboard_boxes, of which r_0 is where the path begins."""
+    belief = scenario.belief
+    settings, its = belief.estimator, filtering_of(belief)
+    heard = heard_boxes(settings.robust, messages)
+    gates = [box for name, box in heard.items() if box is not messages[name]]
+    fixes = solver_boxes(belief, room, heard)
+    past = past_boxes(its, {name: heard[name] for name in fixes}, belief.h) if its.replays else {}
+    about = {name: f"{name}_about.belief" if its.extras else f"{name}_past" for name in past}
+    fixes = {name: solver.reading(belief=about.get(name, its.known)) for name, solver in fixes.items()}
+    handed = heard | fixes
+
+    chain = [handler_of(belief, {name: box.size for name, box in handed.items()}).reading(belief=its.known)]
+    if settings.robust is not None:
+        gate = robust_box(belief, its, list(past)).reading(belief=its.belief)
+        chain.append(gate.reading(past="past" if past else its.belief, **measured_by(chain[-1])))
+    variances = imu_variances(belief)
+    if variances is not None:
+        rows = imu_rows_box(belief.measurement, variances).reading(imu=heard["imu"].name, stamps="handler.stamps")
+        chain.append(rows.reading(**measured_by(chain[-1])))
+    kalman = kalman_box(belief, its, r_0).reading(**measured_by(chain[-1]), control="servo")
+    kalman = kalman.reading(
+        stamps="handler.stamps" if variances is None else "imu_rows.stamps",
+        opening="no_opening" if settings.robust is None else "robust_gate.opening",
+    )
+
+    boxes = [*gates, *past.values(), *fixes.values(), bundle("messages", list(handed.values())), *chain, kalman]
+    if past:
+        boxes.append(bundle("past", list(past.values())))
+    if settings.robust is None:
+        boxes.append(constant("no_opening", np.zeros(its.n)))
+    if its.extras:
+        boxes.append(known_box("known").reading(belief=its.belief))
+        boxes += [known_box(f"{name}_about").reading(belief=box.name) for name, box in past.items()]
+    return boxes
+
+
+def filtering_of(belief: Belief) -> Filtering:
+    """Return what a scenario's filter estimates."""
+    settings = belief.estimator
+    extras = extra_states(settings, belief.vehicle, belief.h, belief.flown_rows, belief.yaw)
+    seen = augmented_rows(belief.measurement.rows, extras)
+    return Filtering(extras, seen, N_XBAR + len(names_of(extras)), settings.delay == "replay")
+
+
+def measured_by(box: Box) -> dict[str, str]:
+    """Return where what reads y, delta and V2 finds them in what a box says."""
+    return {name: f"{box.name}.{name}" for name in ("y", "delta", "V2")}
+
+
+def past_boxes(its: Filtering, messages: dict[str, Box], h: float) -> dict[str, Box]:
+    """Return what says the belief of the tick of each sensor's message."""
+    return {
+        name: past_box(f"{name}_past", its.seen, its.n, h).reading(message=said.name, memory="filter")
+        for name, said in messages.items()
+    }
+
+
+def handler_of(belief: Belief, sizes: dict[str, int]) -> Box:
+    """Return the handler of messages and fixes that have these sizes, in their order."""
+    settings, measurement = belief.estimator, belief.measurement
+    V = {name: flown(name, belief).V(belief) for name in measurement.sensors}
+    oldest = oldest_used(settings.delay, settings.horizon, belief.h)
+    incoming = incoming_of(measurement, sizes, V, dict(settings.gates), oldest)
+    return handler_box(incoming, measurement.layout, settings.delay != "ignore", belief.h)
+
+
+def robust_box(belief: Belief, its: Filtering, late: list[str]) -> Box:
+    """Return what refuses and weighs values; those of late sensors are judged by the belief of their own tick."""
+    settings: Any = belief.estimator.robust
+    sensors, opening = belief.measurement.sensors, opening_variances(settings.opening, names_of(its.extras))
+    numbers = [late.index(name) if name in late else -1 for name in sensors]
+    return gate_box(weighing_of(settings, its.seen, len(sensors)), opening, numbers, belief.h)
+
+
+def kalman_box(belief: Belief, its: Filtering, r_0: np.ndarray) -> Box:
+    """Return the filter, which begins hovering at r_0."""
+    settings, vehicle, h = belief.estimator, belief.vehicle, belief.h
+    model = augmented_model(settings, vehicle, settings.integrator, h, its.extras, belief.yaw)
+    xbar_0, P_0 = initial_estimate(belief, r_0), initial_covariance(settings, its.extras)
+    belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(its.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
+    if its.replays:
+        return replay_box(model, its.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
+    return filter_box(model, its.seen, vehicle.hover_thrust, belief_0)

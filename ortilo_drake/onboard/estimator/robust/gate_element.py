@@ -1,0 +1,102 @@
+"""What stands between handler and filter, as an element of the loop: it refuses and weighs values, and opens P."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import put
+from ortilo_drake.onboard.estimator.robust.weights import Weighing, first_state, judge, weighed
+
+
+def gate_out(
+    n: Any,
+    k: int,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    belief: np.ndarray,
+    past: np.ndarray,
+    late: np.ndarray,
+    C: np.ndarray,
+    first: np.ndarray,
+    block: np.ndarray,
+    gates: np.ndarray,
+    sees: np.ndarray,
+    opening: np.ndarray,
+    refusals: np.ndarray,
+    seen: np.ndarray,
+    mean: np.ndarray,
+    beliefs: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say [y, delta, V2] of what is used, what is added to the diagonal of P, and the three states of the next tick."""
+    for j in range(delta.size):
+        if delta[j] != 0.0:
+            put(belief if late[j] < 0 else past[late[j] * belief.size :][: belief.size], beliefs[j])
+    weighing = Weighing(
+        C, first, block, gates, sees, n.huber, n.dof, n.time, n.tolerates, n.most, n.reacquire_after, n.watched, n.drift
+    )
+    factors, next_refusals, next_seen, next_mean, opens = judge(
+        y, delta, V2, beliefs, refusals, seen, mean, k * n.h, weighing
+    )
+    used = weighed(y, delta, V2, factors, first, block)
+    put(used, out)
+    at = used.size
+    for said in (opening[opens], next_refusals.reshape(next_refusals.size), next_seen, next_mean):
+        put(said, out, at)
+        at += said.size
+
+
+def gate_step(refusals: np.ndarray, seen: np.ndarray, mean: np.ndarray, out: np.ndarray) -> None:
+    """Keep the states that were said."""
+    at = out.size - mean.size - seen.size - refusals.size
+    for kept in (refusals.reshape(refusals.size), seen, mean):
+        put(out[at : at + kept.size], kept)
+        at += kept.size
+
+
+_NUMBERS = (
+    *(Number(name) for name in ("huber", "dof", "time", "tolerates", "most", "reacquire_after", "drift", "h")),
+    Number("watched", kind="i8"),
+)
+GATE = Element(
+    "robust_gate",
+    out=gate_out,
+    step=gate_step,
+    numbers=_NUMBERS,
+    tables=(
+        Array("late", kind="i8"),
+        Array("C", 2),
+        Array("first", kind="i8"),
+        Array("block", kind="i8"),
+        Array("gates"),
+        Array("sees", 2, "b1"),
+        Array("opening", 2),
+    ),
+    state=(Array("refusals", 2), Array("seen"), Array("mean")),
+    work=(Array("beliefs", 2),),
+    allocates=True,
+)
+
+
+def gate_box(weighing: Weighing, opening: np.ndarray, late: list[int], h: float) -> Box:
+    """Return the gate: it reads y, delta, V2, the filter's whole `belief` and those of `past` ticks, one after another.
+
+    Args:
+        weighing: what decides.
+        opening: variances that are added by what is opened of P (3, n).
+        late: of each sensor the number of the past belief by which it is judged; -1 for the present one.
+        h: tick [s].
+    """
+    n, s, p, q = opening.shape[1], len(late), int(weighing.first[-1]), int(weighing.block[-1])
+    refusals, seen, mean = first_state(s)
+    parts, at = {}, 0
+    for name, size in (("y", p), ("delta", s), ("V2", q), ("opening", n)):
+        parts[name], at = (at, size), at + size
+    values = weighing._asdict()
+    numbers = {number.name: values.pop(number.name) for number in _NUMBERS if number.name != "h"}
+    tables = values | {"opening": opening, "late": late}
+    given = Given(numbers | {"h": h}, {"refusals": refusals, "seen": seen, "mean": mean}, tables)
+    size = at + refusals.size + seen.size + mean.size
+    return Box("robust_gate", GATE, size, given, {"beliefs": (s, n + n * n)}, parts=parts)
