@@ -16,7 +16,14 @@ _NOTHING = {"imu": IMU_SIZE, "uwb": PAYLOAD, "camera": PAYLOAD}  # size of the m
 
 
 def tight_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
-    """Return the tight filter, `filter`, and what it hears, `handler`; arguments as of onboard_boxes."""
+    """Return the tight filter, `filter`, and what it hears, `handler`; arguments as of onboard_boxes.
+
+    Raises:
+        ValueError: if a sensor of one's own flies, whose fixes no element takes.
+    """
+    own = [name for name in messages if name not in _NOTHING]
+    if own:
+        raise ValueError(f"sensors: {own[0]}: has no compiled form with estimator.kind {scenario.estimator.kind}")
     belief = scenario.belief
     settings: Any = belief.estimator
     sensors, samples = tuple(messages), scenario.samples("imu") if "imu" in messages else 1
