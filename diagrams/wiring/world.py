@@ -7,12 +7,13 @@ from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
-from ortilo_drake.scenario import IntermittentFilter, Link, Scenario
+from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, Scenario
 from ortilo_drake.scenario.truth import ClockTruth
 from ortilo_drake.sensors.shares import share_of
 from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
 from ortilo_drake.world.faults.scene_faults import message_faults
-from ortilo_drake.world.radio.link import delivery_box, link_box
+from ortilo_drake.world.radio.command_link import command_link_box
+from ortilo_drake.world.radio.link import delivery_box, is_late, link_box
 from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.message_error import errors_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
@@ -20,17 +21,40 @@ from ortilo_drake.world.sensors.projected_camera_element import camera_box
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.uwb import uwb_box
+from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 
 
 def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[Box], dict[str, Box]]:
     """Return the boxes of the world, and which of them says each sensor's message as it lands."""
-    boxes, messages = vehicle_boxes(scenario, path, "servo", reads_whole_imu(scenario)), dict[str, Box]()
+    commands, messages = command_boxes(scenario), dict[str, Box]()
+    control = "command_link.applied" if commands else "servo"
+    boxes = [*commands, *vehicle_boxes(scenario, path, control, reads_whole_imu(scenario))]
+    if scenario.commands.are_reported:
+        boxes += report_boxes(scenario, control)
     for name in scenario.measurement.sensors:
         if name in scenario.sensors:
             own = sensor_boxes(scenario, room, name)
             boxes += own
             messages[name] = own[-1]
     return boxes, messages
+
+
+def command_boxes(scenario: Scenario) -> list[Box]:
+    """Return what carries the commands to the rotors; nothing where that is perfect."""
+    settings = scenario.command_link
+    if settings == CommandLink():
+        return []
+    return [command_link_box(settings, scenario.vehicle.hover_thrust, scenario.h).reading(control="servo")]
+
+
+def report_boxes(scenario: Scenario, control: str) -> list[Box]:
+    """Return what tells which commands acted, with its link; `acted_delivered` is the report as it lands."""
+    settings, h, perfect = scenario.report_link, scenario.h, control == "servo"
+    stamp = "now" if perfect else "command_link.stamp"
+    report = report_box(scenario.vehicle.hover_thrust, h).reading(control=control, stamp=stamp)
+    link = link_box("acted", settings, settings.every(h), h).reading(state="plant")
+    delivered = delivery_box("acted", report, settings)
+    return [*([now_box(h)] if perfect else []), report, link, delivered]
 
 
 def sensor_boxes(scenario: Scenario, room: Room, name: str) -> list[Box]:
@@ -52,9 +76,9 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str) -> list[Box]:
     boxes = fault_boxes(name, said, faults, room.anchor_positions, samples, its_h)
     changes += [box.reading(state=seen) for box in boxes]
     said = changes[-1] if changes else sensor
-    delivered = delivery_box(name, said, settings, asked is None)
     before = [box for box in (asked, clock) if box is not None]
-    return [link, *before, sensor, *changes, *([delivered] if delivered else [])]
+    landing = [delivery_box(name, said, settings)] if is_late(settings) or asked is not None else []
+    return [link, *before, sensor, *changes, *landing]
 
 
 def link_settings(scenario: Scenario, name: str) -> Link:

@@ -5,11 +5,15 @@ Trans. Automatic Control 27 (1982): with z_k = x(t_k + tau), z_{k+1} = Phi z_k +
 that stabilises the plant without one stabilises z, with the same eigenvalues.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.commands.timeline import unpacked
@@ -78,6 +82,45 @@ def state_ahead(
                 x = flown(x, B @ rows[j, 1:] + b, A, stop - start)
         done += h
     return np.concatenate((x, i))
+
+
+def ahead_out(
+    n: Any,
+    k: int,
+    belief: np.ndarray,
+    reference: np.ndarray,
+    timeline: np.ndarray,
+    force: np.ndarray,
+    A: np.ndarray,
+    B: np.ndarray,
+    lift: np.ndarray,
+    by_force: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say [x; i] (15) and the reference (9) at t_k + tau."""
+    tau, b = timeline[0], lift + by_force @ force
+    put(state_ahead(belief[:N_XBAR], reference, unpacked(timeline), k * n.h, tau, n.h, A, B, b), out)
+    put(reference_after(reference, tau), out, N_XBAR)
+
+
+AHEAD = Element(
+    "state_ahead",
+    out=ahead_out,
+    numbers=(Number("h"),),
+    tables=(Array("A", 2), Array("B", 2), Array("lift"), Array("by_force", 2)),
+    allocates=True,
+)
+
+
+def state_ahead_box(vehicle: Vehicle, h: float, yaw: float) -> Box:
+    """Return what the servo acts on: it reads the belief (15 or more), the reference, the timeline and the force (3).
+
+    It says `belief` (15) and `reference` (9), both at the time at which the servo's command will act.
+    """
+    B = hover_B(vehicle)
+    tables = {"A": hover_A(yaw), "B": B, "lift": -B[:, 0] * vehicle.hover_thrust, "by_force": hover_B_d(vehicle)[:, :3]}
+    parts = {"belief": (0, N_XBAR), "reference": (N_XBAR, REFERENCE_SIZE)}
+    return Box("state_ahead", AHEAD, N_XBAR + REFERENCE_SIZE, Given({"h": h}, tables=tables), parts=parts)
 
 
 class StateAhead(LeafSystem):

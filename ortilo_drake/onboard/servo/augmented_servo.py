@@ -1,13 +1,67 @@
 """The LQ servo of a plant whose commands act late."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.servo.augmented_gain import delayed_gain
-from ortilo_drake.onboard.servo.lq_servo import servo_control
+from ortilo_drake.onboard.servo.lq_servo import command, servo_control
 from ortilo_drake.scenario import LqServo
+
+
+def augmented_out(
+    n: Any,
+    belief: np.ndarray,
+    force: np.ndarray,
+    reference: np.ndarray,
+    before: np.ndarray,
+    L: np.ndarray,
+    L_u: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say u_k."""
+    d, acts = (force[0], force[1], force[2]), n.error_form != 0
+    nothing = np.zeros(N_XBAR)
+    resting = command(nothing, reference, np.zeros_like(L), n.mass, n.yaw, acts, d)
+    u = command(belief, reference, L, n.mass, n.yaw, acts, d)
+    on_the_way = before.copy()
+    for i in range(before.size):
+        on_the_way[i] -= resting[i % N_U]
+    less = L_u @ on_the_way
+    for i in range(N_U):
+        out[i] = u[i] - less[i]
+
+
+def augmented_step(control: np.ndarray, before: np.ndarray) -> None:
+    """Keep u_k, the oldest goes."""
+    for i in range(before.size - 1, N_U - 1, -1):
+        before[i] = before[i - N_U]
+    put(control[: min(N_U, before.size)], before)
+
+
+AUGMENTED = Element(
+    "augmented_servo",
+    out=augmented_out,
+    step=augmented_step,
+    numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
+    tables=(Array("L", 2), Array("L_u", 2)),
+    state=(Array("before"),),
+    allocates=True,
+)
+
+
+def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: float) -> Box:
+    """Return the servo, `servo`: it reads what servo_box reads; delay as AugmentedServo's."""
+    L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
+    numbers = {"mass": vehicle.mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
+    hover = np.tile([vehicle.hover_thrust, 0.0, 0.0, 0.0], (L.shape[1] - N_XBAR) // N_U)
+    given = Given(numbers, start={"before": hover}, tables={"L": L[:, :N_XBAR], "L_u": L[:, N_XBAR:]})
+    return Box("servo", AUGMENTED, N_U, given, reads={"control": "servo"})
 
 
 class AugmentedServo(LeafSystem):

@@ -19,7 +19,9 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import time_in, values_of
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle
@@ -107,6 +109,51 @@ def link_after(
     return after
 
 
+def link_out(
+    n: Any, k: int, seed: int, control: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray
+) -> None:
+    """Say the control that acts over tick k (4), and when the command was sent that arrives in it [s], -1 if none does."""
+    put(applied_command(k, link, control, n.loss, hover, n.holds != 0, seed, n.stream), out)
+    sent = arriving(k, link, n.loss, seed, n.stream)
+    out[N_U] = sent * n.h if sent >= 0 else -1.0
+
+
+def link_step(n: Any, k: int, seed: int, control: np.ndarray, applied: np.ndarray, link: np.ndarray) -> None:
+    """Go on to tick k + 1, see link_after."""
+    put(link_after(k, link, control, applied, n.loss, seed, n.stream), link)
+
+
+LINK = Element(
+    "command_link",
+    out=link_out,
+    step=link_step,
+    numbers=(Number("loss", (4,)), Number("holds", kind="i8"), Number("stream", kind="u8"), Number("h")),
+    tables=(Array("hover"),),
+    state=(Array("link"),),
+    allocates=True,
+)
+
+
+def first_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarray:
+    """Return the link's state at first: the chain is good, hover acts, nothing is in flight."""
+    start = np.zeros(_FLYING + settings.delay * _PACKET)
+    start[_HELD] = [hover_thrust, 0.0, 0.0, 0.0]
+    return start
+
+
+def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: float) -> Box:
+    """Return what carries the commands to the rotors: it reads them as they are sent, `control` (4).
+
+    It says which control acts, `applied` (4), and when the command was sent that arrives now, `stamp` (1).
+    """
+    numbers = {"loss": loss_parameters(settings.loss, h), "holds": settings.when_lost == "hold", "h": h}
+    numbers |= {"stream": stream_id("link/command")}
+    tables = {"hover": np.array([hover_thrust, 0.0, 0.0, 0.0])}
+    given = Given(numbers, start={"link": first_state(settings, hover_thrust)}, tables=tables)
+    parts = {"applied": (0, N_U), "stamp": (N_U, 1)}
+    return Box("command_link", LINK, N_U + 1, given, reads={"applied": "command_link.applied"}, parts=parts)
+
+
 # Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("CommandLink_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def CommandLink_(T: type) -> type:
@@ -153,9 +200,7 @@ def CommandLink_(T: type) -> type:
             self._control = self.DeclareVectorInputPort("control", N_U)
             self._unread = np.zeros(N_U)
             self._is_late = settings.delay > 0
-            start = np.zeros(_FLYING + settings.delay * _PACKET)
-            start[_HELD] = self._hover
-            self.DeclareDiscreteState(BasicVector_[T](start))
+            self.DeclareDiscreteState(BasicVector_[T](first_state(settings, vehicle.hover_thrust)))
             self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
             needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
             if tells:

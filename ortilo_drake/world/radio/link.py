@@ -218,18 +218,19 @@ def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
     return Box(f"{sensor}_link", BURSTY, 1, given.with_(Given(start={"bad": np.zeros(1)})))
 
 
-def delivery_box(sensor: str, message: Box, settings: Link, is_sent: bool = True) -> Box | None:
-    """Return what delivers a sensor's messages as its link says; None where each that is there lands at once.
+def is_late(settings: Link) -> bool:
+    """Return whether a message may land in a later tick."""
+    return settings.delay + settings.random_delay > 0
 
-    Args:
-        sensor: its name.
-        message: what says its messages.
-        settings: of its link.
-        is_sent: whether there is a message only where one is sent.
+
+def delivery_box(sensor: str, message: Box, settings: Link) -> Box:
+    """Return what delivers a sensor's messages as its link says.
+
+    Where none is late, and there is a message only where one is sent, nothing needs to.
     """
     most, reads = settings.delay + settings.random_delay, {"message": message.name, "delay": f"{sensor}_link"}
     if not most:
-        return None if is_sent else Box(f"{sensor}_delivered", SENT, message.size, reads=reads)
+        return Box(f"{sensor}_delivered", SENT, message.size, reads=reads)
     flying = np.tile(np.concatenate(([-1.0], np.zeros(message.size))), (most, 1))
     return Box(f"{sensor}_delivered", LATE, message.size, Given(start={"flying": flying}), reads=reads)
 

@@ -3,10 +3,14 @@
 A message holds the newest ACTS of them, so that what a lost message told stands in the next.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
 from ortilo_drake.model.vehicle import Vehicle
 
@@ -40,6 +44,46 @@ def acts_after(acts: np.ndarray, t: float, stamp: float, u: np.ndarray, h: float
     return after
 
 
+def first_acts(hover_thrust: float) -> np.ndarray:
+    """Return what acted before the first command (ACTS, 6): hover."""
+    return np.tile([-1.0, NO_COMMAND, hover_thrust, 0.0, 0.0, 0.0], (ACTS, 1))
+
+
+def report_out(n: Any, k: int, acts: np.ndarray, out: np.ndarray) -> None:
+    """Say what acted before tick k, a message (50)."""
+    out[ARRIVED], out[STAMP] = 1.0, k * n.h
+    for i in range(ACTS):
+        put(acts[i], out, PAYLOAD + i * ACT_SIZE)
+
+
+def report_step(n: Any, k: int, control: np.ndarray, stamp: np.ndarray, acts: np.ndarray) -> None:
+    """Take down what begins to act in tick k, see acts_after."""
+    after = acts_after(acts, k * n.h, stamp[0], control, n.h)
+    for i in range(ACTS):
+        put(after[i], acts[i])
+
+
+def now_out(n: Any, k: int, out: np.ndarray) -> None:
+    """Say the time of the tick [s] (1)."""
+    out[0] = k * n.h
+
+
+REPORT = Element(
+    "acted_report", out=report_out, step=report_step, numbers=(Number("h"),), state=(Array("acts", 2),), allocates=True
+)
+NOW = Element("now", out=now_out, numbers=(Number("h"),))
+
+
+def report_box(hover_thrust: float, h: float) -> Box:
+    """Return what tells which commands acted: it reads the control that acts (4) and when it was sent, `stamp` (1)."""
+    return Box("acted", REPORT, ACTED_SIZE, Given({"h": h}, start={"acts": first_acts(hover_thrust)}))
+
+
+def now_box(h: float) -> Box:
+    """Return what says the time of the tick, at which a command is sent that acts at once."""
+    return Box("now", NOW, 1, Given({"h": h}))
+
+
 class ActedReport(LeafSystem):
     """Tells which commands acted, and from when.
 
@@ -67,7 +111,7 @@ class ActedReport(LeafSystem):
         self._control = self.DeclareVectorInputPort("control", N_U)
         self._stamp = self.DeclareVectorInputPort("stamp", 1) if is_late else None
         self._mode = self.DeclareVectorInputPort("mode", 1) if has_failsafe else None
-        self._rows = self.DeclareDiscreteState(np.tile([-1.0, NO_COMMAND, vehicle.hover_thrust, 0.0, 0.0, 0.0], ACTS))
+        self._rows = self.DeclareDiscreteState(first_acts(vehicle.hover_thrust).ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         needs = {self.time_ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort("acted", ACTED_SIZE, self._calc_acted, prerequisites_of_calc=needs)
