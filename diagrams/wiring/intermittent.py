@@ -17,6 +17,7 @@ from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
@@ -138,5 +139,6 @@ def kalman_box(belief: Belief, its: Filtering, r_0: np.ndarray) -> Box:
     xbar_0, P_0 = initial_estimate(belief, r_0), initial_covariance(settings, its.extras)
     belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(its.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
     if its.replays:
-        return replay_box(model, its.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
+        replay = replay_box(model, its.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
+        return acted_box(replay) if belief.commands.filter == "acted" else replay
     return filter_box(model, its.seen, vehicle.hover_thrust, belief_0)

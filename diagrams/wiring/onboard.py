@@ -8,15 +8,13 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.wiring.intermittent import intermittent_boxes
 from ortilo_drake.diagrams.wiring.own_estimator import own_estimator_boxes
+from ortilo_drake.diagrams.wiring.servo import servo_boxes
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import Box, constant
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.planner.planned import start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.planner.table_player import reference_box
-from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
 from ortilo_drake.scenario import Scenario
 
 ESTIMATORS = {"intermittent": intermittent_boxes, "tight": tight_boxes}
@@ -35,18 +33,10 @@ def onboard_boxes(scenario: Scenario, room: Room, path: Trajectory, ticks: int, 
     make = ESTIMATORS.get(scenario.estimator.kind, own_estimator_boxes)
     estimator = make(scenario, room, start_of(path), messages)
     belief, knows_force = belief_in(estimator), any(box.name == "known" for box in estimator)
-    servo = servo_box(
-        servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw),
-        scenario.vehicle.mass,
-        scenario.servo,
-    )
     boxes = [*estimator, reference_box(reference_table(path, ticks, scenario.h))]
     if not knows_force:
         boxes.append(constant("no_force", np.zeros(3)))
-    if scenario.lends_velocities:
-        boxes.append(Box("lent", LENT, N_XBAR).reading(belief=belief, state="plant"))
-        belief = "lent"
-    return [*boxes, servo.reading(belief=belief, force="known.force" if knows_force else "no_force")]
+    return [*boxes, *servo_boxes(scenario, belief, "known.force" if knows_force else "no_force")]
 
 
 def belief_in(boxes: list[Box]) -> str:

@@ -78,9 +78,7 @@ def deaf_step(n: Any, k: int, control: np.ndarray, sent: np.ndarray) -> None:
     keep_command(control, k * n.h, sent)
 
 
-def log_out(
-    n: Any, acted: np.ndarray, sent: np.ndarray, acts: np.ndarray, heard: np.ndarray, out: np.ndarray
-) -> None:
+def log_out(n: Any, acted: np.ndarray, sent: np.ndarray, acts: np.ndarray, heard: np.ndarray, out: np.ndarray) -> None:
     """Say the timeline, by the report that landed in this tick and those before."""
     say_timeline(n, with_report(acts, acted), heard_until(heard[0], acted), sent, out)
 
@@ -124,7 +122,8 @@ def command_log_box(scenario: Belief) -> Box:
     if commands.are_reported:
         given = Given(numbers, start={"sent": sent, "acts": acts, "heard": np.array([NONE])})
         return Box("command_log", LOG, timeline_size(ticks), given)
-    return Box("command_log", DEAF_LOG, timeline_size(ticks), Given(numbers, start={"sent": sent}, tables={"acts": acts}))
+    given = Given(numbers, start={"sent": sent}, tables={"acts": acts})
+    return Box("command_log", DEAF_LOG, timeline_size(ticks), given)
 
 
 class CommandLog(LeafSystem):

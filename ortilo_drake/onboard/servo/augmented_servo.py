@@ -3,15 +3,57 @@
 from typing import Any
 
 import numpy as np
+from numba import njit
+from numba.extending import register_jitable
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.model.triples import Four, Triple
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.servo.augmented_gain import delayed_gain
-from ortilo_drake.onboard.servo.lq_servo import command, servo_control
+from ortilo_drake.onboard.servo.lq_servo import command
 from ortilo_drake.scenario import LqServo
+
+
+@register_jitable
+def augmented_command(
+    xbar: np.ndarray,
+    reference: np.ndarray,
+    before: np.ndarray,
+    L_x: np.ndarray,
+    L_u: np.ndarray,
+    mass: float,
+    yaw: float,
+    error_form: bool,
+    force: np.ndarray | Triple | None,
+) -> Four:
+    """Return u_k; before is [u_{k-1}; ...; u_{k-d}] (4 d), all else as servo_control's."""
+    at_rest, not_at_all = np.zeros(N_XBAR), np.zeros((N_U, N_XBAR))
+    u_r = command(at_rest, reference, not_at_all, mass, yaw, error_form, force)
+    u = command(xbar, reference, L_x, mass, yaw, error_form, force)
+    less = np.zeros(N_U)
+    for i in range(N_U):
+        for j in range(before.size):
+            less[i] += L_u[i, j] * (before[j] - u_r[j % N_U])
+    return u[0] - less[0], u[1] - less[1], u[2] - less[2], u[3] - less[3]
+
+
+@njit(cache=True)
+def augmented_control(
+    xbar: np.ndarray,
+    reference: np.ndarray,
+    before: np.ndarray,
+    L_x: np.ndarray,
+    L_u: np.ndarray,
+    mass: float,
+    yaw: float,
+    error_form: bool,
+    force: np.ndarray | None = None,
+) -> np.ndarray:
+    """Return u_k of augmented_command (4); arguments as there."""
+    return np.array(augmented_command(xbar, reference, before, L_x, L_u, mass, yaw, error_form, force))
 
 
 def augmented_out(
@@ -20,21 +62,13 @@ def augmented_out(
     force: np.ndarray,
     reference: np.ndarray,
     before: np.ndarray,
-    L: np.ndarray,
+    L_x: np.ndarray,
     L_u: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say u_k."""
-    d, acts = (force[0], force[1], force[2]), n.error_form != 0
-    nothing = np.zeros(N_XBAR)
-    resting = command(nothing, reference, np.zeros_like(L), n.mass, n.yaw, acts, d)
-    u = command(belief, reference, L, n.mass, n.yaw, acts, d)
-    on_the_way = before.copy()
-    for i in range(before.size):
-        on_the_way[i] -= resting[i % N_U]
-    less = L_u @ on_the_way
-    for i in range(N_U):
-        out[i] = u[i] - less[i]
+    """Say u_k of augmented_command (4)."""
+    d = (force[0], force[1], force[2])
+    put(augmented_command(belief, reference, before, L_x, L_u, n.mass, n.yaw, n.error_form != 0, d), out)
 
 
 def augmented_step(control: np.ndarray, before: np.ndarray) -> None:
@@ -49,7 +83,7 @@ AUGMENTED = Element(
     out=augmented_out,
     step=augmented_step,
     numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
-    tables=(Array("L", 2), Array("L_u", 2)),
+    tables=(Array("L_x", 2), Array("L_u", 2)),
     state=(Array("before"),),
     allocates=True,
 )
@@ -60,7 +94,7 @@ def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: fl
     L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
     numbers = {"mass": vehicle.mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     hover = np.tile([vehicle.hover_thrust, 0.0, 0.0, 0.0], (L.shape[1] - N_XBAR) // N_U)
-    given = Given(numbers, start={"before": hover}, tables={"L": L[:, :N_XBAR], "L_u": L[:, N_XBAR:]})
+    given = Given(numbers, start={"before": hover}, tables={"L_x": L[:, :N_XBAR], "L_u": L[:, N_XBAR:]})
     return Box("servo", AUGMENTED, N_U, given, reads={"control": "servo"})
 
 
@@ -86,9 +120,9 @@ class AugmentedServo(LeafSystem):
         super().__init__()
         self.set_name("augmented_servo")
         L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
-        self._L_x, self._L_u = np.ascontiguousarray(L[:, :N_XBAR]), L[:, N_XBAR:]
-        self._law = self._L_x, vehicle.mass, settings.yaw, settings.form == "error"
-        d = self._L_u.shape[1] // N_U
+        L_x, L_u = np.ascontiguousarray(L[:, :N_XBAR]), np.ascontiguousarray(L[:, N_XBAR:])
+        self._law = L_x, L_u, vehicle.mass, settings.yaw, settings.form == "error"
+        d = L_u.shape[1] // N_U
         self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
         self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
         self._force = self.DeclareVectorInputPort("force", N_I) if takes_force else None
@@ -101,10 +135,8 @@ class AugmentedServo(LeafSystem):
     def _calc_control(self, context: Context, output: BasicVector) -> None:
         reference = self._reference.Eval(context)
         known = () if self._force is None else (self._force.Eval(context),)
-        resting = servo_control(np.zeros(N_XBAR), reference, np.zeros_like(self._L_x), *self._law[1:], *known)
-        on_the_way = context.get_discrete_state_vector().value().reshape(-1, N_U) - resting
-        u = servo_control(self._estimate.Eval(context), reference, *self._law, *known)
-        output.set_value(u - self._L_u @ on_the_way.ravel())
+        before = context.get_discrete_state_vector().value()
+        output.set_value(augmented_control(self._estimate.Eval(context), reference, before, *self._law, *known))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         before = context.get_discrete_state_vector().value()

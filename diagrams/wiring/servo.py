@@ -1,0 +1,37 @@
+"""The boxes of the servo, and of what it knows of the way of its commands to the rotors."""
+
+from ortilo_drake.loop.element import Box
+from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.commands.command_log import command_log_box
+from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
+from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
+from ortilo_drake.scenario import Scenario
+
+
+def servo_boxes(scenario: Scenario, belief: str, force: str) -> list[Box]:
+    """Return the servo, `servo`, with what it acts on.
+
+    Args:
+        scenario: the scenario.
+        belief: the box that says the belief of [x; i].
+        force: the box that says the force that is believed to act.
+    """
+    commands, vehicle, boxes = scenario.commands, scenario.vehicle, list[Box]()
+    reference = "reference"
+    if commands.are_kept:
+        boxes.append(command_log_box(scenario).reading(control="servo", acted="acted_delivered"))
+    if commands.servo == "predicted":
+        ahead = state_ahead_box(vehicle, scenario.h, scenario.yaw)
+        boxes.append(ahead.reading(belief=belief, force=force, timeline="command_log"))
+        belief, reference = "state_ahead.belief", "state_ahead.reference"
+    if scenario.lends_velocities:
+        boxes.append(Box("lent", LENT, N_XBAR).reading(belief=belief, state="plant"))
+        belief = "lent"
+    if commands.servo == "augmented":
+        servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
+    else:
+        gain = servo_gain(vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+        servo = servo_box(gain, vehicle.mass, scenario.servo)
+    return [*boxes, servo.reading(belief=belief, force=force, reference=reference)]
