@@ -1,6 +1,13 @@
 """The wiring of a scenario: which boxes fly, and which reads which. Every player is made of it.
 
-whole.py     world and onboard half in one wiring
-world.py     the vehicle, its sensors and their links
-onboard.py   fixes, handler, filter, servo and planner
+whole.py           world and onboard half in one wiring
+truth.py           how the world of one seed differs
+world.py           the sensors and their links
+vehicle.py         the vehicle and what acts on it
+onboard.py         an estimator, the servo and the planner
+intermittent.py    the paper's estimator
+fixes.py           what makes fixes of messages
+tight.py           the tight filter
+servo.py           the servo and what it reckons with
+own_estimator.py   an estimator of one's own
 """

@@ -5,7 +5,7 @@ from ortilo_drake.diagrams.wiring.onboard import belief_in, onboard_boxes
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.onboard.planner.planned import path_of
-from ortilo_drake.scenario import IntermittentFilter, Scenario
+from ortilo_drake.scenario import Scenario
 
 __all__ = ["belief_in", "boxes_of", "missing", "signals_of"]
 
@@ -32,5 +32,4 @@ def signals_of(boxes: list[Box]) -> dict[str, str]:
 
 def missing(scenario: Scenario) -> str | None:
     """Return which box of a scenario is no element yet, None where all are."""
-    settings = scenario.estimator
-    return None if isinstance(settings, IntermittentFilter) else f"estimator.kind: {settings.kind}"
+    return None
