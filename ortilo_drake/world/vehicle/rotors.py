@@ -47,11 +47,22 @@ def commanded_speeds(u: np.ndarray, M_inverse: np.ndarray, max_speed: float) -> 
     return np.minimum(np.sqrt(np.maximum(squared, nothing)), max_speed)
 
 
+@register_jitable
+def put_acceleration(
+    acceleration: np.ndarray, speeds: np.ndarray, commanded: np.ndarray, time_constant: np.ndarray
+) -> None:
+    """Write the first-order lag (commanded - speed) / tau, tau by whether the rotor speeds up or slows down."""
+    for i in range(speeds.size):
+        error = commanded[i] - speeds[i]
+        acceleration[i] = error / (time_constant[0] if error >= 0.0 else time_constant[1])
+
+
 @njit(cache=True)
 def rotor_acceleration(speeds: np.ndarray, commanded: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
-    """Return the first-order lag (commanded - speed) / tau, tau by whether the rotor speeds up or slows down."""
-    error = commanded - speeds
-    return error / np.where(error >= 0.0, time_constant[0], time_constant[1])
+    """Return the lag of put_acceleration (n)."""
+    acceleration = np.empty_like(speeds)
+    put_acceleration(acceleration, speeds, commanded, time_constant)
+    return acceleration
 
 
 @njit(cache=True)

@@ -1,0 +1,152 @@
+"""The continuous vehicle as elements of the loop, see continuous.py."""
+
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.equations import KINEMATICS
+from ortilo_drake.model.placing import put
+from ortilo_drake.model.signals import N_U, N_X
+from ortilo_drake.model.vehicle import mixing_inverse, mixing_matrix
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.faults.table import TABLES, FaultTable
+from ortilo_drake.world.faults.vehicle_faults import wrench_table
+from ortilo_drake.world.vehicle.continuous import PASSED, Physics, integrate, put_control, put_felt, steps_a_tick
+from ortilo_drake.world.vehicle.rotors import commanded_speeds
+
+
+def continuous_step(
+    n: Any,
+    k: int,
+    body: np.ndarray,
+    control: np.ndarray,
+    disturbance: np.ndarray,
+    wrench: np.ndarray,
+    mixing: np.ndarray,
+    unmixing: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    rates: np.ndarray,
+    u: np.ndarray,
+    room: np.ndarray,
+) -> None:
+    """Go on by a tick under held u and d; keep what was passed at the instants in between that divide it evenly."""
+    faults = FaultTable(kinds, starts, ends, streams, first, values)
+    physics = Physics(n.mass, n.inertia, n.kinematics, n.longest_step, n.time_constant, wrench, mixing, faults)
+    size = N_X + mixing.shape[1]
+    state, passed = body[:size], body[size:]
+    commanded = commanded_speeds(control, unmixing, n.max_speed) if size > N_X else control
+    parts = passed.size // PASSED + 1
+    start = k * n.h
+    for i in range(1, parts):
+        time = n.h * (i / parts) + k * n.h
+        integrate(physics, state, commanded, control, disturbance, start, time, rates, u, room)
+        put_control(physics, state, control, time, u, room)
+        put(state[:N_X], passed, (i - 1) * PASSED)
+        put(u, passed, (i - 1) * PASSED + N_X)
+        start = time
+    integrate(physics, state, commanded, control, disturbance, start, (k + 1) * n.h, rates, u, room)
+
+
+def plant_out(body: np.ndarray, out: np.ndarray) -> None:
+    """Say the true state (12)."""
+    put(body, out)
+
+
+def felt_out(
+    n: Any,
+    k: int,
+    speeds: np.ndarray,
+    wrench: np.ndarray,
+    mixing: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    room: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say u as it acts on the body (4), as the rotors make it."""
+    faults = FaultTable(kinds, starts, ends, streams, first, values)
+    put_felt(out, speeds, wrench, mixing, faults, k * n.h, room)
+
+
+CONTINUOUS = Element(
+    "continuous_plant",
+    step=continuous_step,
+    numbers=(
+        Number("mass"),
+        Number("inertia", (3,)),
+        Number("kinematics", kind="i8"),
+        Number("longest_step"),
+        Number("max_speed"),
+        Number("time_constant", (2,)),
+        Number("h"),
+    ),
+    tables=(Array("wrench", 2), Array("mixing", 2), Array("unmixing", 2), *TABLES),
+    state=(Array("body"),),
+    work=(Array("rates", 2), Array("u"), Array("room")),
+    shows="body",
+    allocates=True,
+)
+STATE = Element("plant_state", out=plant_out)
+ROTORS_FELT = Element(
+    "rotors_felt",
+    out=felt_out,
+    numbers=(Number("h"),),
+    tables=(Array("wrench", 2), Array("mixing", 2), *TABLES),
+    work=(Array("room"),),
+    allocates=True,
+)
+
+
+def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: bool) -> list[Box]:
+    """Return the continuous plant: it reads the control (4) and the disturbance (6), and says x (12), `plant`.
+
+    The control is what acts on the body; of rotors with dynamics it is what is commanded, and `rotors_felt`, if it is
+    asked for, says what acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first.
+
+    Args:
+        scenario: the scenario.
+        x_0: state at the start (12).
+        samples: of the fastest sensor in a tick.
+        feels: whether it is asked for what acts on the body.
+    """
+    vehicle, h = scenario.vehicle, scenario.h
+    has_rotors = scenario.world.rotors.kind == "first_order"
+    M, M_inverse, speeds = np.zeros((N_U, 0)), np.zeros((0, N_U)), np.zeros(0)
+    if has_rotors:
+        M, M_inverse = mixing_matrix(vehicle), np.ascontiguousarray(mixing_inverse(vehicle))
+        speeds = np.array(vehicle.hover_rotor_speeds, dtype=float)
+    numbers = {
+        "mass": vehicle.mass,
+        "inertia": vehicle.inertia,
+        "kinematics": KINEMATICS.index(scenario.world.kinematics),
+        "longest_step": h / steps_a_tick(scenario),
+        "max_speed": vehicle.rotor_max_speed,
+        "time_constant": vehicle.rotor_time_constant,
+        "h": h,
+    }
+    faults = wrench_table(scenario.faults if has_rotors else (), vehicle)
+    tables = {"wrench": np.eye(N_U), "mixing": M, **faults._asdict()}
+    passed = np.zeros((samples - 1) * PASSED)
+    body = np.concatenate((x_0, speeds, passed))
+    parts = {"x": (0, N_X), "speeds": (N_X, speeds.size), "passed": (N_X + speeds.size, passed.size)}
+    given = Given(numbers, start={"body": body}, tables=tables | {"unmixing": M_inverse})
+    work = {"rates": (4, N_X + speeds.size), "u": (N_U,), "room": (speeds.size + N_U,)}
+    boxes = [
+        Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts),
+        Box("plant", STATE, N_X, reads={"body": "vehicle.x"}),
+    ]
+    if has_rotors and feels:
+        felt = Given({"h": h}, tables=tables)
+        room = {"room": work["room"]}
+        boxes.append(Box("rotors_felt", ROTORS_FELT, N_U, felt, room, reads={"speeds": "vehicle.speeds"}))
+    return boxes
