@@ -34,7 +34,7 @@ SENSORS = {
 HOVER = "planner={kind: hover, point: [9.0, 0.5, 1.5], duration: %g}"
 FLY = """
 import json, resource, sys, time
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.scenario import load_scenario
 flights, threads, name, *changes = json.loads(sys.argv[1])
 engine = Engine(load_scenario(name, ("settle=0.0", *changes)))

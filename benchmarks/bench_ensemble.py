@@ -21,7 +21,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.scenario import load_scenario
 
 PROJECTED = "camera.kind=projected"
@@ -38,7 +38,7 @@ SCENARIOS = {
 }
 FIRST_FLIGHT = """
 import sys, time
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.scenario import load_scenario
 engine = Engine(load_scenario(sys.argv[1], tuple(sys.argv[2:])))
 start = time.perf_counter()

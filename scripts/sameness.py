@@ -14,11 +14,11 @@ import sys
 import numpy as np
 from scipy.stats import ks_2samp
 
-from ortilo_drake.flight.compiled.engine import Engine
-from ortilo_drake.flight.compiled.prepare import why_not
-from ortilo_drake.flight.compiled.sameness import apart
+from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.sameness import apart
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
 COMPARED = ("mse_x", "mse_y", "mse_z", "path_distance_mse", "max_reference_distance", "nees")

@@ -14,7 +14,7 @@ import numpy as np
 from command_line import run
 from made_up_motion import TABLE_MAP, made_up, write_tables
 
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model

@@ -1,13 +1,17 @@
 """World and onboard half of a scenario in one wiring."""
 
+from typing import Any
+
 from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.wiring.onboard import belief_in, onboard_boxes
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.loop.element import Box
+from ortilo_drake.model.parts import CompiledEstimator, find_part
+from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.onboard.planner.planned import path_of
-from ortilo_drake.scenario import Scenario
-
-__all__ = ["belief_in", "boxes_of", "missing", "signals_of"]
+from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario
+from ortilo_drake.scenario.tight import TightFilter
+from ortilo_drake.sensors.described import described
 
 
 def boxes_of(scenario: Scenario, ticks: int) -> list[Box]:
@@ -30,6 +34,37 @@ def signals_of(boxes: list[Box]) -> dict[str, str]:
     return signals | {name: f"{weighed}.{name}" for name in ("y", "delta", "V2")}
 
 
-def missing(scenario: Scenario) -> str | None:
-    """Return which box of a scenario is no element yet, None where all are."""
+def why_not(scenario: Scenario) -> str | None:
+    """Return which part of a scenario is no element, naming the field; None where all are, and it can be played."""
+    settings, others = scenario.estimator, own_sensors(scenario)
+    is_tight = isinstance(settings, TightFilter)
+    own = [name for name in others if described(name).compiled is None]
+    if own:
+        return f"sensors: {own[0]}: has no compiled form"
+    if others and not isinstance(settings, IntermittentFilter):
+        return f"sensors: {others[0]}: has no compiled form with estimator.kind {settings.kind}"
+    faster = [name for name in scenario.faster_sensors if not (is_tight and name == "imu")]
+    if faster:
+        return f"{faster[0]}.link.rate: is faster than the tick"
+    if not (is_tight or isinstance(settings, IntermittentFilter) or compiled_estimator(settings)):
+        return f"estimator.kind: {settings.kind}: has no compiled form"
+    if scenario.is_rendered:
+        return "camera.kind: rendered: has no compiled form"
+    if "camera" in scenario.sensors and not is_tight and scenario.landmark_fix.method == "pnp":  # it is OpenCV's
+        return f"landmark_fix.method: {scenario.landmark_fix.method}: has no compiled form"
+    if not isinstance(scenario.servo, LqServo):
+        return f"servo.kind: {scenario.servo.kind}: has no compiled form"
+    if scenario.commands != Commands() or scenario.command_link != CommandLink():
+        return "command_link, commands: late or lost commands have no compiled form"
     return None
+
+
+def own_sensors(scenario: Scenario) -> list[str]:
+    """Return the sensors that fly beside uwb, camera and imu, in their order in the measurement."""
+    return [name for name in scenario.measurement.sensors if name in scenario.sensors and name not in SENSORS]
+
+
+def compiled_estimator(settings: Any) -> CompiledEstimator | None:
+    """Return the compiled share of an estimator of one's own, by its settings; None if it has none."""
+    found = find_part("estimator", settings.kind)
+    return None if found is None else found.compiled

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.flight.compiled.figures import NEES, TRACE_SIZE, position_nees
+from ortilo_drake.flight.figures import NEES, TRACE_SIZE, position_nees
 from ortilo_drake.flight.lost import Bounds, cause_of_loss
 from ortilo_drake.loop.element import Array, Box, Element, Given
 from ortilo_drake.model.signals import N_XBAR
@@ -16,7 +16,7 @@ def figures_out(
     walls: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say a row of flight/compiled/figures.py, and the cause of the flight's loss, see lost.CAUSES (8)."""
+    """Say a row of flight/figures.py, and the cause of the flight's loss, see lost.CAUSES (8)."""
     for i in range(3):
         out[i], out[3 + i] = state[i], belief[i]
     out[NEES] = position_nees(state, belief, belief[N_XBAR:])

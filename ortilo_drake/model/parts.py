@@ -29,7 +29,7 @@ KINDS: Final = ("estimator", "servo", "planner")
 
 @dataclass(frozen=True)
 class Compiled:
-    """A sensor's share in compiled flights (flight/compiled): functions compiled by numba, and the numbers they take.
+    """A sensor's share in compiled flights (diagrams/wiring): functions compiled by numba, and the numbers they take.
 
     Attributes:
         numbers: (scenario, room) -> NamedTuple of floats and arrays, of a class that is this sensor's alone.
@@ -89,7 +89,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class CompiledEstimator:
-    """An estimator's share in compiled flights (flight/compiled): functions compiled by numba.njit, and their numbers.
+    """An estimator's share in compiled flights (diagrams/wiring): functions compiled by numba.njit, and their numbers.
 
     It is one of the vehicle's twelve states, and a tick is: known, then step.
 

@@ -8,10 +8,10 @@ from numba import njit
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 import ortilo_drake as od
-from ortilo_drake.flight.compiled.engine import Engine
-from ortilo_drake.flight.compiled.prepare import why_not
-from ortilo_drake.flight.compiled.sameness import apart
+from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.sameness import apart
 from ortilo_drake.model import parts
 from ortilo_drake.model.equations import euler_rates, rotation
 from ortilo_drake.scenario import load_scenario, with_seed

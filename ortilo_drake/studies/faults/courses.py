@@ -1,6 +1,6 @@
 """The course of the filter's error through a flight, in half seconds: all that the study keeps of it.
 
-The compiled engine flies what it can (flight/compiled), Drake the rest; of the same flights the courses are the same.
+The compiled engine flies what it can (flight/engine.py), Drake the rest; of the same flights the courses are the same.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.compiled.engine import Engine, engine_of
-from ortilo_drake.flight.compiled.figures import ESTIMATED, NEES, TRUE, nees_of_ticks
-from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.engine import Engine, engine_of
 from ortilo_drake.flight.ensemble import simulator_of
+from ortilo_drake.flight.figures import ESTIMATED, NEES, TRUE, nees_of_ticks
 from ortilo_drake.flight.kept import AT_ONCE, fly_kept
 from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.flight.store import Amount, Count, Error

@@ -69,7 +69,7 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
 
 
 def _may_be(name: str, values: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Return which values (n) a figure may have, see flight/compiled/figures.py."""
+    """Return which values (n) a figure may have, see flight/figures.py."""
     if name == "cause":
         return np.isin(values, range(NOT_LOST, len(CAUSES)))
     if name == "ticks" or name.startswith(("arrived_", "due_")):

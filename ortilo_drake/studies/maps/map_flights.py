@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
-from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.ensemble import flight_folder, fly_many
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers, run_all

@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.compiled.engine import engine_of
-from ortilo_drake.flight.compiled.figures import ESTIMATED, FIGURES, NEES, TRACE_SIZE, TRUE, figures_of
+from ortilo_drake.flight.engine import engine_of
 from ortilo_drake.flight.ensemble import simulator_of
+from ortilo_drake.flight.figures import ESTIMATED, FIGURES, NEES, TRACE_SIZE, TRUE, figures_of
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST
 from ortilo_drake.flight.metrics import loss_of, position_nees
@@ -13,7 +13,7 @@ from ortilo_drake.scenario import Scenario
 
 
 def columns_of(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the figures of a flight: those of the engine, see flight/compiled/engine.py."""
+    """Return the names of the figures of a flight: those of the engine, see flight/engine.py."""
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
     return (*FIGURES, *(f"{what}_{sensor}" for sensor in flying for what in ("arrived", "due")))
 

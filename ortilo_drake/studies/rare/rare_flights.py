@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 from scipy import stats
 
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.ensemble import flight_folder
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json

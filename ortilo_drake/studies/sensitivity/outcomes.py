@@ -1,7 +1,7 @@
 """Flights of which only losses and the filter's errors are kept: a study flies hundreds, and a flight takes megabytes.
 
 A flight's whole summary, with its Cramer-Rao floor, takes 50 times as long, a fifth of a quick flight. The compiled
-engine flies what it can (flight/compiled), Drake the rest.
+engine flies what it can (flight/engine.py), Drake the rest.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.compiled.engine import Engine, engine_of
-from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.engine import Engine, engine_of
 from ortilo_drake.flight.ensemble import simulator_of
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.kept import AT_ONCE, fly_kept

@@ -25,10 +25,10 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.compiled.engine import engine_of
-from ortilo_drake.flight.compiled.figures import TRUE
-from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.engine import engine_of
 from ortilo_drake.flight.ensemble import flight_file, fly_many
+from ortilo_drake.flight.figures import TRUE
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.typed_yaml import InputError

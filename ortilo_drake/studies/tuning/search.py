@@ -16,7 +16,7 @@ import cma
 import numpy as np
 from scipy import stats
 
-from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.scenario import Scenario, load_scenario

@@ -9,7 +9,7 @@ import pytest
 from command_line import run
 from scipy.stats import binomtest, chi
 
-from ortilo_drake.flight.compiled.engine import Engine
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed

@@ -7,13 +7,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.diagrams.wiring.whole import missing
-from ortilo_drake.flight.compiled.assembled import Assembled
-from ortilo_drake.flight.compiled.figures import FIGURES, TRACE_SIZE, TRUE, figures_of
-from ortilo_drake.flight.compiled.played import Played
-from ortilo_drake.flight.compiled.prepare import why_not
+from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.figures import FIGURES, TRACE_SIZE, TRUE, figures_of
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
+from ortilo_drake.flight.played import Played
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.world.drawn_truth import AtStart, of_seed
@@ -22,7 +20,7 @@ NO_LOG = np.zeros((0, 0))
 
 
 class Engine:
-    """A scenario's flights as one compiled loop.
+    """A scenario's flights, played from its wiring by compiled code.
 
     A flight is that of flight.flight.FlightSimulator: the same functions on the same noise, in the same order. It
     depends on its scenario and seed alone, not on what flies beside it or on which thread.
@@ -35,7 +33,7 @@ class Engine:
             values reached the filter and how many were due.
 
     Raises:
-        InputError: if the scenario has a part that is not compiled, see prepare.why_not, or cannot be flown.
+        InputError: if a part of the scenario is no element, see why_not, or if it cannot be flown.
     """
 
     def __init__(self, scenario: Scenario):
@@ -43,7 +41,7 @@ class Engine:
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")
         self._scenario = scenario
-        self._flights = Played(scenario) if missing(scenario) is None else Assembled(scenario)
+        self._flights = Played(scenario)
         self._ticks = self._flights.ticks
         self._sensors = scenario.measurement.sensors
         counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]

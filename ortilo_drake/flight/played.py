@@ -6,7 +6,7 @@ import numpy as np
 
 from ortilo_drake.diagrams.wiring.truth import drawn_of, normals_at_start
 from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of
-from ortilo_drake.flight.compiled.figures import TRACE_SIZE
+from ortilo_drake.flight.figures import TRACE_SIZE
 from ortilo_drake.flight.figures_element import figures_box
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import bounds_of
