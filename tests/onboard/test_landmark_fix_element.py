@@ -38,17 +38,17 @@ def belief(away: tuple[float, float, float] = (0.0, 0.0, 0.0), position_sd: floa
 @pytest.mark.parametrize("method", ELEMENTS)
 def test_the_fix_of_boxes_is_where_they_were_seen_from(method: str) -> None:
     its, where = fix(method), VALUES.get(method, [0, 1, 2])
-    found = its.say(camera=seen_from(EXACT), belief=belief((0.1, -0.05, 0.05)))
+    found = its.say(message=seen_from(EXACT), belief=belief((0.1, -0.05, 0.05)))
     assert (found[ARRIVED], found[STAMP]) == (1.0, 0.4)
     np.testing.assert_allclose(found[PAYLOAD : PAYLOAD + len(where)], np.array(EXACT)[where], atol=1e-5)
-    assert not its.say(camera=NOTHING, belief=belief()).any()
+    assert not its.say(message=NOTHING, belief=belief()).any()
 
 
 def test_a_prior_stands_in_for_the_covariance() -> None:
     sure = np.concatenate((state(), np.zeros(225)))
     prior = (0.1, 0.004)
-    found = fix("known_attitude", prior_sd=prior).say(camera=seen_from(EXACT), belief=sure)
-    plain = fix("known_attitude").say(camera=seen_from(EXACT), belief=belief())
+    found = fix("known_attitude", prior_sd=prior).say(message=seen_from(EXACT), belief=sure)
+    plain = fix("known_attitude").say(message=seen_from(EXACT), belief=belief())
     np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)  # covariance() is that of the prior
 
 
@@ -57,22 +57,22 @@ def test_refused_images_are_counted_until_the_estimate_is_found_again() -> None:
     its, away, there = fix("pose", center_sd=1.0, joint=0.999), belief((0.0, 0.4, 0.0), position_sd=0.05), []
     expected = 0.0
     for _ in range(DOUBLINGS + 2):
-        found = its.say(camera=seen_from(EXACT), belief=away)
+        found = its.say(message=seen_from(EXACT), belief=away)
         there.append(found[ARRIVED] == 1.0)
-        its.step(camera=seen_from(EXACT), belief=away)
+        its.step(message=seen_from(EXACT), belief=away)
         expected += -1.0 if there[-1] else 1.0
         assert its.state["refused"][0] == expected
     assert not there[0]
     assert any(there)
     its.state["refused"][0] = DOUBLINGS
-    found = its.say(camera=seen_from(EXACT), belief=away)
+    found = its.say(message=seen_from(EXACT), belief=away)
     np.testing.assert_allclose(found[PAYLOAD : PAYLOAD + 3], EXACT[:3], atol=1e-3)
-    its.step(camera=NOTHING, belief=away)
+    its.step(message=NOTHING, belief=away)
     assert its.state["refused"][0] == DOUBLINGS
 
 
 def test_without_the_joint_test_no_image_is_counted() -> None:
     its, away = fix("pose", center_sd=1.0), belief((0.0, 0.4, 0.0), position_sd=0.05)
-    assert not its.say(camera=seen_from(EXACT), belief=away).any()
-    its.step(camera=seen_from(EXACT), belief=away)
+    assert not its.say(message=seen_from(EXACT), belief=away).any()
+    its.step(message=seen_from(EXACT), belief=away)
     assert its.state["refused"][0] == 0.0
