@@ -37,11 +37,13 @@ class Played:
         figures = figures.reading(state=self._signals["state"], belief=self._signals["belief"])
         self.wiring = Wiring([*boxes, figures])
         self._player = Player(self.wiring, ("figures", self._signals["delta"]), "figures")
+        self._sensors = scenario.measurement.sizes["delta"]
         self.reference = self.wiring.boxes["reference"].given.tables["path"][:, :3]
 
     @cached_property
     def _logger(self) -> Player:
-        return Player(self.wiring, ("figures", *(self._signals[name] for name in _LOGGED)), "figures")
+        names = ("delta", *_LOGGED)
+        return Player(self.wiring, ("figures", *(self._signals[name] for name in names)), "figures")
 
     def fly(
         self, seeds: np.ndarray, draw: AtStart, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
@@ -59,15 +61,11 @@ class Played:
         player = self._logger if log.shape[0] else self._player
         rows = np.empty((self.ticks + 1, player.width))
         last = player.fly(seeds, rows, drawn_of(self.wiring, self._scenario, self._room, draw))
-        flown, after = rows[: last + 1], TRACE_SIZE + 1
+        flown, logged = rows[: last + 1], TRACE_SIZE + 1 + self._sensors
         trace[: last + 1] = flown[:, :TRACE_SIZE]
+        arrived[:] = np.sum(flown[:, TRACE_SIZE + 1 : logged], axis=0)
         if log.shape[0]:
-            log[: last + 1] = flown[:, after:]
-            y, delta = (self._scenario.measurement.sizes[name] for name in ("y", "delta"))
-            after += 16 + y
-            arrived[:] = np.sum(flown[:, after : after + delta], axis=0)
-        else:
-            arrived[:] = np.sum(flown[:, after:], axis=0)
+            log[: last + 1] = flown[:, logged:]
         return last, int(rows[last, TRACE_SIZE])
 
     def normals_at_start(self) -> dict[str, int]:

@@ -4,6 +4,8 @@ element.py   an element: one box of the block diagram, as two small functions
 wiring.py    which box reads which, and the order of a tick that follows
 digest.py    what a compiled function is made of
 native.py    an element's functions as compiled code with a C interface
+addresses.py  arrays and records at an address, for that code
+shares.py     elements made of functions that take a NamedTuple, as anyone's sensors have them
 source.py    a tick of a wiring as straight-line source text
 player.py    flights of a wiring, compiled
 """

@@ -8,7 +8,7 @@ from ortilo_drake.loop.digest import digest_of
 from ortilo_drake.loop.element import Given
 from ortilo_drake.loop.native import load
 from ortilo_drake.loop.source import Places, flight_text, places_of
-from ortilo_drake.loop.wiring import Wire, Wiring
+from ortilo_drake.loop.wiring import Wiring
 
 _KINDS = {"f8": np.float64, "i8": np.int64, "u8": np.uint64, "b1": np.bool_}
 NOTHING: dict[str, Given] = {}
@@ -28,12 +28,11 @@ class Player:
 
     def __init__(self, wiring: Wiring, recorded: tuple[str, ...], ends: str):
         self.wiring, self._places = wiring, places_of(wiring)
-        wires = [wire_of(wiring, name) for name in recorded]
+        wires = [wiring.wire(name, "recorded") for name in recorded]
         self.width = sum(wire.size for wire in wires)
         self.text = flight_text(wiring, self._places, wires, ends)
         self._fly: Any = load(f"flight_{digest_of(self.text)}", self.text, {}).fly
-        self._given = {name: box.given for name, box in wiring.boxes.items()}
-        self._memory = Memory(wiring, self._places, self._given)
+        self._memory = Memory(wiring, self._places)
 
     def fly(self, seeds: np.ndarray, trace: np.ndarray, drawn: dict[str, Given] = NOTHING) -> int:
         """Fly once; write a row for each tick, and return the last tick.
@@ -54,13 +53,6 @@ class Player:
         return int(self._fly(memory.N, memory.S, memory.W, memory.Y, memory.T, seeds, trace))
 
 
-def wire_of(wiring: Wiring, said: str) -> Wire:
-    """Return what a name, "box" or "box.part", stands for."""
-    name, _, part = said.partition(".")
-    box = wiring.boxes[name]
-    return Wire(name, *(box.parts[part] if part else (0, box.size)))
-
-
 class Memory:
     """All that one flight of a wiring reads and writes.
 
@@ -72,14 +64,14 @@ class Memory:
         T: address and shape of each table.
     """
 
-    def __init__(self, wiring: Wiring, places: Places, given: dict[str, Given] = NOTHING):
+    def __init__(self, wiring: Wiring, places: Places):
         self._wiring, self._places = wiring, places
         numbers, states, work, said, tables = places.sizes
         self.N, self.S, self.T = np.zeros(numbers, np.uint8), np.zeros(states), np.zeros(tables, np.int64)
         self._sizes, self._kept = (work, said), dict[tuple[str, str], np.ndarray]()
         self.W, self.Y = np.zeros(work), np.zeros(said)
-        for name, its in given.items():
-            self.put(name, its)
+        for name, box in wiring.boxes.items():
+            self.put(name, box.given)
 
     def copy(self) -> "Memory":
         """Return the memory of another flight: what is constant in both is shared."""

@@ -36,21 +36,22 @@ class Wiring:
         for box in boxes:
             check_values(box)
         self.holders = {held: box.name for box in boxes for held in box.holds}
-        self.wires = {(box.name, port): self._wire(box, port) for box in boxes for port in box.element.inputs}
+        self.wires = {
+            (box.name, port): self.wire(box.reads.get(port, port), f"{box.name}: {port}")
+            for box in boxes
+            for port in box.element.inputs
+        }
         _ = self.out_order, self.step_order
 
-    def _wire(self, box: Box, port: str) -> Wire:
-        said = box.reads.get(port, port)
+    def wire(self, said: str, reader: str) -> Wire:
+        """Return what "box" or "box.part" stands for; the reader is named where that is not there (ValueError)."""
         name, _, part = said.partition(".")
         source = self.boxes.get(name)
         if source is None:
-            raise ValueError(f"{box.name}: {port}: reads '{said}', must be one of {', '.join(sorted(self.boxes))}")
-        if not part:
-            return Wire(name, 0, source.size)
-        if part not in source.parts:
-            raise ValueError(f"{box.name}: {port}: reads '{said}', must be a part of it: {', '.join(source.parts)}")
-        first, size = source.parts[part]
-        return Wire(name, first, size)
+            raise ValueError(f"{reader}: reads '{said}', must be one of {', '.join(sorted(self.boxes))}")
+        if part and part not in source.parts:
+            raise ValueError(f"{reader}: reads '{said}', must be a part of it: {', '.join(source.parts)}")
+        return Wire(name, *(source.parts[part] if part else (0, source.size)))
 
     @cached_property
     def out_order(self) -> list[Box]:
