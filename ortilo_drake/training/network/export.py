@@ -1,6 +1,7 @@
 """Export of trained weights to the files that the package ships: its own format and ONNX, with the same numbers."""
 
 import io
+import warnings
 from pathlib import Path
 
 import torch
@@ -30,13 +31,16 @@ def export(source: Path, onnx: Path) -> None:
     images = torch.zeros(1, 3, network.cfg.net.height, network.cfg.net.width)
     names = [f"head{k}" for k in range(len(network.cfg.heads))]
     made = io.BytesIO()
-    torch.onnx.export(
-        network,
-        (images,),
-        made,  # type: ignore[arg-type]  # the exporter without dynamo writes to memory as well
-        dynamo=False,
-        opset_version=17,
-        input_names=["image"],
-        output_names=names,
-    )
+    with warnings.catch_warnings():
+        # It leaves the pads of a pool that are not the same on both sides as they are; what is computed is the same.
+        warnings.filterwarnings("ignore", "Constant folding", UserWarning)
+        torch.onnx.export(
+            network,
+            (images,),
+            made,  # type: ignore[arg-type]  # the exporter without dynamo writes to memory as well
+            dynamo=False,
+            opset_version=17,
+            input_names=["image"],
+            output_names=names,
+        )
     write_bytes(onnx, made.getvalue())
