@@ -65,6 +65,7 @@ class Element:
         work: room to work in, of floats, which outlives no call.
         shows: the state that it says; None where `out` says it.
         allocates: whether its functions make arrays. One that does not is compiled without numba's memory management.
+        reads: what it reads where it has no functions: the vector inputs of a Drake System that plays it.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Element:
     work: tuple[Array, ...] = ()
     shows: str | None = None
     allocates: bool = False
+    reads: tuple[str, ...] = ()
 
     @property
     def own(self) -> dict[str, Array]:
@@ -94,7 +96,7 @@ class Element:
     @property
     def inputs(self) -> list[str]:
         """Names of what it reads of other elements."""
-        return list(dict.fromkeys(name for f in self.functions.values() for name in self.inputs_of(f)))
+        return list(dict.fromkeys([*self.reads, *(name for f in self.functions.values() for name in self.inputs_of(f))]))
 
     @property
     def dtype(self) -> np.dtype:
@@ -134,6 +136,7 @@ class Box:
         reads: which box each input reads, "box" or "box.part"; of an input that is not here the box of its name.
         parts: where a part of what it says stands: first index and size.
         holds: of a box without functions: names of boxes; what they say, one after the other, is what it says.
+        system: a Drake System that plays the box, where no element can; only Drake's player has it fly.
     """
 
     name: str
@@ -144,6 +147,7 @@ class Box:
     reads: dict[str, str] = field(default_factory=dict)
     parts: dict[str, tuple[int, int]] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
+    system: Any = None
 
     def reading(self, **reads: str) -> "Box":
         """Return a box whose inputs read these boxes."""
@@ -156,6 +160,14 @@ def bundle(name: str, boxes: list[Box]) -> Box:
     for box in boxes:
         parts[box.name], at = (at, box.size), at + box.size
     return Box(name, Element("bundle"), at, parts=parts, holds=tuple(box.name for box in boxes))
+
+
+OUTSIDE = Element("outside")
+
+
+def outside(name: str, size: int) -> Box:
+    """Return what stands for a signal from outside a wiring: an input of its Drake system."""
+    return Box(name, OUTSIDE, size)
 
 
 def constant(name: str, values: Any) -> Box:

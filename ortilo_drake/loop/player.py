@@ -62,9 +62,11 @@ class Memory:
         W: room to work in.
         Y: what is said.
         T: address and shape of each table.
+        seeds: of all noise, for a player that flies one seed.
     """
 
     def __init__(self, wiring: Wiring, places: Places):
+        self.seeds = np.zeros(1, dtype=np.int64)
         self._wiring, self._places = wiring, places
         numbers, states, work, said, tables = places.sizes
         self.N, self.S, self.T = np.zeros(numbers, np.uint8), np.zeros(states), np.zeros(tables, np.int64)
@@ -81,6 +83,19 @@ class Memory:
         other.W, other.Y = np.zeros(self._sizes[0]), np.zeros(self._sizes[1])
         other._kept = dict(self._kept)
         return other
+
+    def __deepcopy__(self, memo: Any) -> "Memory":
+        """Return itself: Drake copies what a Context holds, and nothing here changes once a Context has it."""
+        return self
+
+    def numbers_of(self, name: str) -> Any:
+        """Return a box's constants as attributes, for plain source."""
+        at, dtype = self._places.numbers[name], self._wiring.boxes[name].element.dtype
+        return self.N[at : at + dtype.itemsize].view(dtype).view(np.recarray)[0]
+
+    def table_of(self, name: str, table: str) -> np.ndarray:
+        """Return one of a box's tables."""
+        return self._kept[name, table]
 
     def put(self, name: str, given: Given) -> None:
         """Put in what a box is given."""

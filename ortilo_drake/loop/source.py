@@ -19,6 +19,13 @@ from numba import njit, types
 '''
 
 
+PART_HEAD = '''"""Part of a tick, made by ortilo_drake/loop/source.py; N, S, W, Y and T as in a whole flight."""
+
+from numba import njit, types
+
+'''
+
+
 @dataclass(frozen=True)
 class Places:
     """Where everything of a wiring stands: of each box in bytes for constants, in numbers of eight bytes for the rest.
@@ -98,6 +105,32 @@ def place_of(wiring: Wiring, places: Places, wire: Wire) -> tuple[str, int]:
     return "Y", places.said[wire.box] + wire.first
 
 
+def externals(wiring: Wiring) -> str:
+    """Return the declarations of all functions that a tick calls."""
+    text = ""
+    for box in wiring.boxes.values():
+        for what, native in native_of(box.element).items():
+            types_of = ", ".join(["types.int64"] * native.arguments)
+            text += f'{box.name}_{what} = types.ExternalFunction("{native.symbol}", types.void({types_of}))\n'
+    return text
+
+
+def part_text(wiring: Wiring, places: Places, parts: dict[str, list[tuple[Box, str]]]) -> str:
+    """Return the source of functions (N_, S_, W_, Y_, T, seeds, k), by name the calls that each makes in their order."""
+    text = PART_HEAD + externals(wiring)
+    for name, calls in parts.items():
+        lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls)
+        text += f"""
+
+@njit(cache=True, error_model="numpy")
+def {name}(N_, S_, W_, Y_, T, seeds, k):
+    N, S, W, Y = N_.ctypes.data, S_.ctypes.data, W_.ctypes.data, Y_.ctypes.data
+    seed = seeds[0]
+{lines}
+"""
+    return text
+
+
 def flight_text(wiring: Wiring, places: Places, recorded: list[Wire], ends: str) -> str:
     """Return the source of fly(N_, S_, W_, Y_, T, seeds, trace) -> last tick.
 
@@ -107,11 +140,7 @@ def flight_text(wiring: Wiring, places: Places, recorded: list[Wire], ends: str)
         recorded: what is written to each row of the trace, one after the other.
         ends: the box whose last number ends the flight where it is not negative.
     """
-    text = HEAD.format(ends=ends) + "\n"
-    for box in wiring.boxes.values():
-        for what, native in native_of(box.element).items():
-            types_of = ", ".join(["types.int64"] * native.arguments)
-            text += f'{box.name}_{what} = types.ExternalFunction("{native.symbol}", types.void({types_of}))\n'
+    text = HEAD.format(ends=ends) + "\n" + externals(wiring)
     body = [line_of(wiring, places, box, "out") for box in wiring.out_order]
     column = 0
     for wire in recorded:

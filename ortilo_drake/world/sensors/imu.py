@@ -158,9 +158,9 @@ def samples_out(
             break
         time, at = n.h * (i / count) + (k - 1) * n.h, (i - 1) * PASSED
         x, u = passed[at : at + N_X], passed[at + N_X : at + PASSED]
-        put_normals(v, seeds[k - 1], n.stream, tick_of(time, period))
+        put_normals(v, seeds[min(k - 1, seeds.size - 1)], n.stream, tick_of(time, period))
         put_imu_message(sample_of(out, i - 1, count), v, x, u, disturbance, n.mass, bias, n.sd, time)
-    put_normals(v, seeds[k], n.stream, tick_of(k * n.h, period))
+    put_normals(v, seeds[min(k, seeds.size - 1)], n.stream, tick_of(k * n.h, period))
     put_imu_message(sample_of(out, count - 1, count), v, state, felt, disturbance, n.mass, bias, n.sd, k * n.h)
 
 

@@ -1,0 +1,57 @@
+"""The plain source of compiled functions, for scalars that numba does not know: Drake's AutoDiffXd and Expression.
+
+A function's plain source calls the plain source of all that it calls. Some functions have another form for such
+scalars: an iteration is not differentiated, only its last step; noise is drawn by compiled code.
+
+    @instead_of(filter_step)
+    def differentiable_step(...): ...
+"""
+
+from collections.abc import Callable
+from types import CellType, CodeType, FunctionType
+from typing import Any
+
+_INSTEAD: dict[int, Any] = {}
+_PLAIN: dict[int, tuple[Any, Any]] = {}  # with the function, so that its id stays its own
+
+
+def instead_of(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Let a function run in the place of another one, plain or compiled, where scalars are no floats."""
+
+    def mark(other: Callable[..., Any]) -> Callable[..., Any]:
+        _INSTEAD[id(function)] = _INSTEAD[id(getattr(function, "py_func", function))] = other
+        return other
+
+    return mark
+
+
+def plain_source(function: Any) -> Any:
+    """Return a function that does the same to any scalar; what is no function of Python stays as it is."""
+    if id(function) in _INSTEAD:
+        return _INSTEAD[id(function)]
+    source = getattr(function, "py_func", function)
+    if not isinstance(source, FunctionType) or source.__module__.startswith(("numpy", "math", "numba", "builtins")):
+        return function
+    if id(function) not in _PLAIN:
+        _PLAIN[id(function)] = function, source  # of a function that calls itself
+        _PLAIN[id(function)] = function, _with_plain_callees(source)
+    return _PLAIN[id(function)][1]
+
+
+def _with_plain_callees(source: FunctionType) -> FunctionType:
+    globals_, changed = source.__globals__, dict[str, Any]()
+    for name in _names(source.__code__):
+        if name in globals_ and plain_source(globals_[name]) is not globals_[name]:
+            changed[name] = plain_source(globals_[name])
+    cells = source.__closure__ or ()
+    plain_cells = tuple(CellType(plain_source(cell.cell_contents)) for cell in cells)
+    if not changed and all(a.cell_contents is b.cell_contents for a, b in zip(cells, plain_cells, strict=True)):
+        return source
+    made = FunctionType(source.__code__, globals_ | changed, source.__name__, source.__defaults__, plain_cells)
+    made.__kwdefaults__ = source.__kwdefaults__
+    return made
+
+
+def _names(code: CodeType) -> set[str]:
+    nested = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return set(code.co_names).union(*(_names(one) for one in nested))

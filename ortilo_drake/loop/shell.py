@@ -1,0 +1,317 @@
+"""Elements as Drake systems: boxes of a wiring, one or many, as one LeafSystem of any scalar type.
+
+Floats run through compiled functions: of one box each function is called by itself, of several a generated function
+calls them one after the other. AutoDiffXd and Expression run through the plain source (plain.py).
+"""
+
+import ctypes
+import sys
+from collections.abc import Callable
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common.value import Value
+from pydrake.symbolic import Expression
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from ortilo_drake.loop.digest import digest_of
+from ortilo_drake.loop.element import OUTSIDE, Box, Given, takes
+from ortilo_drake.loop.native import load, native_of
+from ortilo_drake.loop.plain import plain_source
+from ortilo_drake.loop.player import Memory
+from ortilo_drake.loop.source import line_of, part_text, place_of, places_of
+from ortilo_drake.loop.wiring import Wire, Wiring
+
+Calls = list[tuple[Box, str]]
+
+
+class Reading:
+    """What a part of a wiring reads of its outside within a tick, and the calls that a tick makes.
+
+    Attributes:
+        inputs: boxes that stand for what comes from outside, by name.
+        reads: of each box that computes what it says, the names of the inputs that this depends on within a tick.
+        groups: the calls that say what depends on these inputs, by their names; of no input first.
+        steps: the calls that change states.
+    """
+
+    def __init__(self, wiring: Wiring):
+        self._wiring = wiring
+        self.inputs = {name: box for name, box in wiring.boxes.items() if box.element is OUTSIDE}
+        self.reads: dict[str, frozenset[str]] = {name: frozenset([name]) for name in self.inputs}
+        for box in wiring.out_order:
+            wires = (wiring.wires[box.name, port] for port in box.element.inputs_of(box.element.functions["out"]))
+            self.reads[box.name] = frozenset().union(*(self.of(wire.box) for wire in wires))
+        said = [box for box in wiring.out_order if box.element.out]
+        free: Calls = [(box, "out") for box in said if not self.reads[box.name]]
+        self.groups: dict[frozenset[str], Calls] = {frozenset(): free}
+        for needs in {self.reads[box.name] for box in said if self.reads[box.name]} | {self.all}:
+            if needs:
+                self.groups[needs] = [(box, "out") for box in said if self.reads[box.name] and self.reads[box.name] <= needs]
+        self.steps: Calls = [(box, "step") for box in wiring.step_order]
+
+    def of(self, name: str) -> frozenset[str]:
+        """Return the inputs that what a box says depends on within a tick."""
+        held = self._wiring.boxes[name].holds
+        return self.reads.get(name, frozenset()).union(*(self.of(one) for one in held))
+
+    @property
+    def all(self) -> frozenset[str]:
+        """The inputs that anything that is said depends on within a tick."""
+        return frozenset().union(*(self.of(name) for name in self._wiring.boxes if name not in self.inputs))
+
+
+def compiled_calls(wiring: Wiring, parts: dict[str, Calls]) -> dict[str, Callable[..., None]]:
+    """Return functions (N, S, W, Y, T, seeds, k) of compiled code, by name, that make calls one after the other."""
+    places, boxes = places_of(wiring), [box for box in wiring.boxes.values() if box.element.functions]
+    if len(boxes) == 1:
+        return {name: _single(wiring, calls) for name, calls in parts.items()}
+    text = part_text(wiring, places, parts)
+    module = load(f"part_{digest_of(text)}", text, {})
+    return {name: getattr(module, name) for name in parts}
+
+
+def _single(wiring: Wiring, calls: Calls) -> Callable[..., None]:
+    """Return likewise a function that makes the call of one box by itself: nothing is compiled but the element."""
+    places = places_of(wiring)
+    lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls) or "    pass"
+    text = f"""def call(N_, S_, W_, Y_, T, seeds, k):
+    N, S, W, Y = (array.__array_interface__["data"][0] for array in (N_, S_, W_, Y_))
+    seed = int(seeds[0])
+{lines}
+"""
+    made: dict[str, Any] = {f"{box.name}_{what}": _entry(box, what) for box, what in calls}
+    exec(_code(text), made)
+    call: Callable[..., None] = made["call"]
+    return call
+
+
+@lru_cache(maxsize=512)
+def _code(text: str) -> Any:
+    return compile(text, "<element>", "exec")
+
+
+def _entry(box: Box, what: str) -> Any:
+    native = native_of(box.element)[what]
+    return ctypes.PYFUNCTYPE(None, *[ctypes.c_int64] * native.arguments)(native.address)
+
+
+class PlainCalls:
+    """Calls of plain source, on arrays of any scalar.
+
+    Args:
+        wiring: whose boxes they are.
+        T: the scalar type.
+    """
+
+    def __init__(self, wiring: Wiring, T: type):
+        self._wiring, self._places, self._T = wiring, places_of(wiring), T
+        self._functions = {
+            (box.name, what): (plain_source(f), takes(f))
+            for box in wiring.boxes.values()
+            for what, f in box.element.functions.items()
+        }
+
+    def make(self, calls: Calls, memory: Memory, S: np.ndarray, Y: np.ndarray, k: int) -> None:
+        """Make calls one after the other; they read and write states and what is said."""
+        work = np.full(self._places.sizes[2], self._T(0.0))
+        for box, what in calls:
+            function, names = self._functions[box.name, what]
+            common = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
+            function(*[common[name] if name in common else self._argument(box, name, memory, S, Y, work) for name in names])
+
+    def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
+        if name == "n":
+            return memory.numbers_of(box.name)
+        if name in box.element.own:
+            for places, array in ((self._places.state, S), (self._places.work, work)):
+                if (box.name, name) in places:
+                    at, shape = places[box.name, name]
+                    return array[at : at + int(np.prod(shape))].reshape(shape)
+            return memory.table_of(box.name, name)
+        wire = Wire(box.name, 0, box.size) if name == "out" else self._wiring.wires[box.name, name]
+        letter, at = place_of(self._wiring, self._places, wire)
+        return (S if letter == "S" else Y)[at : at + wire.size]
+
+
+@TemplateSystem.define("WiredSystem_", T_list=[float, AutoDiffXd, Expression], scope=sys.modules[__name__])
+def WiredSystem_(T: type) -> type:
+    """Return the system for a scalar type: float, AutoDiffXd or Expression."""
+
+    class Impl(LeafSystem_[T]):
+        """Boxes of a wiring as one system.
+
+        Ports:
+            <input>: what a box of OUTSIDE stands for, by its name.
+            <output> (outputs): what is asked for, by the names that are given.
+
+        State (discrete, updated every h): the states of all boxes, one after the other.
+
+        Parameter of the Context, abstract (player.Memory): the seed of all noise, and the boxes' numbers and tables,
+        which a world that differs sets anew.
+
+        Within a tick an output depends on the inputs that what it shows is made of. What is said is computed once a
+        tick: other outputs and the update read it from the cache.
+
+        Args:
+            name: of the system.
+            wiring: its boxes, with one of OUTSIDE for each input.
+            outputs: what each output port shows, "box" or "box.part", by its name.
+            h: tick [s].
+        """
+
+        def _construct(
+            self, name: str, wiring: Wiring, outputs: dict[str, str], h: float, converter: Any = None
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self.set_name(name)
+            self._arguments = {"name": name, "wiring": wiring, "outputs": outputs, "h": h}
+            self._h, self._wiring, self._places = h, wiring, places_of(wiring)
+            reading, memory = Reading(wiring), Memory(wiring, self._places)
+            self._given = self.DeclareAbstractParameter(Value[object](memory))
+            self._ports = {i: self.DeclareVectorInputPort(i, box.size) for i, box in reading.inputs.items()}
+            self._at = {i: (self._places.said[i], box.size) for i, box in reading.inputs.items()}
+            self._state = None
+            if memory.S.size:
+                self._state = self.DeclareDiscreteState(BasicVector_[T](memory.S))
+            self._calls = {f"said_{i}": calls for i, calls in enumerate(reading.groups.values())}
+            self._calls["step"] = reading.steps
+            if T is float:
+                self._compiled = compiled_calls(wiring, self._calls)
+            else:
+                self._plain = PlainCalls(wiring, T)
+            self._all, self._groups = reading.all, {}
+            if self._places.sizes[3]:
+                for i, needs in enumerate(reading.groups):
+                    self._declare_group(i, needs)
+            for port, said in outputs.items():
+                self._declare_output(port, wiring.wire(said, port), reading)
+            if reading.steps:
+                self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, **other._arguments, converter=converter)
+
+        def _tickets(self, needs: frozenset[str]) -> set[Any]:
+            of_state = set() if self._state is None else {self.xd_ticket()}
+            return {self._ports[i].ticket() for i in needs} | of_state | {self.time_ticket(), self.all_parameters_ticket()}
+
+        def _declare_group(self, i: int, needs: frozenset[str]) -> None:
+            def calc(context: Any, output: Any) -> None:
+                inputs = {name: self._ports[name].Eval(context) for name in needs}
+                Y = self._groups[frozenset()].Eval(context).copy() if needs else np.full(output.size(), T(0.0))
+                self._put(inputs, Y)
+                self._make(f"said_{i}", context, self._state_in(context), Y)
+                output.SetFromVector(Y)
+
+            port = self.DeclareVectorOutputPort(
+                f"said_{i}", self._places.sizes[3], calc, prerequisites_of_calc=self._tickets(needs)
+            )
+            self._groups[needs] = port
+
+        def _declare_output(self, name: str, wire: Wire, reading: Reading) -> None:
+            letter, at = place_of(self._wiring, self._places, wire)
+            if letter == "S" and wire.size == self._places.sizes[1]:
+                self.DeclareStateOutputPort(name, self._state)
+                return
+            needs = reading.of(wire.box)
+            source = None if letter == "S" else self._groups[needs]
+
+            def calc(context: Any, output: Any) -> None:
+                whole = self._state_in(context) if source is None else source.Eval(context)
+                output.SetFromVector(whole[at : at + wire.size])
+
+            tickets = {self.xd_ticket()} if source is None else self._tickets(needs)
+            self.DeclareVectorOutputPort(name, wire.size, calc, prerequisites_of_calc=tickets)
+
+        def _state_in(self, context: Any) -> Any:
+            return _NOTHING if self._state is None else context.get_discrete_state(self._state).value()
+
+        def _put(self, inputs: dict[str, Any], Y: Any) -> None:
+            for name, values in inputs.items():
+                at, size = self._at[name]
+                Y[at : at + size] = values
+
+        def _make(self, what: str, context: Any, S: Any, Y: Any) -> None:
+            """Make the calls of one kind, on states and on what is said."""
+            memory = context.get_abstract_parameter(self._given).get_value()
+            t = context.get_time()
+            k = int((t if T is float else _value_of(t)) / self._h + 0.5)
+            if T is float:
+                self._compiled[what](memory.N, S, memory.W, Y, memory.T, memory.seeds, k)
+            else:
+                self._plain.make(self._calls[what], memory, S, Y, k)
+                for array in (S, Y):
+                    for i, value in enumerate(array):
+                        if not isinstance(value, T):
+                            array[i] = T(value)
+
+        def _update(self, context: Any, values: Any) -> None:
+            inputs = {name: port.Eval(context) for name, port in self._ports.items()}
+            said = self._groups.get(self._all)
+            Y = np.zeros(0) if said is None else said.Eval(context).copy()
+            self._put(inputs, Y)
+            S = context.get_discrete_state(self._state).CopyToVector()
+            self._make("step", context, S, Y)
+            values.set_value(self._state, S)
+
+        def seed_in(self, context: Any) -> int:
+            """Return the seed in a context of this system."""
+            return int(context.get_abstract_parameter(self._given).get_value().seeds[0])
+
+        def set_seed_in(self, context: Any, seed: int) -> None:
+            """Set the seed in a context of this system."""
+            memory = context.get_abstract_parameter(self._given).get_value().copy()
+            memory.seeds = np.array([seed])
+            context.get_mutable_abstract_parameter(self._given).set_value(memory)
+
+        def boxes(self) -> frozenset[str]:
+            """Return the names of its boxes, but for those that stand for inputs."""
+            return frozenset(name for name, box in self._wiring.boxes.items() if box.element is not OUTSIDE)
+
+        def give(self, context: Any, given: dict[str, Given]) -> None:
+            """Give boxes other numbers, tables or states in a context of this system, by their names."""
+            memory = context.get_abstract_parameter(self._given).get_value().copy()
+            for name, its in given.items():
+                memory.put(name, its)
+                for state in its.start:
+                    self.set_state(context, name, state, its.start[state])
+            context.get_mutable_abstract_parameter(self._given).set_value(memory)
+
+        def state_of(self, context: Any, box: str, state: str) -> Any:
+            """Return a box's state in a context of this system, in its shape."""
+            at, shape = self._places.state[box, state]
+            return context.get_discrete_state(self._state).CopyToVector()[at : at + int(np.prod(shape))].reshape(shape)
+
+        def set_state(self, context: Any, box: str, state: str, values: np.ndarray) -> None:
+            """Set a box's state in a context of this system."""
+            at, shape = self._places.state[box, state]
+            if np.shape(values) != shape:
+                raise ValueError(f"{box}: {state}: has the shape {np.shape(values)}, must have {shape}")
+            whole = context.get_discrete_state(self._state).CopyToVector()
+            whole[at : at + int(np.prod(shape))] = np.ravel(values)
+            context.SetDiscreteState(whole)
+
+    return Impl
+
+
+_NOTHING = np.zeros(0)
+
+
+def _value_of(scalar: Any) -> float:
+    """Return the value of a scalar of Drake's."""
+    if isinstance(scalar, AutoDiffXd):
+        return float(scalar.value())
+    return float(scalar.Evaluate() if isinstance(scalar, Expression) else scalar)
+
+
+def alone(wiring: Wiring, name: str) -> Wiring:
+    """Return a wiring of one box, whose inputs come from outside."""
+    box = wiring.boxes[name]
+    inputs = {port: wiring.wires[name, port] for port in box.element.inputs}
+    around = [Box(port, OUTSIDE, wire.size) for port, wire in inputs.items()]
+    return Wiring([box.reading(**{port: port for port in inputs}), *around])
