@@ -10,6 +10,7 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import NO_PARTS, Onboard, Parts
 from ortilo_drake.diagrams.world import World
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, Scenario
@@ -31,6 +32,7 @@ class ClosedLoop(Diagram):
         trajectory: the path to fly; by default what the scenario's planner plans.
         meshcat: if given, shows the flight in it.
         parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
+        fused: whether all elements of a half are one system, which is faster, or a system each.
 
     Raises:
         InputError: if there is no path or no servo gain, or if the onboard half wants what the world does not send.
@@ -42,11 +44,12 @@ class ClosedLoop(Diagram):
         trajectory: Trajectory | None = None,
         meshcat: Meshcat | None = None,
         parts: Parts = NO_PARTS,
+        fused: bool = False,
     ):
         super().__init__()
         builder = DiagramBuilder()
-        self._world = world = builder.AddSystem(World(scenario))
-        onboard = builder.AddSystem(Onboard(scenario, trajectory, parts=parts))
+        self._world = world = builder.AddSystem(World(scenario, fused=fused))
+        onboard = builder.AddSystem(Onboard(scenario, trajectory, parts=parts, fused=fused))
         self._onboard, self._yaw = onboard, scenario.yaw
         for k in range(onboard.num_input_ports()):
             port = onboard.get_input_port(k)
@@ -62,12 +65,12 @@ class ClosedLoop(Diagram):
         builder.Connect(onboard.GetOutputPort("control"), world.GetInputPort("control"))
 
         sizes = scenario.measurement.logged_sizes()
-        multiplexer = builder.AddNamedSystem("log_inputs", Multiplexer(list(sizes.values())))
-        for k, name in enumerate(sizes):
+        multiplexer = builder.AddNamedSystem("log_inputs", Multiplexer([N_X, sum(sizes.values()) - N_X]))
+        builder.Connect(world.GetOutputPort("state"), multiplexer.get_input_port(0))
+        builder.Connect(onboard.GetOutputPort("logged"), multiplexer.get_input_port(1))
+        for name in ("state", "control", "estimate", "covariance"):
             source = world if name == "state" else onboard
-            builder.Connect(source.GetOutputPort(name), multiplexer.get_input_port(k))
-            if name in ("state", "control", "estimate", "covariance"):
-                builder.ExportOutput(source.GetOutputPort(name), name)
+            builder.ExportOutput(source.GetOutputPort(name), name)
         self._log = builder.AddNamedSystem("log", VectorLogSink(sum(sizes.values()), scenario.h))
         builder.Connect(multiplexer.get_output_port(), self._log.get_input_port())
         if meshcat is not None:
@@ -98,6 +101,7 @@ def make_closed_loop(
     estimator: Callable[[Belief, np.ndarray], System] | None = None,
     servo: Callable[[Belief], System] | None = None,
     planner: Callable[[Belief], Planned] | None = None,
+    fused: bool = False,
 ) -> ClosedLoop:
     """Return the closed loop of a scenario, with parts of one's own where they are given.
 
@@ -108,8 +112,9 @@ def make_closed_loop(
         estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py.
         servo: makes the servo.
         planner: makes the path, or the System that gives the reference.
+        fused: whether all elements of a half are one system, which is faster, or a system each.
 
     Raises:
         InputError: as ClosedLoop.
     """
-    return ClosedLoop(scenario, trajectory, meshcat, Parts(estimator, servo, planner))
+    return ClosedLoop(scenario, trajectory, meshcat, Parts(estimator, servo, planner), fused)

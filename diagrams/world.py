@@ -1,39 +1,37 @@
 """The world: the vehicle, its sensors and the links."""
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import PassThrough, ZeroOrderHold
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Multiplexer
 
-from ortilo_drake.diagrams.faults import add_sensor_faults, check_room
+from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
-from ortilo_drake.diagrams.vehicle import Ports, add_vehicle
+from ortilo_drake.diagrams.vehicle import add_vehicle
+from ortilo_drake.diagrams.wiring.onboard import port_of
+from ortilo_drake.diagrams.wiring.truth import drawn_of, of_body, payloads_of
+from ortilo_drake.diagrams.wiring.world import is_system, report_link_boxes, sensors_boxes, world_boxes
+from ortilo_drake.loop.diagram import add_wiring
+from ortilo_drake.loop.element import OUTSIDE, Box, Given, outside
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
+from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
-from ortilo_drake.scenario import Link, Scenario
-from ortilo_drake.scenario.truth import ClockTruth, Truth
-from ortilo_drake.sensors.described import described
-from ortilo_drake.world.drawn_truth import Drawn, check_size, draw_truth
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.truth import Truth
+from ortilo_drake.world.drawn_truth import Drawn, draw_truth, of_seed
 from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
-from ortilo_drake.world.radio.link import SensorLink_
-from ortilo_drake.world.seeded_system import set_seed
-from ortilo_drake.world.sensors.message_error import MessageError_
-from ortilo_drake.world.sensors.sample_collector import SampleCollector
-from ortilo_drake.world.sensors.sensor_clock import SensorClock_
-from ortilo_drake.world.sensors.sensor_errors import errors_of
-from ortilo_drake.world.sensors.shutter import Shutter
-from ortilo_drake.world.sensors.true_velocity import TrueVelocity_
-from ortilo_drake.world.slow_error import SlowError_
-from ortilo_drake.world.truth import set_body, set_lasting_force, set_truth
+from ortilo_drake.world.scenery.rendering import mount_camera, move_landmarks
+from ortilo_drake.world.sensors.sample_collector import Passed
+from ortilo_drake.world.vehicle.continuous import PASSED
 
 
 class World(Diagram):
-    """The world as a Diagram.
+    """The world as a Diagram, made of the wiring of diagrams/wiring/world.py.
 
     In real time a command comes when it comes. With a command_period the world looks for one that often, through a
     failsafe, and Drake integrates the plant in between, whatever world.plant says; all else keeps its tick h. Where a
-    sensor is faster than the tick, Drake integrates the plant between its samples, whatever world.plant says.
+    System of one's own is a sensor faster than the tick, Drake integrates the plant between its samples.
 
     Ports:
         control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get
@@ -54,49 +52,44 @@ class World(Diagram):
     Args:
         scenario: the scenario.
         command_period: how often to look for a command [s]; by default there is one every tick.
+        fused: whether all elements are one system, which is faster, or a system each.
 
     Raises:
         InputError: if there is a command_period and a command link that is not perfect: whatever carries the commands
             to this world loses and delays them. If a fault names an anchor, a landmark or a rotor that is not there.
     """
 
-    def __init__(self, scenario: Scenario, command_period: float | None = None):
+    def __init__(self, scenario: Scenario, command_period: float | None = None, fused: bool = False):
         super().__init__()
         if command_period is not None and scenario.command_link != CommandLinkSettings():
             raise InputError("command_link: must be left as it is where commands come from outside, in real time")
         room, builder = scenario.load_room(), DiagramBuilder()
         check_room(scenario, room)
-        self._hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or scenario.h, N_U))
-        self._vehicle, self._room, self._truth = scenario.vehicle, room, scenario.truth
-        self._payloads: dict[str, int] = {}  # of the sensors that fly
-        self._plant, ports = add_vehicle(builder, scenario, self._hold, command_period)
-        builder.ExportOutput(ports["state"], "state")
-        for name in scenario.measurement.sensors:
-            if name not in scenario.sensors:
-                continue
-            seen = ports | {"state": _as_seen(builder, scenario, name, ports["state"])}
-            if name == "camera" and scenario.is_rendered:
-                _add_rendered_camera(builder, scenario, room, seen, ports["state"])
-                self._payloads[name] = 0
-                continue
-            latency = scenario.camera.latency if name == "camera" else 0
-            source = builder.AddSystem(described(name).make_world(scenario.sampled_for(name), room))
-            _connect(builder, seen, source)
-            self._payloads[name] = source.get_output_port().size() - PAYLOAD
-            message = _with_errors(builder, scenario, name, source.get_output_port())
-            message = add_sensor_faults(builder, scenario, name, room, message, seen["state"])
-            message = _collected(builder, scenario, name, message)
-            settings = scenario.link_of(name)
-            settings = settings.model_copy(update={"delay": settings.delay + latency})
-            delivered = _add_link(builder, settings, scenario, name, message, ports["state"])
-            builder.ExportOutput(delivered, source.get_output_port().get_name())
-        if scenario.lends_velocities:
-            velocity = builder.AddSystem(TrueVelocity_[float]())
-            builder.Connect(ports["state"], velocity.get_input_port())
-            builder.ExportOutput(velocity.get_output_port(), "velocity")
-        if "acted" in ports:
-            delivered = _add_link(builder, scenario.report_link, scenario, "acted", ports["acted"], ports["state"])
-            builder.ExportOutput(delivered, "acted")
+        self._scenario, self._room = scenario, room
+        self._plant, sources = None, dict[str, OutputPort]()
+        own = [name for name in scenario.own_sensors if is_system(scenario, name)]
+        if command_period is not None or any(scenario.samples(name) > 1 for name in own):
+            self._plant, ports = add_vehicle(builder, scenario, command_period)
+            boxes, sources = _integrated(builder, scenario, ports)
+            sensing, messages = sensors_boxes(scenario, room, whole_imu=True)
+            boxes += sensing
+        else:
+            boxes, messages = world_boxes(scenario, room, np.zeros(3), whole_imu=True)
+            boxes.append(outside("servo", N_U))
+        self._wiring = Wiring(boxes)
+        names = {_port_of(scenario, sensor): box.name for sensor, box in messages.items()}
+        names |= {"state": "plant"} | ({"velocity": "velocity"} if scenario.lends_velocities else {})
+        names |= {"acted": "acted_delivered"} if scenario.commands.are_reported else {}
+        if scenario.is_rendered:
+            names["seen"] = _seen(self._wiring)
+        grain = "elements" if fused else None
+        self._added = add_wiring(builder, self._wiring, names, scenario.h, sources, grain, {"servo": "control"})
+        outputs = self._added.outputs
+        for name in names:
+            if name != "seen":
+                builder.ExportOutput(outputs[name], name)
+        if scenario.is_rendered:
+            _add_rendered_camera(builder, scenario, room, outputs["seen"], outputs["shutter"])
         builder.BuildInto(self)
         self.set_name("world")
 
@@ -110,19 +103,31 @@ class World(Diagram):
         """
         x_0 = np.zeros(N_X)
         x_0[0:3], x_0[5] = r_0, yaw
-        if self._truth != Truth():
+        if self._scenario.truth != Truth():
             drawn = self.Drawn(context)
             x_0[0:3] += drawn["start.position"]
             x_0[5] += drawn["start.yaw"]
-        self._plant.SetState(self._plant.GetMyMutableContextFromRoot(context), x_0)
-        hover = [self._vehicle.hover_thrust, 0.0, 0.0, 0.0]
-        self._hold.SetVectorState(self._hold.GetMyMutableContextFromRoot(context), hover)
+        if self._plant is not None:
+            self._plant.SetState(self._plant.GetMyMutableContextFromRoot(context), x_0)
+            hold = self.GetSubsystemByName("hold")
+            hover = [self._scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0]
+            hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), hover)
+            return
+        box, state = ("vehicle", "body") if "vehicle" in self._wiring.boxes else ("plant", "x")
+        body = self._wiring.boxes[box].given.start[state].copy()
+        body[:N_X] = x_0
+        self._added.set_state(context, box, state, body)
 
     def SetSeed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise, and how the world of that seed differs; the context is the root's."""
-        set_seed(self, context, seed)
-        if self._truth != Truth():
-            set_truth(self, context, self._vehicle, self._room, self.Drawn(context), self._payloads)
+        self._added.set_seed(context, seed)
+        if self._scenario.truth != Truth():
+            self._added.give(context, drawn_of(self._wiring, self._scenario, self._room, of_seed(seed)))
+            self._set_beside(context, self.Drawn(context))
+
+    def Give(self, context: Context, given: dict[str, Given]) -> None:
+        """Give boxes of the wiring other numbers, tables or states, by their names; the context is the root's."""
+        self._added.give(context, given)
 
     def ChangeBody(self, context: Context, heavier: float, push: np.ndarray) -> None:
         """Have the vehicle be heavier and pushed, beside how this world differs anyway; the context is the root's.
@@ -134,87 +139,86 @@ class World(Diagram):
         """
         drawn = self.Drawn(context)
         drawn["vehicle.mass_factor"] = drawn["vehicle.mass_factor"] * (1.0 + heavier)
-        set_body(self, context, self._vehicle, drawn)
-        set_lasting_force(self, context, drawn["force.mean"] + push)
+        drawn["force.mean"] = drawn["force.mean"] + push
+        self._added.give(context, of_body(self._wiring, self._scenario, drawn))
+        self._set_beside(context, drawn)
 
     def Drawn(self, context: Context) -> Drawn:
         """Return how the world of the context's seed differs from what is believed; the context is the root's."""
-        source = self.GetSubsystemByName("disturbance")
-        seed = source.seed_in(source.GetMyContextFromRoot(context))
-        return draw_truth(self._truth, seed, self._room, self._payloads)
+        payloads = payloads_of(self._wiring, self._scenario, self._room)
+        return draw_truth(self._scenario.truth, self._added.seed_in(context), self._room, payloads)
+
+    def _set_beside(self, context: Context, drawn: Drawn) -> None:
+        """Set what is drawn of systems that are no elements: the plant that Drake integrates, the scene it renders."""
+        vehicle = self._scenario.vehicle
+        if self._plant is not None:
+            inertia = tuple(float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia)
+            mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
+            flown = vehicle.model_copy(update={"mass": mass, "inertia": inertia})
+            self._plant.SetVehicle(self._plant.GetMyMutableContextFromRoot(context), flown)
+        if self._scenario.is_rendered:
+            camera = self.GetSubsystemByName("rendered_camera")
+            scene_graph, sensor = (camera.GetSubsystemByName(name) for name in ("scene_graph", "rgbd_sensor"))
+            p_WL = self._room.landmark_positions + drawn["survey.landmarks"]
+            move_landmarks(scene_graph, scene_graph.GetMyMutableContextFromRoot(context), p_WL)
+            p_BC = np.array(self._room.camera.position) + drawn["camera.position"]
+            its = sensor.GetMyMutableContextFromRoot(context)
+            mount_camera(sensor, its, p_BC, drawn["camera.angles"], float(drawn["camera.focal_factor"]))
 
 
-def _as_seen(builder: DiagramBuilder, scenario: Scenario, sensor: str, state: OutputPort) -> OutputPort:
-    """Return the state as a sensor sees it, by its own clock; the imu's is the onboard computer's."""
-    if sensor == "imu" or scenario.truth.clock == ClockTruth():
-        return state
-    clock = builder.AddSystem(SensorClock_[float](f"{sensor}_clock"))
-    builder.Connect(state, clock.get_input_port())
-    seen: OutputPort = clock.get_output_port()
-    return seen
+def _integrated(
+    builder: DiagramBuilder, scenario: Scenario, vehicle: dict[str, OutputPort]
+) -> tuple[list[Box], dict[str, OutputPort]]:
+    """Return boxes in the place of those of a vehicle that Drake integrates, and the ports that they stand for.
+
+    Args:
+        builder: of the world.
+        scenario: the scenario.
+        vehicle: its ports.
+    """
+    felt = _together(builder, vehicle["control"], vehicle["disturbance"])
+    parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
+    boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=parts), outside("rotors_felt", N_U)]
+    sources = {"plant": vehicle["state"], "felt": felt, "rotors_felt": vehicle["control"]}
+    sources |= {f"felt.{name}": vehicle[name] for name in parts}
+    samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
+    if samples > 1:
+        size = (samples - 1) * PASSED
+        passed = builder.AddSystem(Passed(PASSED, samples, scenario.h))
+        builder.Connect(_together(builder, vehicle["state"], vehicle["control"]), passed.get_input_port())
+        boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
+        sources |= dict.fromkeys(("vehicle", "vehicle.passed"), passed.get_output_port())
+    if "acted" in vehicle:
+        boxes += [(report := outside("acted", ACTED_SIZE)), *report_link_boxes(scenario, report)]
+        sources["acted"] = vehicle["acted"]
+    return boxes, sources
 
 
-def _connect(builder: DiagramBuilder, ports: Ports, sensor: System) -> None:
-    """Connect a sensor to what it sees."""
-    for name, port in ports.items():
-        if sensor.HasInputPort(name):
-            builder.Connect(port, sensor.GetInputPort(name))
+def _together(builder: DiagramBuilder, first: OutputPort, second: OutputPort) -> OutputPort:
+    both = builder.AddSystem(Multiplexer([first.size(), second.size()]))
+    builder.Connect(first, both.get_input_port(0))
+    builder.Connect(second, both.get_input_port(1))
+    joined: OutputPort = both.get_output_port()
+    return joined
 
 
-def _with_errors(builder: DiagramBuilder, scenario: Scenario, sensor: str, message: OutputPort) -> OutputPort:
-    """Add the errors that the scenario's truth gives a sensor's messages; return where they come out."""
-    payload = message.size() - PAYLOAD
-    if sensor in dict(scenario.truth.sensors):
-        check_size(sensor, dict(scenario.truth.sensors)[sensor], payload)
-    errors = errors_of(scenario.truth, sensor, payload, scenario.h)
-    if errors is None:
-        return message
-    slow = builder.AddSystem(SlowError_[float](f"{sensor}_slow_error", errors.noise, scenario.seed, scenario.h))
-    n = slow.get_output_port().size()
-    error = builder.AddSystem(MessageError_[float](f"{sensor}_error", message.size(), n, errors.flagged))
-    builder.Connect(message, error.GetInputPort("message"))
-    builder.Connect(slow.get_output_port(), error.GetInputPort("error"))
-    measured: OutputPort = error.get_output_port()
-    return measured
+def _port_of(scenario: Scenario, sensor: str) -> str:
+    """Return the name of the output of a sensor's messages."""
+    return "shutter" if sensor == "camera" and scenario.is_rendered else port_of(sensor)
 
 
-def _collected(builder: DiagramBuilder, scenario: Scenario, sensor: str, message: OutputPort) -> OutputPort:
-    """Collect the samples of a sensor faster than the tick; return where a tick's message comes out."""
-    n = scenario.samples(sensor)
-    if n == 1:
-        return message
-    collector = builder.AddSystem(SampleCollector(sensor, message.size(), n, scenario.h))
-    builder.Connect(message, collector.get_input_port())
-    collected: OutputPort = collector.get_output_port()
-    return collected
-
-
-def _add_link(
-    builder: DiagramBuilder, settings: Link, scenario: Scenario, sensor: str, message: OutputPort, state: OutputPort
-) -> OutputPort:
-    """Add the link of a sensor's messages, or of the report; return where they come out."""
-    if settings == Link():  # a perfect link
-        link = builder.AddNamedSystem(f"{sensor}_link", PassThrough(message.size()))
-        builder.Connect(message, link.get_input_port())
-    else:
-        link = builder.AddSystem(SensorLink_[float](sensor, message.size(), settings, scenario.seed, scenario.h))
-        builder.Connect(message, link.GetInputPort("message"))
-        builder.Connect(state, link.GetInputPort("state"))
-    delivered: OutputPort = link.get_output_port()
-    return delivered
+def _seen(wiring: Wiring) -> str:
+    """Return what says the state as the camera sees it, by its own clock."""
+    return "camera_clock" if "camera_clock" in wiring.boxes else "plant"
 
 
 def _add_rendered_camera(
-    builder: DiagramBuilder, scenario: Scenario, room: Room, seen: Ports, state: OutputPort
+    builder: DiagramBuilder, scenario: Scenario, room: Room, seen: OutputPort, shutter: OutputPort
 ) -> None:
-    """Add a camera whose pictures Drake renders of the state as it is seen, with its shutter's link."""
+    """Add a camera whose pictures Drake renders of the state as it is seen; those that come late are kept."""
     width, link = scenario.camera.width, scenario.link_of("camera")
     rendered = builder.AddSystem(make_rendered_camera(room, width))
-    builder.Connect(seen["state"], rendered.GetInputPort("state"))
-    source = builder.AddSystem(Shutter())
-    _connect(builder, seen, source)
-    shutter = _add_link(builder, link, scenario, "camera", source.get_output_port(), state)
-    builder.ExportOutput(shutter, "shutter")
+    builder.Connect(seen, rendered.GetInputPort("state"))
     image, ticks = rendered.GetOutputPort("color_image"), link.delay + link.random_delay
     if ticks:
         camera = room.camera.scaled_to(width)
@@ -228,6 +232,6 @@ def _add_rendered_camera(
         builder.ExportOutput(rendered.GetOutputPort(name), name)
 
 
-def make_world(scenario: Scenario, command_period: float | None = None) -> World:
+def make_world(scenario: Scenario, command_period: float | None = None, fused: bool = False) -> World:
     """Return the world of a scenario; arguments and errors as World's."""
-    return World(scenario, command_period)
+    return World(scenario, command_period, fused)

@@ -10,16 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.diagrams.onboard import initial_estimate
-from ortilo_drake.diagrams.wiring.fixes import heard_boxes, solver_boxes
+from ortilo_drake.diagrams.wiring.fixes import heard_boxes, mean_box, solver_boxes
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
-from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box
+from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box, parts_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
@@ -27,7 +26,7 @@ from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
 from ortilo_drake.onboard.estimator.robust.system import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
-from ortilo_drake.scenario import Belief, Scenario
+from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown
 
 
@@ -57,16 +56,27 @@ class Filtering(NamedTuple):
         return "known.belief" if self.extras else self.belief
 
 
-def intermittent_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
-    """Return the paper's estimator; arguments as of onboard_boxes, of which r_0 is where the path begins."""
-    belief = scenario.belief
+def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
+    """Return the paper's estimator; it reads boxes `servo` and `reference`.
+
+    Args:
+        belief: what is known of a scenario.
+        room: its room as it was surveyed.
+        xbar_0: first estimate (15).
+        messages: which box says each sensor's message as it lands.
+    """
     settings, its = belief.estimator, filtering_of(belief)
-    heard = heard_boxes(settings.robust, messages)
+    heard = heard_boxes(settings.robust, messages, {name: belief.samples(name) for name in messages})
     gates = [box for name, box in heard.items() if box is not messages[name]]
     fixes = solver_boxes(belief, room, heard)
     past = past_boxes(its, {name: heard[name] for name in fixes}, belief.h) if its.replays else {}
     about = {name: f"{name}_about.belief" if its.extras else f"{name}_past" for name in past}
-    fixes = {name: solver.reading(belief=about.get(name, its.known)) for name, solver in fixes.items()}
+    about = {name: about.get(name, its.known) for name in fixes}
+    split = [parts_box(f"{name}_prior").reading(belief=about[name]) for name in fixes if fixes[name].system is not None]
+    fixes = {
+        name: solver if solver.system is not None else solver.reading(belief=about[name])
+        for name, solver in fixes.items()
+    }
     handed = heard | fixes
 
     chain = [handler_of(belief, {name: box.size for name, box in handed.items()}).reading(belief=its.known)]
@@ -75,15 +85,17 @@ def intermittent_boxes(scenario: Scenario, room: Room, r_0: np.ndarray, messages
         chain.append(gate.reading(past="past" if past else its.belief, **measured_by(chain[-1])))
     variances = imu_variances(belief)
     if variances is not None:
-        rows = imu_rows_box(belief.measurement, variances).reading(imu=heard["imu"].name, stamps="handler.stamps")
+        imu = mean_box("imu", IMU_SIZE, belief.samples("imu"), heard["imu"]) if belief.samples("imu") > 1 else heard["imu"]
+        split += [imu] if imu is not heard["imu"] else []
+        rows = imu_rows_box(belief.measurement, variances).reading(imu=imu.name, stamps="handler.stamps")
         chain.append(rows.reading(**measured_by(chain[-1])))
-    kalman = kalman_box(belief, its, r_0).reading(**measured_by(chain[-1]), control="servo")
+    kalman = kalman_box(belief, its, xbar_0).reading(**measured_by(chain[-1]), control="servo")
     kalman = kalman.reading(
         stamps="handler.stamps" if variances is None else "imu_rows.stamps",
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
     )
 
-    boxes = [*gates, *past.values(), *fixes.values(), bundle("messages", list(handed.values())), *chain, kalman]
+    boxes = [*gates, *past.values(), *split, *fixes.values(), bundle("messages", list(handed.values())), *chain, kalman]
     if past:
         boxes.append(bundle("past", list(past.values())))
     if settings.robust is None:
@@ -132,11 +144,11 @@ def robust_box(belief: Belief, its: Filtering, late: list[str]) -> Box:
     return gate_box(weighing_of(settings, its.seen, len(sensors)), opening, numbers, belief.h)
 
 
-def kalman_box(belief: Belief, its: Filtering, r_0: np.ndarray) -> Box:
-    """Return the filter, which begins hovering at r_0."""
+def kalman_box(belief: Belief, its: Filtering, xbar_0: np.ndarray) -> Box:
+    """Return the filter, which begins with an estimate (15)."""
     settings, vehicle, h = belief.estimator, belief.vehicle, belief.h
     model = augmented_model(settings, vehicle, settings.integrator, h, its.extras, belief.yaw)
-    xbar_0, P_0 = initial_estimate(belief, r_0), initial_covariance(settings, its.extras)
+    P_0 = initial_covariance(settings, its.extras)
     belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(its.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
     if its.replays:
         replay = replay_box(model, its.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)

@@ -3,40 +3,106 @@
 Of every estimator the box `filter` has the belief, and `handler` says y, delta and V2.
 """
 
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
 import numpy as np
+from pydrake.systems.framework import System
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.wiring.intermittent import intermittent_boxes
-from ortilo_drake.diagrams.wiring.own_estimator import own_estimator_boxes
+from ortilo_drake.diagrams.wiring.own_estimator import own_estimator_boxes, system_estimator_boxes
 from ortilo_drake.diagrams.wiring.servo import servo_boxes
+from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import Box, constant
+from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
-from ortilo_drake.onboard.planner.planned import start_of
+from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_XBAR, REFERENCE_SIZE, VELOCITY_SIZE
+from ortilo_drake.onboard.estimator.filter_element import parts_box
+from ortilo_drake.onboard.initial import initial_estimate
+from ortilo_drake.onboard.planner.path_player import PathPlayer
+from ortilo_drake.onboard.planner.planned import Planned, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.planner.table_player import reference_box
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Belief
 
 ESTIMATORS = {"intermittent": intermittent_boxes, "tight": tight_boxes}
 
 
-def onboard_boxes(scenario: Scenario, room: Room, path: Trajectory, ticks: int, messages: dict[str, Box]) -> list[Box]:
+class Parts(NamedTuple):
+    """Parts in place of those that a scenario names, as functions; see diagrams/onboard.py."""
+
+    estimator: Callable[[Belief, np.ndarray], System] | None = None
+    servo: Callable[[Belief], System] | None = None
+    planner: Callable[[Belief], Planned] | None = None
+
+
+NO_PARTS: Final = Parts()
+
+
+def onboard_boxes(
+    belief: Belief,
+    room: Room,
+    plan: Planned,
+    ticks: int,
+    messages: dict[str, Box],
+    parts: Parts = NO_PARTS,
+    takes_paths: bool = False,
+) -> list[Box]:
     """Return the boxes of the onboard half.
 
+    They read besides the messages boxes `velocity`, where a scenario lends the true ones, and `acted_delivered`, where
+    it is told which commands acted.
+
     Args:
-        scenario: the scenario.
+        belief: what is known of a scenario.
         room: its room as it was surveyed.
-        path: that is flown.
+        plan: what is flown: a path, or a System that says it.
         ticks: of the flight.
         messages: which box says each sensor's message as it lands.
+        parts: in place of the scenario's.
+        takes_paths: whether the path is an input of Drake's player.
+
+    Raises:
+        InputError: if a part of one's own has not the ports that it needs.
     """
-    make = ESTIMATORS.get(scenario.estimator.kind, own_estimator_boxes)
-    estimator = make(scenario, room, start_of(path), messages)
-    belief, knows_force = belief_in(estimator), any(box.name == "known" for box in estimator)
-    boxes = [*estimator, reference_box(reference_table(path, ticks, scenario.h))]
-    if not knows_force:
-        boxes.append(constant("no_force", np.zeros(3)))
-    return [*boxes, *servo_boxes(scenario, belief, "known.force" if knows_force else "no_force")]
+    xbar_0 = initial_estimate(belief, start_of(plan))
+    signals = {port_of(name): (box.name, box.size) for name, box in messages.items()}
+    signals |= {"control": ("servo", N_U), "reference": ("reference", REFERENCE_SIZE)}
+    signals |= {"velocity": ("velocity", VELOCITY_SIZE)} if belief.lends_velocities else {}
+    signals |= {"acted": ("acted_delivered", ACTED_SIZE)} if belief.commands.are_reported else {}
+    make = parts.estimator or system_of(belief, "estimator")
+    if make is not None:
+        estimator = system_estimator_boxes(belief, make(belief, xbar_0), signals)
+    else:
+        estimator = ESTIMATORS.get(belief.estimator.kind, own_estimator_boxes)(belief, room, xbar_0, messages)
+    force = force_in(estimator)
+    boxes = [*estimator, parts_box("shown").reading(belief=belief_in(estimator))]
+    if force is None:
+        boxes.append(constant(force := "no_force", np.zeros(3)))
+    signals |= {"estimate": ("shown.estimate", N_XBAR), "covariance": ("shown.covariance", N_XBAR**2)}
+    signals |= {"force": (force, 3)}
+    boxes.append(planner_box(plan, ticks, belief.h, takes_paths, signals))
+    make_servo = parts.servo or system_of(belief, "servo")
+    own_servo = None if make_servo is None else make_servo(belief)
+    return [*boxes, *servo_boxes(belief, belief_in(estimator), force, own_servo, signals)]
+
+
+def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
+    """Return what makes the System of a part that a scenario names; None where it is built in or has a compiled share.
+
+    Of a planner it may make a path.
+    """
+    kind = getattr(getattr(belief, role), "kind", "")
+    built_in = {"estimator": tuple(ESTIMATORS), "servo": ("lq",), "planner": ("gcs", "waypoints", "hover")}[role]
+    found = None if kind in built_in else find_part(role, kind)
+    return None if found is None or found.compiled is not None else found.make
+
+
+def port_of(sensor: str) -> str:
+    """Return the name of a sensor's messages at the ports of Drake's diagrams."""
+    return "detections" if sensor == "camera" else sensor
 
 
 def belief_in(boxes: list[Box]) -> str:
@@ -45,6 +111,22 @@ def belief_in(boxes: list[Box]) -> str:
     if "known" in named:
         return "known.belief"
     return "filter.belief" if "belief" in named["filter"].parts else "filter"
+
+
+def force_in(boxes: list[Box]) -> str | None:
+    """Return what says the force that is believed to act; None where no estimator knows it."""
+    return next((f"{box.name}.force" for box in boxes if "force" in box.parts), None)
+
+
+def planner_box(
+    plan: Planned, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]
+) -> Box:
+    """Return what says the reference; arguments as of onboard_boxes and system_box."""
+    if not isinstance(plan, Trajectory):
+        return system_box("reference", plan, ("reference",), signals)
+    if takes_paths:
+        return system_box("reference", PathPlayer(), ("y0",), {})
+    return reference_box(reference_table(plan, ticks, h))
 
 
 def reference_table(path: Trajectory, ticks: int, h: float) -> np.ndarray:

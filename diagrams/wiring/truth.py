@@ -1,6 +1,4 @@
 """How the world of one seed differs from what is believed: what each box of its flight is given in place of its own.
-
-The counterpart of world/truth.py, which sets the same numbers in a Context.
 """
 
 import numpy as np
@@ -11,7 +9,6 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
-from ortilo_drake.sensors.shares import share_of
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import FAULT
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
@@ -30,9 +27,10 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
     """
     if scenario.truth == Truth():
         return {}
-    drawn = draw_truth(scenario.truth, draw, room, payloads_of(scenario, room))
+    payloads = payloads_of(wiring, scenario, room)
+    drawn = draw_truth(scenario.truth, draw, room, payloads)
     parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
-    parts += [of_sensor(wiring, scenario, room, sensor, drawn, draw) for sensor in payloads_of(scenario, room)]
+    parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
     found: dict[str, Given] = {}
     for name, given in (item for part in parts for item in part.items()):
         if name in wiring.boxes:
@@ -52,32 +50,46 @@ def normals_at_start(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str
     return asked
 
 
-def payloads_of(scenario: Scenario, room: Room) -> dict[str, int]:
+def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int]:
     """Return the size of each payload, of the sensors that fly, as draw_truth takes them; 0 of the camera's."""
     sizes = {"uwb": 2 * len(room.anchors), "camera": 0, "imu": IMU_SIZE - PAYLOAD}
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
     flying.sort(key=lambda name: list(sizes).index(name) if name in sizes else len(sizes))
-    return {name: sizes[name] if name in sizes else share_of(name).payload for name in flying}
+    return {name: sizes[name] if name in sizes else wiring.boxes[name].size - PAYLOAD for name in flying}
 
 
 def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
     """Return where the vehicle starts, what it weighs, and what its rotors make of a command."""
-    vehicle, start = scenario.vehicle, np.zeros(12)
+    start = np.zeros(12)
     start[0:3], start[5] = drawn["start.position"], drawn["start.yaw"]
-    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
-    inertia = np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia])
+    found = of_body(wiring, scenario, drawn)
     name, state = ("vehicle", "body") if "vehicle" in wiring.boxes else ("plant", "x")
-    body = wiring.boxes[name].given.start[state].copy()
-    body[:12] += start
-    found = {name: Given({"mass": mass, "inertia": inertia}, {state: body})}
-    if "imu" in wiring.boxes and "mass" in wiring.boxes["imu"].given.numbers:
-        found["imu"] = Given({"mass": mass})
+    if name in found:
+        body = wiring.boxes[name].given.start[state].copy()
+        body[:12] += start
+        found[name] = found[name].with_(Given(start={state: body}))
     if scenario.truth.vehicle != VehicleTruth():
         wrench = wrench_matrix(float(drawn["vehicle.thrust_factor"]), drawn["vehicle.center_of_gravity"])
         tables = Given(tables={"wrench": wrench})
         found["wrench_error"] = found["rotors_felt"] = tables
         if name == "vehicle":
             found[name] = found[name].with_(tables)
+    return found
+
+
+def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
+    """Return what the vehicle weighs, and the mean force on it, of boxes that are told."""
+    vehicle, boxes = scenario.vehicle, wiring.boxes
+    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
+    inertia = np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia])
+    numbers = {"mass": mass, "inertia": inertia}
+    found = {}
+    for name in ("vehicle", "plant", "imu"):
+        told = {number for number in numbers if name in boxes and number in boxes[name].given.numbers}
+        if told:
+            found[name] = Given({number: numbers[number] for number in told})
+    if "lasting_force" in boxes:
+        found["lasting_force"] = Given(tables={"bias": np.concatenate((drawn["force.mean"], np.zeros(3)))})
     return found
 
 
@@ -92,17 +104,17 @@ def of_force(scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given
 
 
 def lasting(name: str, noise: SlowNoise, bias: np.ndarray, draw: AtStart) -> Given:
-    """Return an error that lasts, started as SlowError_ of that name starts it."""
+    """Return an error that lasts, with the noise that has its name."""
     return Given(start={"x": noise.start * draw(f"slow error/{name}", len(bias))}, tables={"bias": bias})
 
 
 def of_sensor(
-    wiring: Wiring, scenario: Scenario, room: Room, sensor: str, drawn: Drawn, draw: AtStart
+    wiring: Wiring, scenario: Scenario, room: Room, sensor: str, payload: int, drawn: Drawn, draw: AtStart
 ) -> dict[str, Given]:
     """Return a sensor's clock, where it and what it sees stand, and the errors of its messages; arguments as above."""
     clock = Given({"offset": float(drawn[f"clock.offset.{sensor}"]), "drift": float(drawn[f"clock.drift.{sensor}"])})
     found = {f"{sensor}_clock": clock}
-    errors = errors_of(scenario.truth, sensor, payloads_of(scenario, room)[sensor], scenario.h)
+    errors = errors_of(scenario.truth, sensor, payload, scenario.h)
     if errors is not None:
         n = len(errors.noise.a)
         lasts = lasting(f"{sensor}_slow_error", errors.noise, bias_of(drawn, sensor, n), draw)
@@ -114,7 +126,7 @@ def of_sensor(
         anchors = Given(tables={"anchors": room.anchor_positions + drawn["survey.anchors"]})
         found["uwb"] = anchors.with_(Given(tables={"bias": drawn["uwb.bias"]}))
         found |= {name: anchors for name, box in wiring.boxes.items() if box.element is FAULT}
-    if sensor == "camera":
+    if sensor == "camera" and not scenario.is_rendered:
         numbers = {
             "p_BC": np.array(room.camera.position) + drawn["camera.position"],
             "f": wiring.boxes["camera"].given.numbers["f"] * float(drawn["camera.focal_factor"]),

@@ -1,11 +1,9 @@
 """The boxes of the vehicle: its plant, what makes its wrench and what pushes it about."""
 
 import numpy as np
-from pydrake.trajectories import Trajectory
 
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.onboard.planner.planned import start_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_table, wrench_faults_box, wrench_table
@@ -16,17 +14,17 @@ from ortilo_drake.world.vehicle.quadrotor import felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
 
-def vehicle_boxes(scenario: Scenario, path: Trajectory, control: str, feels: bool) -> list[Box]:
+def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool) -> list[Box]:
     """Return the plant, `plant`, and all that acts on it.
 
     Args:
         scenario: the scenario.
-        path: that is flown, at whose start the vehicle hovers.
+        r_0: where it hovers at first, p_WB (3) [m].
         control: the box that says the control as it reaches the rotors.
-        feels: whether an imu asks for what the body felt up to this tick, `felt`.
+        feels: whether a sensor asks for what the body felt up to this tick, `felt`.
     """
     x_0 = np.zeros(N_X)
-    x_0[0:3], x_0[5] = start_of(path), scenario.yaw
+    x_0[0:3], x_0[5] = r_0, scenario.yaw
     pushing, acting = disturbance_boxes(scenario), wrench_boxes(scenario, control)
     acts, pushes = acting[-1].name if acting else control, pushing[-1].name
     if scenario.world.plant == "sampled" and not scenario.faster_sensors:

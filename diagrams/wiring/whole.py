@@ -1,20 +1,19 @@
 """World and onboard half of a scenario in one wiring."""
 
-from typing import Any
+from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.faults import check_room
-from ortilo_drake.diagrams.wiring.onboard import belief_in, onboard_boxes
-from ortilo_drake.diagrams.wiring.world import world_boxes
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, onboard_boxes, system_of
+from ortilo_drake.diagrams.wiring.pictures import detected
+from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
-from ortilo_drake.model.parts import CompiledEstimator, find_part
-from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.onboard.planner.planned import path_of
-from ortilo_drake.scenario import CommandLink, Commands, IntermittentFilter, LqServo, Scenario
+from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS
+from ortilo_drake.onboard.planner.planned import planned, start_of
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.tight import TightFilter
-from ortilo_drake.sensors.described import described
 
 
-def boxes_of(scenario: Scenario, ticks: int) -> list[Box]:
+def boxes_of(scenario: Scenario, ticks: int, parts: Parts = NO_PARTS) -> list[Box]:
     """Return the boxes of a scenario's flight of so many ticks; its own seed is not used.
 
     Raises:
@@ -22,49 +21,47 @@ def boxes_of(scenario: Scenario, ticks: int) -> list[Box]:
     """
     room = scenario.load_room()
     check_room(scenario, room)
-    path = path_of(scenario)
-    world, messages = world_boxes(scenario, room, path)
-    return [*world, *onboard_boxes(scenario, room, path, ticks, messages)]
+    plan = planned(scenario, parts.planner)
+    world, messages = world_boxes(scenario, room, start_of(plan))
+    seeing, messages = detected(scenario.belief, room, messages)
+    return [*world, *seeing, *onboard_boxes(scenario.belief, room, plan, ticks, messages, parts)]
 
 
 def signals_of(boxes: list[Box]) -> dict[str, str]:
     """Return which box, or part of one, says each signal of a flight's log."""
     signals = {"state": "plant", "control": "servo", "reference": "reference", "belief": belief_in(boxes)}
-    weighed = "robust_gate" if any(box.name == "robust_gate" for box in boxes) else "handler"
-    return signals | {name: f"{weighed}.{name}" for name in ("y", "delta", "V2")}
+    return signals | measured_in(boxes)
+
+
+def measured_in(boxes: list[Box]) -> dict[str, str]:
+    """Return what says y, delta and V2 as they reach the filter."""
+    named = {box.name: box for box in boxes}
+    told = "robust_gate" if "robust_gate" in named else "handler"
+    own = named["estimator"].parts if "estimator" in named else {}
+    return {name: f"estimator.{name}" if name in own else f"{told}.{name}" for name in ("y", "delta", "V2")}
 
 
 def why_not(scenario: Scenario) -> str | None:
-    """Return which part of a scenario is no element, naming the field; None where all are, and it can be played."""
-    settings, others = scenario.estimator, own_sensors(scenario)
-    is_tight = isinstance(settings, TightFilter)
-    own = [name for name in others if described(name).compiled is None]
-    if own:
-        return f"sensors: {own[0]}: has no compiled form"
-    if others and not isinstance(settings, IntermittentFilter):
-        return f"sensors: {others[0]}: has no compiled form with estimator.kind {settings.kind}"
+    """Return which part of a scenario is no element, naming the field; None where all are, and it can be played compiled.
+
+    Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own without a compiled share.
+    """
+    is_tight = isinstance(scenario.estimator, TightFilter)
+    for sensor in scenario.own_sensors:
+        if is_system(scenario, sensor):
+            return f"sensors: {sensor}: has no compiled form"
+        if is_tight:
+            return f"sensors: {sensor}: has no compiled form with estimator.kind {scenario.estimator.kind}"
     faster = [name for name in scenario.faster_sensors if not (is_tight and name == "imu")]
     if faster:
         return f"{faster[0]}.link.rate: is faster than the tick"
-    if not (is_tight or isinstance(settings, IntermittentFilter) or compiled_estimator(settings)):
-        return f"estimator.kind: {settings.kind}: has no compiled form"
+    for role in ("estimator", "servo"):
+        if system_of(scenario.belief, role) is not None:
+            return f"{role}.kind: {getattr(scenario, role).kind}: has no compiled form"
+    if system_of(scenario.belief, "planner") is not None and not isinstance(planned(scenario.belief), Trajectory):
+        return f"planner.kind: {scenario.planner.kind}: has no compiled form"
     if scenario.is_rendered:
         return "camera.kind: rendered: has no compiled form"
-    if "camera" in scenario.sensors and not is_tight and scenario.landmark_fix.method == "pnp":  # it is OpenCV's
+    if "camera" in scenario.sensors and not is_tight and scenario.landmark_fix.method not in ELEMENTS:
         return f"landmark_fix.method: {scenario.landmark_fix.method}: has no compiled form"
-    if not isinstance(scenario.servo, LqServo):
-        return f"servo.kind: {scenario.servo.kind}: has no compiled form"
-    if scenario.commands != Commands() or scenario.command_link != CommandLink():
-        return "command_link, commands: late or lost commands have no compiled form"
     return None
-
-
-def own_sensors(scenario: Scenario) -> list[str]:
-    """Return the sensors that fly beside uwb, camera and imu, in their order in the measurement."""
-    return [name for name in scenario.measurement.sensors if name in scenario.sensors and name not in SENSORS]
-
-
-def compiled_estimator(settings: Any) -> CompiledEstimator | None:
-    """Return the compiled share of an estimator of one's own, by its settings; None if it has none."""
-    found = find_part("estimator", settings.kind)
-    return None if found is None else found.compiled

@@ -1,15 +1,19 @@
 """The boxes of the world: the vehicle, its sensors and their links."""
 
-from pydrake.trajectories import Trajectory
+import numpy as np
+from pydrake.systems.framework import System
 
+from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.diagrams.wiring.vehicle import vehicle_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.model.signals import N_U, N_X, PAYLOAD, SENSORS
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, Scenario
 from ortilo_drake.scenario.truth import ClockTruth
+from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.shares import share_of
+from ortilo_drake.world.drawn_truth import check_size
 from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
 from ortilo_drake.world.faults.scene_faults import message_faults
 from ortilo_drake.world.radio.command_link import command_link_box
@@ -18,22 +22,48 @@ from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.message_error import errors_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
 from ortilo_drake.world.sensors.projected_camera_element import camera_box
+from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import errors_of
+from ortilo_drake.world.sensors.shutter import shutter_box
+from ortilo_drake.world.sensors.true_velocity import velocity_box
 from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 
 
-def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[Box], dict[str, Box]]:
-    """Return the boxes of the world, and which of them says each sensor's message as it lands."""
-    commands, messages = command_boxes(scenario), dict[str, Box]()
+def world_boxes(
+    scenario: Scenario, room: Room, r_0: np.ndarray, whole_imu: bool = False
+) -> tuple[list[Box], dict[str, Box]]:
+    """Return the boxes of the world, and which of them says each sensor's message as it lands.
+
+    They read the control (4) of a box `servo`.
+
+    Args:
+        scenario: the scenario.
+        room: as it was surveyed.
+        r_0: where the vehicle hovers at first, p_WB (3) [m].
+        whole_imu: whether all of the imu's message is asked for; else only what the estimator reads of it.
+    """
+    commands = command_boxes(scenario)
     control = "command_link.applied" if commands else "servo"
-    boxes = [*commands, *vehicle_boxes(scenario, path, control, reads_whole_imu(scenario))]
+    boxes = [*commands, *vehicle_boxes(scenario, r_0, control, feels(scenario, whole_imu))]
     if scenario.commands.are_reported:
         boxes += report_boxes(scenario, control)
+    sensing, messages = sensors_boxes(scenario, room, whole_imu)
+    return [*boxes, *sensing], messages
+
+
+def sensors_boxes(scenario: Scenario, room: Room, whole_imu: bool) -> tuple[list[Box], dict[str, Box]]:
+    """Return the boxes of the sensors and their links, and which of them says each sensor's message as it lands.
+
+    They read `plant`, the true state, and where a sensor asks for it `felt`; arguments as of world_boxes.
+    """
+    boxes, messages = list[Box](), dict[str, Box]()
+    if scenario.lends_velocities:
+        boxes.append(velocity_box(scenario.h).reading(state="plant"))
     for name in scenario.measurement.sensors:
         if name in scenario.sensors:
-            own = sensor_boxes(scenario, room, name)
+            own = sensor_boxes(scenario, room, name, whole_imu)
             boxes += own
             messages[name] = own[-1]
     return boxes, messages
@@ -49,54 +79,98 @@ def command_boxes(scenario: Scenario) -> list[Box]:
 
 def report_boxes(scenario: Scenario, control: str) -> list[Box]:
     """Return what tells which commands acted, with its link; `acted_delivered` is the report as it lands."""
-    settings, h, perfect = scenario.report_link, scenario.h, control == "servo"
+    h, perfect = scenario.h, control == "servo"
     stamp = "now" if perfect else "command_link.stamp"
     report = report_box(scenario.vehicle.hover_thrust, h).reading(control=control, stamp=stamp)
+    return [*([now_box(h)] if perfect else []), report, *report_link_boxes(scenario, report)]
+
+
+def report_link_boxes(scenario: Scenario, report: Box) -> list[Box]:
+    """Return the link of the report of what acted; `acted_delivered` says it as it lands."""
+    settings, h = scenario.report_link, scenario.h
     link = link_box("acted", settings, settings.every(h), h).reading(state="plant")
-    delivered = delivery_box("acted", report, settings)
-    return [*([now_box(h)] if perfect else []), report, link, delivered]
+    return [link, delivery_box("acted", report, settings)]
 
 
-def sensor_boxes(scenario: Scenario, room: Room, name: str) -> list[Box]:
+def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> list[Box]:
     """Return a sensor with its clock, errors, faults and link; the last box says its message as it lands."""
     settings, h, samples = link_settings(scenario, name), scenario.h, scenario.samples(name)
-    faults = message_faults(scenario.faults, name)
+    faults = [] if is_picture(scenario, name) else message_faults(scenario.faults, name)
     link = link_box(name, settings, scenario.every(name), h).reading(state="plant")
     asked, clock = asked_box(name, faults, samples, h), None
     if name != "imu" and scenario.truth.clock != ClockTruth():  # the imu's is the onboard computer's
         clock = clock_box(name, h).reading(state="plant")
     seen = "plant" if clock is None else clock.name
-    sensor = source_box(scenario, room, name).reading(state=seen, sent=link.name if asked is None else asked.name)
-    changes, payload = [], (sensor.size - PAYLOAD) // samples - (PAYLOAD if samples > 1 else 0)
-    errors = errors_of(scenario.truth, name, payload, h)
-    if errors is not None:
-        changes.append(errors_box(name, sensor, errors, samples, h))
-    said = changes[-1] if changes else sensor
+    sensor = source_box(scenario, room, name, seen, whole_imu)
+    if sensor.system is None:
+        sensor = sensor.reading(state=seen, sent=link.name if asked is None else asked.name)
     its_h = scenario.sampled_for(name).h
-    boxes = fault_boxes(name, said, faults, room.anchor_positions, samples, its_h)
+    each = 1 if sensor.system is not None else samples  # a System gives its samples one by one
+    changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
+    if name in dict(scenario.truth.sensors):
+        check_size(name, dict(scenario.truth.sensors)[name], payload)
+    errors = None if is_picture(scenario, name) else errors_of(scenario.truth, name, payload, h)
+    if errors is not None:
+        changes.append(errors_box(name, sensor, errors, each, h))
+    said = changes[-1] if changes else sensor
+    boxes = fault_boxes(name, said, faults, room.anchor_positions, each, its_h)
     changes += [box.reading(state=seen) for box in boxes]
     said = changes[-1] if changes else sensor
+    if samples > each:
+        collector = SampleCollector(name, said.size, samples, h)
+        changes.append(system_box(f"{name}_samples", collector, (name,), {"sample": (said.name, said.size)}))
+        said = changes[-1]
     before = [box for box in (asked, clock) if box is not None]
-    landing = [delivery_box(name, said, settings)] if is_late(settings) or asked is not None else []
-    return [link, *before, sensor, *changes, *landing]
+    lands = is_late(settings) or asked is not None or sensor.system is not None
+    return [link, *before, sensor, *changes, *([delivery_box(name, said, settings)] if lands else [])]
 
 
 def link_settings(scenario: Scenario, name: str) -> Link:
-    """Return the settings of a sensor's link; from picture to boxes it takes the camera's latency besides."""
+    """Return the settings of a sensor's link; from picture to boxes it takes the projected camera's latency besides."""
     settings = scenario.link_of(name)
-    latency = scenario.camera.latency if name == "camera" else 0
+    latency = scenario.camera.latency if name == "camera" and not scenario.is_rendered else 0
     return settings.model_copy(update={"delay": settings.delay + latency})
 
 
-def source_box(scenario: Scenario, room: Room, name: str) -> Box:
-    """Return what says a sensor's message as it is sent: it reads `sent` and the state as the sensor sees it."""
+def is_picture(scenario: Scenario, name: str) -> bool:
+    """Return whether what a sensor sends is a picture: its message is the shutter's."""
+    return name == "camera" and scenario.is_rendered
+
+
+def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: bool) -> Box:
+    """Return what says a sensor's message as it is sent: it reads `sent` and the state as the sensor sees it.
+
+    A System of one's own says it in every tick.
+    """
+    if is_picture(scenario, name):
+        return shutter_box(scenario.h)
     if name == "uwb":
         return uwb_box(scenario.uwb, room, scenario.h)
     if name == "imu":
-        return inertial_box(scenario)
+        return inertial_box(scenario, whole_imu)
     if name == "camera":
         return camera_box(scenario.camera, room, scenario.faults, scenario.h)
+    if is_system(scenario, name):
+        system: System = described(name).make_world(scenario.sampled_for(name), room)
+        signals = {"state": (seen, N_X), "control": (felt_control(scenario), N_U), "disturbance": ("felt.disturbance", 6)}
+        return system_box(name, system, (system.get_output_port().get_name(),), signals)
     return own_sensor_box(name, share_of(name), scenario, room)
+
+
+def is_system(scenario: Scenario, name: str) -> bool:
+    """Return whether a sensor is a System of one's own: it has no compiled share, or is asked between two ticks."""
+    return name not in SENSORS and (described(name).compiled is None or scenario.samples(name) > 1)
+
+
+def feels(scenario: Scenario, whole_imu: bool) -> bool:
+    """Return whether a sensor asks for what acts on the body."""
+    imu = "imu" in scenario.sensors and (whole_imu or reads_whole_imu(scenario))
+    return imu or any(is_system(scenario, name) for name in scenario.own_sensors)
+
+
+def felt_control(scenario: Scenario) -> str:
+    """Return what says the control as it acted on the body up to this tick."""
+    return "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
 
 
 def reads_whole_imu(scenario: Scenario) -> bool:
@@ -104,9 +178,8 @@ def reads_whole_imu(scenario: Scenario) -> bool:
     return not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
 
 
-def inertial_box(scenario: Scenario) -> Box:
+def inertial_box(scenario: Scenario, whole: bool) -> Box:
     """Return the imu."""
-    whole = reads_whole_imu(scenario)
-    imu = imu_box(scenario.imu, scenario.h, whole, scenario.vehicle.mass, scenario.samples("imu"))
-    felt = "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
-    return imu.reading(felt=felt, disturbance="felt.disturbance", passed="vehicle.passed")
+    whole, samples = whole or reads_whole_imu(scenario), scenario.samples("imu")
+    imu = imu_box(scenario.imu, scenario.h, whole, scenario.vehicle.mass, samples)
+    return imu.reading(felt=felt_control(scenario), disturbance="felt.disturbance", passed="vehicle.passed")

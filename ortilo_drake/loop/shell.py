@@ -19,7 +19,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.digest import digest_of
-from ortilo_drake.loop.element import OUTSIDE, Box, Given, takes
+from ortilo_drake.loop.element import OUTSIDE, Box, Given, outside, takes
 from ortilo_drake.loop.native import load, native_of
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.player import Memory
@@ -142,6 +142,9 @@ class PlainCalls:
 def WiredSystem_(T: type) -> type:
     """Return the system for a scalar type: float, AutoDiffXd or Expression."""
 
+    def zeros(size: int) -> Any:
+        return np.zeros(size) if T is float else np.full(size, T(0.0))
+
     class Impl(LeafSystem_[T]):
         """Boxes of a wiring as one system.
 
@@ -160,12 +163,12 @@ def WiredSystem_(T: type) -> type:
         Args:
             name: of the system.
             wiring: its boxes, with one of OUTSIDE for each input.
-            outputs: what each output port shows, "box" or "box.part", by its name.
+            outputs: what each output port shows, by its name: signals, "box" or "box.part", one after the other.
             h: tick [s].
         """
 
         def _construct(
-            self, name: str, wiring: Wiring, outputs: dict[str, str], h: float, converter: Any = None
+            self, name: str, wiring: Wiring, outputs: dict[str, tuple[str, ...]], h: float, converter: Any = None
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name(name)
@@ -189,7 +192,7 @@ def WiredSystem_(T: type) -> type:
                 for i, needs in enumerate(reading.groups):
                     self._declare_group(i, needs)
             for port, said in outputs.items():
-                self._declare_output(port, wiring.wire(said, port), reading)
+                self._declare_output(port, [wiring.wire(its, port) for its in said], reading)
             if reading.steps:
                 self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
 
@@ -201,32 +204,38 @@ def WiredSystem_(T: type) -> type:
             return {self._ports[i].ticket() for i in needs} | of_state | {self.time_ticket(), self.all_parameters_ticket()}
 
         def _declare_group(self, i: int, needs: frozenset[str]) -> None:
+            size = self._places.sizes[3]
+
             def calc(context: Any, output: Any) -> None:
                 inputs = {name: self._ports[name].Eval(context) for name in needs}
-                Y = self._groups[frozenset()].Eval(context).copy() if needs else np.full(output.size(), T(0.0))
+                Y = self._groups[frozenset()].Eval(context).copy() if needs else zeros(size)
                 self._put(inputs, Y)
                 self._make(f"said_{i}", context, self._state_in(context), Y)
                 output.SetFromVector(Y)
 
             port = self.DeclareVectorOutputPort(
-                f"said_{i}", self._places.sizes[3], calc, prerequisites_of_calc=self._tickets(needs)
+                f"said_{i}", size, calc, prerequisites_of_calc=self._tickets(needs)
             )
             self._groups[needs] = port
 
-        def _declare_output(self, name: str, wire: Wire, reading: Reading) -> None:
-            letter, at = place_of(self._wiring, self._places, wire)
-            if letter == "S" and wire.size == self._places.sizes[1]:
+        def _declare_output(self, name: str, wires: list[Wire], reading: Reading) -> None:
+            size, places = sum(wire.size for wire in wires), [place_of(self._wiring, self._places, w) for w in wires]
+            if len(wires) == 1 and places[0][0] == "S" and size == self._places.sizes[1]:
                 self.DeclareStateOutputPort(name, self._state)
                 return
-            needs = reading.of(wire.box)
-            source = None if letter == "S" else self._groups[needs]
+            needs = frozenset().union(*(reading.of(wire.box) for wire in wires))
+            source = self._groups.get(needs, self._groups.get(self._all))
+            ranges = [(letter, at, at + wire.size) for (letter, at), wire in zip(places, wires, strict=True)]
+            letters = {letter for letter, _, _ in ranges}
 
             def calc(context: Any, output: Any) -> None:
-                whole = self._state_in(context) if source is None else source.Eval(context)
-                output.SetFromVector(whole[at : at + wire.size])
+                Y = source.Eval(context) if "Y" in letters else _NOTHING
+                S = self._state_in(context) if "S" in letters else _NOTHING
+                shown = [(S if letter == "S" else Y)[start:end] for letter, start, end in ranges]
+                output.SetFromVector(shown[0] if len(shown) == 1 else np.concatenate(shown))
 
-            tickets = {self.xd_ticket()} if source is None else self._tickets(needs)
-            self.DeclareVectorOutputPort(name, wire.size, calc, prerequisites_of_calc=tickets)
+            tickets = self._tickets(needs) if "Y" in letters else {self.xd_ticket()}
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=tickets)
 
         def _state_in(self, context: Any) -> Any:
             return _NOTHING if self._state is None else context.get_discrete_state(self._state).value()
@@ -312,6 +321,6 @@ def _value_of(scalar: Any) -> float:
 def alone(wiring: Wiring, name: str) -> Wiring:
     """Return a wiring of one box, whose inputs come from outside."""
     box = wiring.boxes[name]
-    inputs = {port: wiring.wires[name, port] for port in box.element.inputs}
-    around = [Box(port, OUTSIDE, wire.size) for port, wire in inputs.items()]
-    return Wiring([box.reading(**{port: port for port in inputs}), *around])
+    wires = {port: wiring.wires[name, port] for port in box.element.inputs}
+    inputs = {port: wire.size for port, wire in wires.items() if wire.box != name}  # it may read what it says itself
+    return Wiring([box.reading(**{port: port for port in inputs}), *(outside(*its) for its in inputs.items())])

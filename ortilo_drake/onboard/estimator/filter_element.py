@@ -72,6 +72,20 @@ def known_out(belief: np.ndarray, out: np.ndarray) -> None:
     put(belief[N_X : N_X + 3], out, KNOWN)
 
 
+def parts_out(belief: np.ndarray, out: np.ndarray) -> None:
+    """Say a belief of [x; i] (240) again."""
+    put(belief[:KNOWN], out)
+
+
+def extra_out(belief: np.ndarray, out: np.ndarray) -> None:
+    """Say the states between x and i and their standard deviations (2 e), of a belief of [x; e; i]."""
+    e = out.size // 2
+    size = e + N_XBAR
+    for i in range(e):
+        out[i] = belief[N_X + i]
+        out[e + i] = np.sqrt(belief[size + (size + 1) * (N_X + i)])
+
+
 MODEL = (
     Array("Gamma", 2),
     Array("W", 2),
@@ -93,6 +107,8 @@ FILTER = Element(
     shows="belief",
 )
 KNOWN_PART = Element("known_part", out=known_out)
+EXTRA = Element("extra_part", out=extra_out)
+PARTS = Element("belief_parts", out=parts_out)
 
 
 def model_given(model: FilterModel, hover_thrust: float) -> Given:
@@ -130,3 +146,13 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
 def known_box(name: str) -> Box:
     """Return what reads a belief of [x; e; i] and says that of [x; i], a part `belief`, and the `force`."""
     return Box(name, KNOWN_PART, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})
+
+
+def parts_box(name: str) -> Box:
+    """Return what reads a belief that begins with that of [x; i] (240) and says its `estimate` and its `covariance`."""
+    return Box(name, PARTS, KNOWN, parts={"estimate": (0, N_XBAR), "covariance": (N_XBAR, N_XBAR * N_XBAR)})
+
+
+def extra_box(name: str, n: int) -> Box:
+    """Return what reads a belief of [x; e; i] of n states and says those between, e, and their standard deviations."""
+    return Box(name, EXTRA, 2 * (n - N_XBAR))

@@ -103,10 +103,10 @@ def servo_out(
     put(command(belief, reference, L, n.mass, n.yaw, n.error_form != 0, (force[0], force[1], force[2])), out)
 
 
-def lent_out(belief: np.ndarray, state: np.ndarray, out: np.ndarray) -> None:
-    """Say the estimate (15) with the true velocities in it."""
+def lent_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
+    """Say the estimate (15) with the true velocities of a message in it."""
     put(belief[:N_XBAR], out)
-    put(state[6:N_X], out, 6)
+    put(velocity[PAYLOAD:], out, 6)
 
 
 SERVO = Element(

@@ -61,3 +61,30 @@ class SampleCollector(LeafSystem):
         if len(there):
             message[ARRIVED], message[STAMP] = 1.0, there[-1, STAMP]
         output.SetFromVector(message)
+
+
+class Passed(LeafSystem):
+    """Keeps what a signal was at the instants inside a tick that divide it evenly, t_k + h / n, ..., t_k + h (n - 1) / n.
+
+    Ports:
+        signal (m).
+        passed ((n - 1) m, output): a state: what it was inside the last tick, oldest first.
+
+    Args:
+        size: m.
+        n: parts of a tick, 2 or more.
+        h: tick [s].
+    """
+
+    def __init__(self, size: int, n: int, h: float):
+        super().__init__()
+        self.set_name("passed")
+        self._size = size
+        self._signal = self.DeclareVectorInputPort("signal", size)
+        self._passed = self.DeclareDiscreteState((n - 1) * size)
+        for i in range(1, n):
+            self.DeclarePeriodicDiscreteUpdateEvent(h, h * (i / n), partial(self._keep, i - 1))
+        self.DeclareStateOutputPort("passed", self._passed)
+
+    def _keep(self, i: int, context: Context, values: DiscreteValues) -> None:
+        values.get_mutable_value(self._passed)[i * self._size : (i + 1) * self._size] = self._signal.Eval(context)

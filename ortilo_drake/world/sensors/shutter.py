@@ -1,23 +1,24 @@
 """The message that goes with a picture."""
 
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from typing import Any
 
-from ortilo_drake.model.signals import SHUTTER_SIZE
+import numpy as np
+
+from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.model.placing import fill
+from ortilo_drake.model.signals import ARRIVED, SHUTTER_SIZE, STAMP
 
 
-class Shutter(LeafSystem):
-    """Memoryless: [arrived, stamp] of a picture taken now.
+def shutter_out(n: Any, k: int, sent: np.ndarray, out: np.ndarray) -> None:
+    """Say [arrived, stamp] of a picture taken in this tick, zeros where none is sent."""
+    fill(out, 0.0)
+    if sent[0] >= 0.0:
+        out[ARRIVED], out[STAMP] = 1.0, k * n.h
 
-    Ports:
-        shutter (2, output): 1 and the time [s].
-    """
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.set_name("shutter")
-        self.DeclareVectorOutputPort(
-            "shutter", SHUTTER_SIZE, self._calc_shutter, prerequisites_of_calc={self.time_ticket()}
-        )
+SHUTTER = Element("shutter", out=shutter_out, numbers=(Number("h"),))
 
-    def _calc_shutter(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([1.0, context.get_time()])
+
+def shutter_box(h: float) -> Box:
+    """Return the shutter of a camera that renders: it reads `sent` (1), not negative where its message is sent."""
+    return Box("camera", SHUTTER, SHUTTER_SIZE, Given({"h": h}))

@@ -1,0 +1,19 @@
+"""The estimate with which a flight begins."""
+
+import numpy as np
+
+from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_servo import resting_integral
+from ortilo_drake.scenario import Belief, LqServo
+
+
+def initial_estimate(scenario: Belief, r_0: np.ndarray) -> np.ndarray:
+    """Return xbar_0 (15): hovering at r_0, with the integral at rest."""
+    xbar_0 = np.zeros(N_XBAR)
+    xbar_0[0:3] = r_0
+    xbar_0[5] = scenario.yaw
+    if isinstance(scenario.servo, LqServo):
+        L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+        xbar_0[12:15] = resting_integral(L, r_0, scenario.servo.form)
+    return xbar_0
