@@ -11,7 +11,7 @@ from ortilo_drake.diagrams.wiring.whole import measured_in
 from ortilo_drake.loop.diagram import Added, add_wiring
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import ACTED_SIZE, N_U, REFERENCE_SIZE
+from ortilo_drake.model.signals import N_U, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import with_known_part
 from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box

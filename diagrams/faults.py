@@ -1,41 +1,8 @@
 """Faults of the sensors' messages in the world: each a system between a sensor and its link."""
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.faults import Stuck
-from ortilo_drake.world.faults.message_fault import MessageFault, StuckSensor
-from ortilo_drake.world.faults.scene_faults import message_faults
-
-
-def add_sensor_faults(
-    builder: DiagramBuilder, scenario: Scenario, sensor: str, room: Room, message: OutputPort, state: OutputPort
-) -> OutputPort:
-    """Add the faults that concern a sensor's messages, in the scenario's order; return where the messages come out.
-
-    Args:
-        builder: of the world.
-        scenario: the scenario.
-        sensor: its name.
-        room: its room.
-        message: the sensor's messages, with their errors; of one faster than the tick its samples.
-        state: as the sensor sees it.
-    """
-    sampled = scenario.sampled_for(sensor)
-    for its in message_faults(scenario.faults, sensor):
-        name, size = f"{sensor}_fault_{its.i}", message.size()
-        if isinstance(its.fault, Stuck):
-            stuck = builder.AddSystem(StuckSensor(name, size, its, scenario.h, scenario.samples(sensor)))
-            builder.Connect(message, stuck.get_input_port())
-            message = stuck.get_output_port()
-        else:
-            changed = builder.AddSystem(MessageFault(name, size, its, room.anchor_positions, scenario.seed, sampled.h))
-            builder.Connect(message, changed.GetInputPort("message"))
-            builder.Connect(state, changed.GetInputPort("state"))
-            message = changed.get_output_port()
-    return message
 
 
 def check_room(scenario: Scenario, room: Room) -> None:

@@ -6,14 +6,14 @@ filter with its gain frozen is an affine system.
 """
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, Multiplexer
 
+from ortilo_drake.diagrams.servo import make_lq_servo
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, STATE_NAMES, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.extra_states import D, F, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
-from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import Rotors_
@@ -62,8 +62,8 @@ def make_servo(scenario: Scenario) -> Diagram:
     return _named(builder, "servo")
 
 
-def _servo_of(scenario: Scenario) -> LeafSystem:
-    return make_lq_servo(scenario.servo, scenario.vehicle, scenario.h, scenario.estimator.force != "none")
+def _servo_of(scenario: Scenario) -> System:
+    return make_lq_servo(scenario, scenario.estimator.force != "none")
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:

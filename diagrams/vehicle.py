@@ -3,8 +3,6 @@
 Else the vehicle is made of elements: wiring/vehicle.py.
 """
 
-from dataclasses import replace
-
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ZeroOrderHold
 

@@ -67,7 +67,7 @@ class World(Diagram):
         check_room(scenario, room)
         self._scenario, self._room = scenario, room
         self._plant, sources = None, dict[str, OutputPort]()
-        own = [name for name in scenario.own_sensors if is_system(scenario, name)]
+        own = [name for name in scenario.sensors if is_system(scenario, name)]
         if command_period is not None or any(scenario.samples(name) > 1 for name in own):
             self._plant, ports = add_vehicle(builder, scenario, command_period)
             boxes, sources = _integrated(builder, scenario, ports)

@@ -62,7 +62,8 @@ def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | N
 def system_solver_box(sensor: str, system: System, message: Box) -> Box:
     """Return the box of a System that makes fixes: it reads the message and, where it asks, its prior."""
     signals = {message_port(system).get_name(): (message.name, message.size)}
-    signals |= {"estimate": (f"{sensor}_prior.estimate", N_XBAR), "covariance": (f"{sensor}_prior.covariance", N_XBAR**2)}
+    sizes = {"estimate": N_XBAR, "covariance": N_XBAR**2}
+    signals |= {name: (f"{sensor}_prior.{name}", size) for name, size in sizes.items()}
     return system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals)
 
 

@@ -85,8 +85,9 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         chain.append(gate.reading(past="past" if past else its.belief, **measured_by(chain[-1])))
     variances = imu_variances(belief)
     if variances is not None:
-        imu = mean_box("imu", IMU_SIZE, belief.samples("imu"), heard["imu"]) if belief.samples("imu") > 1 else heard["imu"]
-        split += [imu] if imu is not heard["imu"] else []
+        imu, samples = heard["imu"], belief.samples("imu")
+        if samples > 1:
+            split.append(imu := mean_box("imu", IMU_SIZE, samples, imu))
         rows = imu_rows_box(belief.measurement, variances).reading(imu=imu.name, stamps="handler.stamps")
         chain.append(rows.reading(**measured_by(chain[-1])))
     kalman = kalman_box(belief, its, xbar_0).reading(**measured_by(chain[-1]), control="servo")

@@ -10,7 +10,7 @@ from ortilo_drake.sensors.messages import message_size
 
 
 def message_boxes(belief: Belief, room: Room, detects: bool) -> dict[str, Box]:
-    """Return what stands for each sensor's messages; a camera that renders sends its shutter's if they are detected here."""
+    """Return what stands for each sensor's messages: of a camera whose pictures are looked at here its shutter's."""
     sizes = {"uwb": uwb_size(len(room.anchors)), "camera": DETECTIONS_SIZE, "imu": IMU_SIZE}
     boxes = {}
     for name in belief.measurement.sensors:

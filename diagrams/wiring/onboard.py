@@ -118,9 +118,7 @@ def force_in(boxes: list[Box]) -> str | None:
     return next((f"{box.name}.force" for box in boxes if "force" in box.parts), None)
 
 
-def planner_box(
-    plan: Planned, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]
-) -> Box:
+def planner_box(plan: Planned, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]) -> Box:
     """Return what says the reference; arguments as of onboard_boxes and system_box."""
     if not isinstance(plan, Trajectory):
         return system_box("reference", plan, ("reference",), signals)

@@ -20,6 +20,6 @@ def detected(belief: Belief, room: Room, messages: dict[str, Box]) -> tuple[list
     """Return the detector, if pictures come in, and messages in which the camera's are its detections."""
     if not belief.is_rendered:
         return [], messages
-    shutter = messages["camera"]
-    box = system_box("detector", make_detector(belief, room), ("detections",), {"shutter": (shutter.name, shutter.size)})
+    signals = {"shutter": (messages["camera"].name, messages["camera"].size)}
+    box = system_box("detector", make_detector(belief, room), ("detections",), signals)
     return [box], messages | {"camera": box}

@@ -1,5 +1,4 @@
-"""How the world of one seed differs from what is believed: what each box of its flight is given in place of its own.
-"""
+"""How the world of one seed differs from what is believed: what its boxes are given in place of their own."""
 
 import numpy as np
 

@@ -42,7 +42,7 @@ def measured_in(boxes: list[Box]) -> dict[str, str]:
 
 
 def why_not(scenario: Scenario) -> str | None:
-    """Return which part of a scenario is no element, naming the field; None where all are, and it can be played compiled.
+    """Return which part of a scenario is no element, naming the field; None where all are, and it flies compiled.
 
     Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own without a compiled share.
     """

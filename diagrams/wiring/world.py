@@ -5,7 +5,9 @@ from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.diagrams.wiring.vehicle import vehicle_boxes
-from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.element import Box, constant, outside
+from ortilo_drake.loop.shell import WiredSystem_
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, PAYLOAD, SENSORS
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
@@ -144,28 +146,44 @@ def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: 
     """
     if is_picture(scenario, name):
         return shutter_box(scenario.h)
+    if is_system(scenario, name):
+        system = sensor_system(scenario.sampled_for(name), room, name)
+        signals = {"state": (seen, N_X), "control": (felt_control(scenario), N_U)}
+        signals |= {"disturbance": ("felt.disturbance", 6)}
+        return system_box(name, system, (system.get_output_port().get_name(),), signals)
+    return inertial_box(scenario, whole_imu) if name == "imu" else sensor_element(scenario, room, name)
+
+
+def sensor_element(scenario: Scenario, room: Room, name: str) -> Box:
+    """Return what says the message of a sensor that is an element and not the imu."""
     if name == "uwb":
         return uwb_box(scenario.uwb, room, scenario.h)
-    if name == "imu":
-        return inertial_box(scenario, whole_imu)
     if name == "camera":
         return camera_box(scenario.camera, room, scenario.faults, scenario.h)
-    if is_system(scenario, name):
-        system: System = described(name).make_world(scenario.sampled_for(name), room)
-        signals = {"state": (seen, N_X), "control": (felt_control(scenario), N_U), "disturbance": ("felt.disturbance", 6)}
-        return system_box(name, system, (system.get_output_port().get_name(),), signals)
     return own_sensor_box(name, share_of(name), scenario, room)
 
 
+def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
+    """Return what says a sensor's message as a System, at the times of the ticks of its own clock."""
+    if name not in SENSORS and described(name).compiled is None:
+        made: System = described(name).make_world(scenario, room)
+        return made
+    sensor = sensor_element(scenario, room, name).reading(state="state", sent="always")
+    wiring = Wiring([outside("state", N_X), constant("always", [0.0]), sensor])
+    return WiredSystem_[float](name, wiring, {name: (name,)}, scenario.h)
+
+
 def is_system(scenario: Scenario, name: str) -> bool:
-    """Return whether a sensor is a System of one's own: it has no compiled share, or is asked between two ticks."""
-    return name not in SENSORS and (described(name).compiled is None or scenario.samples(name) > 1)
+    """Return whether a sensor is played by a System: it has no compiled share, or is asked between two ticks."""
+    if name == "imu":
+        return False
+    return scenario.samples(name) > 1 or (name not in SENSORS and described(name).compiled is None)
 
 
 def feels(scenario: Scenario, whole_imu: bool) -> bool:
     """Return whether a sensor asks for what acts on the body."""
     imu = "imu" in scenario.sensors and (whole_imu or reads_whole_imu(scenario))
-    return imu or any(is_system(scenario, name) for name in scenario.own_sensors)
+    return imu or any(is_system(scenario, name) for name in scenario.sensors)
 
 
 def felt_control(scenario: Scenario) -> str:

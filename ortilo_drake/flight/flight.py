@@ -53,7 +53,8 @@ class FlightSimulator:
         self._scenario, self._is_live = scenario, meshcat is not None
         plan = planned(scenario, parts.planner)
         self._ticks = check_flyable(scenario, plan)
-        self._diagram = ClosedLoop(scenario, plan if isinstance(plan, Trajectory) else None, meshcat, parts)
+        path = plan if isinstance(plan, Trajectory) else None
+        self._diagram = ClosedLoop(scenario, path, meshcat, parts, fused=True)
         # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
         # scene differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)

@@ -40,7 +40,7 @@ class WorldHalf:
     """
 
     def __init__(self, scenario: Scenario, command_period: float | None = None, draws: bool = True):
-        self._diagram = make_world(scenario, command_period)
+        self._diagram = make_world(scenario, command_period, fused=True)
         ports = [self._diagram.get_output_port(i) for i in range(self._diagram.num_output_ports())]
         views = ("state", "failsafe_mode", "image", "depth_image", "label_image")
         self._messages = {port.get_name(): port for port in ports if port.get_name() not in views}
@@ -120,7 +120,7 @@ class OnboardHalf:
         scenario = scenario.belief
         plan = trajectory or planned(scenario)
         self._path = plan if isinstance(plan, Trajectory) else None
-        self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True)
+        self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True, fused=True)
         self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
         self._ports = {port.get_name(): port for port in ports}

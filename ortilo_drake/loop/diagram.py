@@ -1,8 +1,9 @@
 """A wiring as part of a Drake Diagram: a system for each box, or all elements fused into one."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, InputPortIndex, OutputPort, System
@@ -11,6 +12,9 @@ from pydrake.systems.primitives import Multiplexer
 from ortilo_drake.loop.element import OUTSIDE, Box, Given
 from ortilo_drake.loop.shell import WiredSystem_, alone
 from ortilo_drake.loop.wiring import Wiring
+
+NO_SOURCES: Final[Mapping[str, OutputPort]] = MappingProxyType({})
+AS_THEIR_BOXES: Final[Mapping[str, str]] = MappingProxyType({})
 
 
 class Added(NamedTuple):
@@ -35,7 +39,8 @@ class Added(NamedTuple):
 
     def set_seed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise; the context is the root's."""
-        for system in self._wired():
+        seeded: list[Any] = [system for system in self.systems.values() if hasattr(system, "set_seed_in")]
+        for system in seeded:
             system.set_seed_in(system.GetMyMutableContextFromRoot(context), seed)
 
     def seed_in(self, context: Context) -> int:
@@ -63,23 +68,48 @@ class Added(NamedTuple):
         return values
 
 
-def system_of(wiring: Wiring, h: float, name: str | None = None) -> System:
+class _Unit(NamedTuple):
+    """Boxes that become one system.
+
+    Attributes:
+        name: of the system.
+        wiring: the boxes, with one of OUTSIDE for each input.
+        reads: what each input reads, "box" or "box.part".
+    """
+
+    name: str
+    wiring: Wiring
+    reads: dict[str, str]
+
+    def plays(self, said: str) -> bool:
+        """Return whether one of its boxes says that."""
+        box = self.wiring.boxes.get(said.partition(".")[0])
+        return box is not None and box.element is not OUTSIDE
+
+    def port_of(self, said: str) -> str:
+        """Return the name of the output that shows that: of one box its part's."""
+        box, _, part = said.partition(".")
+        return part if part and self.name == box else said
+
+
+def system_of(wiring: Wiring, h: float) -> System:
     """Return a wiring of one box, and of what it reads from outside, as a system that is named as the box.
 
     Its outputs are the box's parts or, where it has none, what it says by the box's name.
     """
     (box,) = (box for box in wiring.boxes.values() if box.element is not OUTSIDE)
-    return WiredSystem_[float](name or box.name, wiring, {port: (said,) for port, said in _ports_of(box).items()}, h)
+    outputs = {part: (f"{box.name}.{part}",) for part in box.parts} or {box.name: (box.name,)}
+    return WiredSystem_[float](box.name, wiring, outputs, h)
 
 
 def add_wiring(
     builder: DiagramBuilder,
     wiring: Wiring,
-    asked: dict[str, str | tuple[str, ...]],
+    asked: Mapping[str, str | tuple[str, ...]],
     h: float,
-    sources: dict[str, OutputPort] | None = None,
+    sources: Mapping[str, OutputPort] = NO_SOURCES,
     fused: str | None = None,
-    inputs_named: dict[str, str] | None = None,
+    inputs_named: Mapping[str, str] = AS_THEIR_BOXES,
 ) -> Added:
     """Add a wiring to a Diagram that is being built.
 
@@ -89,18 +119,17 @@ def add_wiring(
     Args:
         builder: of the Diagram.
         wiring: the boxes.
-        asked: what is to be read from outside, "box" or "box.part", or several of them one after the other, by its name.
+        asked: what is to be read from outside, by its name: "box" or "box.part", or several, one after the other.
         h: tick [s].
         sources: output ports in the place of boxes of OUTSIDE, by their names.
         fused: name of the one system that all elements become; None for a system each.
         inputs_named: names of the Diagram's inputs, where they are not those of the boxes of OUTSIDE.
     """
-    ports = dict(sources or {})
-    shows = {name: tuple(_said(wiring, one) for one in ((said,) if isinstance(said, str) else said)) for name, said in asked.items()}
-    wanted = [one for said in shows.values() for one in said if not fused or len(said) == 1]
-    readers: list[tuple[InputPort, str]] = []
-    systems: dict[str, System] = {}
-    outputs: dict[str, OutputPort] = {}
+    shows = {
+        name: [_said(wiring, one) for one in ([said] if isinstance(said, str) else said)]
+        for name, said in asked.items()
+    }
+    ports, systems, readers = dict(sources), dict[str, System](), list[tuple[InputPort, str]]()
     for box in wiring.boxes.values():
         if box.system is not None:
             systems[box.name] = builder.AddSystem(box.system)
@@ -111,27 +140,18 @@ def add_wiring(
             whole = builder.AddNamedSystem(box.name, Multiplexer([wiring.boxes[name].size for name in box.holds]))
             readers += [(whole.get_input_port(i), name) for i, name in enumerate(box.holds)]
             ports[box.name] = whole.get_output_port()
-    elements = [box for box in wiring.boxes.values() if box.element.functions or box.element.shows]
-    wired: list[tuple[str, Wiring, dict[str, str]]] = []
-    if fused:
-        around = [replace(box, element=OUTSIDE, system=None) for box in wiring.boxes.values() if box.system is not None]
-        known = {box.name for box in (*elements, *around)}
-        others = [box for box in wiring.boxes.values() if box.name not in known and _is_read(wiring, box)]
-        whole_wiring = Wiring([*elements, *around, *others])
-        wired.append((fused, whole_wiring, {name: name for name, box in whole_wiring.boxes.items() if box.element is OUTSIDE}))
-    else:
-        wired += [(box.name, alone(wiring, box.name), _reads(wiring, box)) for box in elements]
-    wanted += [said for _, said in readers] + [said for _, _, reads in wired for said in reads.values()]
-    for name, its, reads in wired:
-        own = {said: wiring.boxes[said.partition(".")[0]] for said in dict.fromkeys(wanted)}
-        shown = {said: said for said, box in own.items() if box.name in its.boxes and its.boxes[box.name].element is not OUTSIDE}
-        names = {(said if fused else said.partition(".")[2] or said): said for said in shown}
-        several = {port: said for port, said in shows.items() if fused and len(said) > 1}
-        system = builder.AddSystem(WiredSystem_[float](name, its, {port: (said,) for port, said in names.items()} | several, h))
-        systems[name] = system
-        outputs |= {port: system.GetOutputPort(port) for port in several}
-        ports |= {said: system.GetOutputPort(port) for port, said in names.items()}
-        readers += [(system.GetInputPort(port), said) for port, said in reads.items()]
+    units = [_all_in_one(wiring, fused)] if fused else _each_by_itself(wiring)
+    joined = {name: tuple(said) for name, said in shows.items() if fused and len(said) > 1}
+    wanted = [said for _, said in readers] + [said for unit in units for said in unit.reads.values()]
+    wanted += [one for name, said in shows.items() if name not in joined for one in said]
+    outputs: dict[str, OutputPort] = {}
+    for unit in units:
+        own = {unit.port_of(said): (said,) for said in wanted if unit.plays(said)}
+        system = builder.AddSystem(WiredSystem_[float](unit.name, unit.wiring, own | joined, h))
+        systems[unit.name] = system
+        ports |= {said: system.GetOutputPort(port) for port, (said,) in own.items()}
+        outputs |= {port: system.GetOutputPort(port) for port in joined}
+        readers += [(system.GetInputPort(port), said) for port, said in unit.reads.items()]
     inputs: dict[str, InputPortIndex] = {}
     for port, said in readers:
         if said in ports:
@@ -139,22 +159,37 @@ def add_wiring(
         elif said in inputs:
             builder.ConnectInput(inputs[said], port)
         else:
-            inputs[said] = builder.ExportInput(port, (inputs_named or {}).get(said, said))
-    for box in wiring.boxes.values():
-        for port in _unread(box):
-            inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
-    for name, said in shows.items():
-        if name not in outputs:
-            outputs[name] = _together(builder, [ports[one] for one in said])
+            inputs[said] = builder.ExportInput(port, inputs_named.get(said, said))
+    for port in (port for box in wiring.boxes.values() for port in _unread(box)):
+        inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
+    outputs |= {
+        name: _together(builder, [ports[one] for one in said]) for name, said in shows.items() if name not in joined
+    }
     return Added(systems, outputs, inputs)
 
 
-def _is_read(wiring: Wiring, box: Box) -> bool:
-    return bool(box.holds) or box.name in wiring.holders or any(wire.box == box.name for wire in wiring.wires.values())
+def _each_by_itself(wiring: Wiring) -> list[_Unit]:
+    """Return a unit for each element."""
+    return [_Unit(box.name, alone(wiring, box.name), _reads(wiring, box)) for box in _elements(wiring)]
 
 
-def _ports_of(box: Box) -> dict[str, str]:
-    return {part: f"{box.name}.{part}" for part in box.parts} or {box.name: box.name}
+def _all_in_one(wiring: Wiring, name: str) -> _Unit:
+    """Return one unit of all elements; what Systems say comes from its outside."""
+    boxes = []
+    for box in wiring.boxes.values():
+        its = replace(box, element=OUTSIDE, system=None) if box.system is not None else box
+        if (
+            its.element is not OUTSIDE
+            or its.name in wiring.holders
+            or any(w.box == box.name for w in wiring.wires.values())
+        ):
+            boxes.append(its)
+    whole = Wiring(boxes)
+    return _Unit(name, whole, {its: its for its, box in whole.boxes.items() if box.element is OUTSIDE})
+
+
+def _elements(wiring: Wiring) -> list[Box]:
+    return [box for box in wiring.boxes.values() if box.element.functions or box.element.shows]
 
 
 def _said(wiring: Wiring, said: str) -> str:
@@ -164,11 +199,12 @@ def _said(wiring: Wiring, said: str) -> str:
 
 
 def _reads(wiring: Wiring, box: Box) -> dict[str, str]:
-    """Return what each input of a box reads, "box" or "box.part"."""
-    return {port: _said(wiring, box.reads.get(port, port)) for port in box.element.inputs}
+    """Return what each input of a box reads of other boxes, "box" or "box.part"."""
+    said = {port: _said(wiring, box.reads.get(port, port)) for port in box.element.inputs}
+    return {port: its for port, its in said.items() if its.partition(".")[0] != box.name}
 
 
-def _unread(box: Box) -> Iterable[InputPort]:
+def _unread(box: Box) -> list[InputPort]:
     """Return the inputs of a box's System that no other box says."""
     if box.system is None:
         return []

@@ -96,7 +96,8 @@ class Element:
     @property
     def inputs(self) -> list[str]:
         """Names of what it reads of other elements."""
-        return list(dict.fromkeys([*self.reads, *(name for f in self.functions.values() for name in self.inputs_of(f))]))
+        named = [name for f in self.functions.values() for name in self.inputs_of(f)]
+        return list(dict.fromkeys([*self.reads, *named]))
 
     @property
     def dtype(self) -> np.dtype:

@@ -8,7 +8,6 @@ import ctypes
 import sys
 from collections.abc import Callable
 from functools import lru_cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,8 @@ class Reading:
         self.groups: dict[frozenset[str], Calls] = {frozenset(): free}
         for needs in {self.reads[box.name] for box in said if self.reads[box.name]} | {self.all}:
             if needs:
-                self.groups[needs] = [(box, "out") for box in said if self.reads[box.name] and self.reads[box.name] <= needs]
+                its = [box for box in said if self.reads[box.name] and self.reads[box.name] <= needs]
+                self.groups[needs] = [(box, "out") for box in its]
         self.steps: Calls = [(box, "step") for box in wiring.step_order]
 
     def of(self, name: str) -> frozenset[str]:
@@ -122,7 +122,8 @@ class PlainCalls:
         for box, what in calls:
             function, names = self._functions[box.name, what]
             common = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
-            function(*[common[name] if name in common else self._argument(box, name, memory, S, Y, work) for name in names])
+            known = memory, S, Y, work
+            function(*[common[name] if name in common else self._argument(box, name, *known) for name in names])
 
     def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
         if name == "n":
@@ -200,8 +201,8 @@ def WiredSystem_(T: type) -> type:
             Impl._construct(self, **other._arguments, converter=converter)
 
         def _tickets(self, needs: frozenset[str]) -> set[Any]:
-            of_state = set() if self._state is None else {self.xd_ticket()}
-            return {self._ports[i].ticket() for i in needs} | of_state | {self.time_ticket(), self.all_parameters_ticket()}
+            tickets = {self._ports[i].ticket() for i in needs} | {self.time_ticket(), self.all_parameters_ticket()}
+            return tickets if self._state is None else tickets | {self.xd_ticket()}
 
         def _declare_group(self, i: int, needs: frozenset[str]) -> None:
             size = self._places.sizes[3]
@@ -213,9 +214,7 @@ def WiredSystem_(T: type) -> type:
                 self._make(f"said_{i}", context, self._state_in(context), Y)
                 output.SetFromVector(Y)
 
-            port = self.DeclareVectorOutputPort(
-                f"said_{i}", size, calc, prerequisites_of_calc=self._tickets(needs)
-            )
+            port = self.DeclareVectorOutputPort(f"said_{i}", size, calc, prerequisites_of_calc=self._tickets(needs))
             self._groups[needs] = port
 
         def _declare_output(self, name: str, wires: list[Wire], reading: Reading) -> None:
@@ -238,7 +237,10 @@ def WiredSystem_(T: type) -> type:
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=tickets)
 
         def _state_in(self, context: Any) -> Any:
-            return _NOTHING if self._state is None else context.get_discrete_state(self._state).value()
+            if self._state is None:
+                return _NOTHING
+            state = context.get_discrete_state_vector()
+            return state.value() if T is float else state.CopyToVector()
 
         def _put(self, inputs: dict[str, Any], Y: Any) -> None:
             for name, values in inputs.items():

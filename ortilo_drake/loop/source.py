@@ -116,7 +116,7 @@ def externals(wiring: Wiring) -> str:
 
 
 def part_text(wiring: Wiring, places: Places, parts: dict[str, list[tuple[Box, str]]]) -> str:
-    """Return the source of functions (N_, S_, W_, Y_, T, seeds, k), by name the calls that each makes in their order."""
+    """Return the source of functions (N_, S_, W_, Y_, T, seeds, k), by name the calls that each makes."""
     text = PART_HEAD + externals(wiring)
     for name, calls in parts.items():
         lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls)

@@ -61,7 +61,8 @@ class Sensor:
         rows: what it tells the filter, m rows of y.
         make_world: (scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one
             output, the message, a function of its inputs, the time and noise. Where the sensor is faster than the tick,
-            that scenario's h is the time from one sample to the next, and its message is one sample.
+            that scenario's h is the time from one sample to the next, and its message is one sample. None where an
+            element says its message.
         make_onboard: (scenario, room) -> System with the message as input, if it wants them estimate (15) and
             covariance (225), and one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if
             the message itself begins with the value, or is a fix.
@@ -78,7 +79,7 @@ class Sensor:
     name: str
     settings: type[Frozen]
     rows: tuple[Row, ...]
-    make_world: Callable[[Any, Any], Any]
+    make_world: Callable[[Any, Any], Any] | None
     sd: Callable[[Any, Any, np.ndarray], np.ndarray]
     make_onboard: Callable[[Any, Any], Any] | None = None
     payload: int | None = None

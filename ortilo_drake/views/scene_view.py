@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
+from ortilo_drake.diagrams.wiring.world import sensor_system
 from ortilo_drake.model.geometry.line_of_sight import is_hidden
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
@@ -32,7 +33,6 @@ from ortilo_drake.world.scenery.obj_normals import with_face_normals
 from ortilo_drake.world.scenery.rendering import FARTHEST, NEAREST, RENDERER, make_scene_graph
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
-from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 BEHIND = np.array(
     [-4.2, -1.0, 3.4]
@@ -61,8 +61,9 @@ def make_camera_view(scenario: Scenario) -> CameraView:
         camera = room.camera.scaled_to(width)
         detect = load_detector(scenario.detector, room, (camera.width, camera.height))
     else:
-        projected = ProjectedCamera(scenario.camera, room, scenario.seed, scenario.h)
+        projected = sensor_system(scenario, room, "camera")
         projected_context = projected.CreateDefaultContext()
+        projected.set_seed_in(projected_context, scenario.seed)
 
     def view(time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rendered.GetInputPort("state").FixValue(context, x)

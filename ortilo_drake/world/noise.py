@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit, uint64
 from numba.extending import register_jitable
 
+from ortilo_drake.loop.plain import instead_of
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.triples import Four
 
 _M0, _M1 = uint64(0xD2E7470EE14C6C93), uint64(0xCA5A826395121157)
@@ -109,3 +111,27 @@ def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     values = np.empty(n)
     put_normals(values, seed, stream, tick)
     return values
+
+
+@instead_of(put_normals)
+def put_numbers(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> None:
+    """Write the same to values of any scalar: noise is a constant."""
+    put(normals(seed, stream, tick, values.size), values)
+
+
+@instead_of(four_normals)
+def four_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
+    """Return the same, drawn by compiled code."""
+    first, second, third, fourth = normals(seed, stream, tick, 4).tolist()
+    return first, second, third, fourth
+
+
+@instead_of(four_uniforms)
+def four_uniform_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
+    """Return the same, drawn by compiled code."""
+    first, second, third, fourth = uniforms(seed, stream, tick, 4).tolist()
+    return first, second, third, fourth
+
+
+for _drawn in (normals, uniforms):
+    instead_of(_drawn)(_drawn)  # compiled for every scalar

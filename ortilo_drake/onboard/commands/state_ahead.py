@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
 from ortilo_drake.model.placing import put
-from ortilo_drake.model.signals import N_I, N_XBAR, REFERENCE_SIZE
+from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.commands.timeline import unpacked
 
@@ -121,63 +120,3 @@ def state_ahead_box(vehicle: Vehicle, h: float, yaw: float) -> Box:
     tables = {"A": hover_A(yaw), "B": B, "lift": -B[:, 0] * vehicle.hover_thrust, "by_force": hover_B_d(vehicle)[:, :3]}
     parts = {"belief": (0, N_XBAR), "reference": (N_XBAR, REFERENCE_SIZE)}
     return Box("state_ahead", AHEAD, N_XBAR + REFERENCE_SIZE, Given({"h": h}, tables=tables), parts=parts)
-
-
-class StateAhead(LeafSystem):
-    """What the servo acts on: state and reference of the time at which its command will act.
-
-    Ports:
-        estimate (15): xhat_{k|k-1} and the integral.
-        reference (9): r, r_dot, r_ddot of this tick.
-        timeline (n): what acts and will, see command_log.py.
-        force (3): the disturbance force in W as estimated [N]; only where it is.
-        estimate_ahead (15, output), reference_ahead (9, output): both at t_k + tau.
-
-    Memoryless.
-
-    Args:
-        vehicle: as it is believed to be.
-        h: tick [s].
-        size: n.
-        takes_force: whether it is told the force.
-        yaw: the heading that is held [rad].
-    """
-
-    def __init__(self, vehicle: Vehicle, h: float, size: int, takes_force: bool, yaw: float = 0.0):
-        super().__init__()
-        self.set_name("state_ahead")
-        self._h, self._A, self._B = h, hover_A(yaw), hover_B(vehicle)
-        self._by_force = np.ascontiguousarray(hover_B_d(vehicle)[:, :3])
-        self._lift = -self._B[:, 0] * vehicle.hover_thrust
-        self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
-        self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
-        self._timeline = self.DeclareVectorInputPort("timeline", size)
-        needs = {port.ticket() for port in (self._estimate, self._reference, self._timeline)}
-        self._force = self.DeclareVectorInputPort("force", N_I) if takes_force else None
-        later = {self._reference.ticket(), self._timeline.ticket()}
-        needs |= {self._force.ticket()} if self._force is not None else set()
-        needs.add(self.time_ticket())
-        self.DeclareVectorOutputPort("estimate_ahead", N_XBAR, self._calc_estimate, prerequisites_of_calc=needs)
-        self.DeclareVectorOutputPort(
-            "reference_ahead", REFERENCE_SIZE, self._calc_reference, prerequisites_of_calc=later
-        )
-
-    def _calc_estimate(self, context: Context, output: BasicVector) -> None:
-        b = self._lift if self._force is None else self._lift + self._by_force @ self._force.Eval(context)
-        timeline = self._timeline.Eval(context)
-        output.set_value(
-            state_ahead(
-                self._estimate.Eval(context),
-                self._reference.Eval(context),
-                unpacked(timeline),
-                context.get_time(),
-                timeline[0],
-                self._h,
-                self._A,
-                self._B,
-                b,
-            )
-        )
-
-    def _calc_reference(self, context: Context, output: BasicVector) -> None:
-        output.set_value(reference_after(self._reference.Eval(context), self._timeline.Eval(context)[0]))

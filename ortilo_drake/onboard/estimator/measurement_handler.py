@@ -9,23 +9,18 @@ were current; with 'replay' the stamps go to the filter, see late_measurements.p
 it keeps does not count as arrived.
 """
 
-import sys
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.scalars import time_in, values_of
+from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.gate import squared_gate
 
@@ -243,116 +238,3 @@ def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Bo
     numbers = {"oldest": tables.pop("oldest"), "drops": drops, "h": h}
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
     return Box("handler", HANDLER, p + 2 * s + q, Given(numbers, tables=tables | layout._asdict()), parts=parts)
-
-
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("MeasurementStack_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def MeasurementStack_(T: type) -> type:
-    """Return the stack for a scalar type: float or AutoDiffXd, for which arrivals and gates are constants."""
-
-    class Impl(LeafSystem_[T]):
-        """Turns the messages of a tick, in one vector, into the measurement.
-
-        Ports:
-            messages: the messages of the sensors that fly, one after the other.
-            estimate (15), covariance (225): of the prediction; only if there is a gate.
-            measurement (p + 2 s + q, output): y, delta, V2 and stamps.
-
-        Memoryless, but for the time that 'drop' reads.
-
-        Args:
-            size: of all messages.
-            incoming: how they stand in the vector.
-            layout: of the measurement.
-            h: tick [s].
-            drops: whether late values are dropped.
-        """
-
-        def _construct(
-            self, size: int, incoming: Incoming, layout: Layout, h: float, drops: bool, converter: Any = None
-        ) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name("measurement_stack")
-            self._arguments = {"size": size, "incoming": incoming, "layout": layout, "h": h, "drops": drops}
-            self._stack = stack_measurements if T is float else stack_measurements.py_func
-            self._incoming, self._layout, self._h = tuple(incoming), tuple(layout), h  # plain, see filter_loops.py
-            self._messages = self.DeclareVectorInputPort("messages", size)
-            needs = {self._messages.ticket()}
-            sizes = N_XBAR, N_XBAR * N_XBAR
-            self._nothing = np.zeros(sizes[0]), np.zeros(sizes[1])
-            self._predictions = []
-            if not np.all(np.isinf(incoming.gates)):
-                named = zip(("estimate", "covariance"), sizes, strict=True)
-                self._predictions = [self.DeclareVectorInputPort(name, n) for name, n in named]
-                needs |= {port.ticket() for port in self._predictions}
-            if drops:
-                needs.add(self.time_ticket())
-            self._drops = drops
-            length = int(layout.first[-1] + layout.block[-1]) + 2 * incoming.start.size
-            self.DeclareVectorOutputPort("measurement", length, self._calc, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def _calc(self, context: Any, output: Any) -> None:
-            xhat, P = [values_of(port.Eval(context)) for port in self._predictions] or self._nothing
-            k = tick_of(time_in(context), self._h) if self._drops else NEVER
-            messages = self._messages.Eval(context)
-            output.set_value(self._stack(messages, xhat, P, k, self._h, self._incoming, self._layout))
-
-    return Impl
-
-
-class MeasurementHandler(Diagram):
-    """Turns the sensors' messages and fixes into y_k, the arrivals and V2.
-
-    Ports:
-        <sensor>: the message or fix of each sensor that flies: arrived, stamp, value (m) and, where no V is given for
-            it, the value's covariance row by row (m^2); whatever follows is not read.
-        estimate (15), covariance (225): of the prediction; only if there is a gate.
-        y (p, output), delta (s, output), V2 (q, output): the measurement, see model/measurement.py.
-        stamps (s, output): when each sensor's value was true [s], 0 where none arrived.
-
-    A sensor that does not fly never arrives. A gate judges a late fix by the present prediction.
-
-    Args:
-        measurement: the layout of y, delta and V2.
-        sizes: of the message or fix of each sensor that flies.
-        V: covariance that is believed of each sensor (m, m); None where it comes with the message.
-        gates: probability with which a right value stays within its gate, for the sensors that have one.
-        h: tick [s], by which 'drop' judges.
-        delay: 'ignore', 'drop' or 'replay': what becomes of a late measurement.
-        horizon: how far back 'replay' goes [s].
-    """
-
-    def __init__(
-        self,
-        measurement: Measurement,
-        sizes: dict[str, int],
-        V: dict[str, np.ndarray | None],
-        gates: dict[str, float],
-        h: float,
-        delay: str = "ignore",
-        horizon: float = 0.0,
-    ):
-        super().__init__()
-        builder = DiagramBuilder()
-        incoming = incoming_of(measurement, sizes, V, gates, oldest_used(delay, horizon, h))
-        size = max(sum(sizes.values()), 1)
-        stack = builder.AddSystem(MeasurementStack_[float](size, incoming, measurement.layout, h, delay != "ignore"))
-        if sizes:
-            together = builder.AddSystem(Multiplexer(list(sizes.values())))
-            for i, sensor in enumerate(sizes):
-                builder.ExportInput(together.get_input_port(i), sensor)
-        else:
-            together = builder.AddSystem(ConstantVectorSource([0.0]))
-        builder.Connect(together.get_output_port(), stack.GetInputPort("messages"))
-        for name in ("estimate", "covariance"):
-            if stack.HasInputPort(name):
-                builder.ExportInput(stack.GetInputPort(name), name)
-        parts = builder.AddSystem(Demultiplexer([*measurement.sizes.values(), measurement.sizes["delta"]]))
-        builder.Connect(stack.get_output_port(), parts.get_input_port())
-        for i, name in enumerate((*measurement.sizes, "stamps")):
-            builder.ExportOutput(parts.get_output_port(i), name)
-        builder.BuildInto(self)
-        self.set_name("measurement_handler")

@@ -34,9 +34,9 @@ TOGETHER = Element("belief_together", out=together_out)
 WIDENED = Element("belief_widened", out=widened_out, step=widened_step, state=(Array("i"),))
 
 
-def together_box() -> Box:
+def together_box(name: str = "filter") -> Box:
     """Return what says the belief of an estimator of [x; i]."""
-    return Box("filter", TOGETHER, SIZE)
+    return Box(name, TOGETHER, SIZE)
 
 
 def widened_box() -> Box:

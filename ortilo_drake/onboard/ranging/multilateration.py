@@ -6,19 +6,12 @@ ranges, from anchors on one line, where the covariance is worse than MAX_SD, or 
 that do not fit the others may be left out before (fault_exclusion.py).
 """
 
-import sys
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
-from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, uwb_size
 from ortilo_drake.onboard.ranging.clock_offset import differentiable_offset_fix
 from ortilo_drake.onboard.ranging.fault_exclusion import KNOWN, PLAIN, Consistency, consistency_of, consistent_fix
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
@@ -129,75 +122,10 @@ def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
     return np.array([*sd, settings.bias_sd])
 
 
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("Multilateration_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def Multilateration_(T: type) -> type:
-    """Return the solver for a scalar type: float or AutoDiffXd."""
-
-    class Impl(LeafSystem_[T]):
-        """A solver for the position of the UWB antenna; memoryless, but for a clock that is off.
-
-        Ports:
-            uwb (2 + 2 n): the uwb message as it arrives, see model/signals.py.
-            estimate (15): the filter's xhat; its first three are the last estimate of p_WB.
-            fix (14, output): the fix message, stamped as the uwb message; zeros if nothing arrived or no fix.
-
-        State (discrete, updated every h), only where an offset of the clock is looked for: what is known of it (3), see
-        fault_exclusion.py.
-
-        Args:
-            settings: method, and the noise it believes of the ranges.
-            anchors: a_i in W (n, 3).
-            h: tick [s].
-        """
-
-        def _construct(
-            self,
-            settings: MultilaterationSettings,
-            anchors: np.ndarray,
-            h: float = 1.0 / 30.0,
-            converter: Any = None,
-        ) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name("multilateration")
-            self._arguments = {"settings": settings, "anchors": anchors, "h": h}
-            self._plain: Any = fix_message if T is float else differentiable_fix_message
-            self._tested: Any = tested_fix_message if T is float else differentiable_tested_fix_message
-            self._noise, exclude = believed_noise(settings), settings.exclude
-            self._anchors = np.ascontiguousarray(anchors, dtype=float)
-            self._three = settings.method == "nearest_three"
-            self._consistency = None if exclude is None else consistency_of(exclude, len(anchors))
-            self._uwb = self.DeclareVectorInputPort("uwb", uwb_size(len(anchors)))
-            self._estimate = self.DeclareVectorInputPort("estimate", N_XBAR)
-            needs, self._clock = {self._uwb.ticket(), self._estimate.ticket()}, None
-            if exclude is not None and exclude.clock:
-                self._clock = self.DeclareDiscreteState(3)
-                self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
-                needs.add(self.discrete_state_ticket(self._clock))
-            self.DeclareVectorOutputPort("fix", FIX_SIZE, self._calc_fix, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def _found(self, context: Any) -> tuple[np.ndarray, np.ndarray]:
-            """Return the fix message of a uwb message that is there, and what is known of the clock after it."""
-            uwb, xhat = self._uwb.Eval(context), self._estimate.Eval(context)
-            clock = np.zeros(3) if self._clock is None else context.get_discrete_state(self._clock).CopyToVector()
-            if self._consistency is None:
-                return self._plain(uwb, self._anchors, self._noise, xhat, self._three), clock
-            found: tuple[np.ndarray, np.ndarray] = self._tested(
-                uwb, self._anchors, self._noise, xhat, clock, self._consistency
-            )
-            return found
-
-        def _calc_fix(self, context: Any, output: Any) -> None:
-            if self._uwb.Eval(context)[ARRIVED] != 0.0:
-                output.set_value(self._found(context)[0])
-            else:
-                output.SetZero()
-
-        def _update(self, context: Any, values: Any) -> None:
-            if self._uwb.Eval(context)[ARRIVED] != 0.0:
-                values.set_value(self._clock, self._found(context)[1])
-
-    return Impl
+def fix_of(settings: MultilaterationSettings, anchors: np.ndarray, uwb: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the fix message (14) of a uwb message that arrived, where the filter believes x to be (12 or more)."""
+    noise = believed_noise(settings)
+    if settings.exclude is None:
+        return np.asarray(fix_message(uwb, anchors, noise, x, settings.method == "nearest_three"))
+    consistency = consistency_of(settings.exclude, len(anchors))
+    return np.asarray(tested_fix_message(uwb, anchors, noise, x, np.zeros(3), consistency)[0])

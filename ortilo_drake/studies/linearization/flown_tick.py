@@ -7,7 +7,7 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.model.signals import N_I, N_X
+from ortilo_drake.model.signals import N_I, N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, filter_gain
@@ -92,8 +92,8 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     n = len(loop.names) + N_I
 
     def covariance() -> np.ndarray:
-        state = kalman.GetMyContextFromRoot(context).get_discrete_state()
-        return np.array(state.value(state.num_groups() - 1)[n:]).reshape(n, n)
+        belief = kalman.GetMyContextFromRoot(context).get_discrete_state_vector().CopyToVector()
+        return np.array(belief[n:]).reshape(n, n)
 
     simulator.AdvanceTo(max(tick - period - 0.5, 0.0) * h)
     P_before = covariance()
@@ -114,17 +114,16 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     return FlownTick(_matrix_of_tick(diagram, context, len(loop.world), n), expected, K, delta, gain_change)
 
 
-def _systems(diagram: Any) -> tuple[Any, Any, Any, Any]:
-    """Return plant, Kalman filter and the holds of control and disturbance of a closed loop of any scalar type."""
+def _systems(diagram: Any) -> tuple[Any, Any, Any]:
+    """Return plant, Kalman filter and what the body felt last, of a closed loop of any scalar type."""
     onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
-    kalman = onboard.GetSubsystemByName("estimator").GetSubsystemByName("kalman_filter")
-    return world.GetSubsystemByName("quadrotor"), kalman, *map(world.GetSubsystemByName, ("hold", "disturbance_hold"))
+    return world.GetSubsystemByName("plant"), onboard.GetSubsystemByName("filter"), world.GetSubsystemByName("felt")
 
 
 def _matrix_of_tick(diagram: Any, context: Any, world: int, n: int) -> np.ndarray:
     """Return [x; xhat; i]_k -> [x; xhat; i]_{k+1} of a closed loop at the tick of a context.
 
-    The force f of the step just flown, where x is [x; f], is what the two holds keep: thrust less hover lift, and gust.
+    The force f of the step just flown, where x is [x; f], is what the body felt: thrust less hover lift, and gust.
 
     Args:
         diagram: the closed loop.
@@ -135,24 +134,26 @@ def _matrix_of_tick(diagram: Any, context: Any, world: int, n: int) -> np.ndarra
     diagram_ad = diagram.ToAutoDiffXd()
     context_ad = diagram_ad.CreateDefaultContext()
     context_ad.SetTimeStateAndParametersFrom(context)
-    plant, kalman, *holds = (
-        (system, system.GetMyMutableContextFromRoot(context_ad)) for system in _systems(diagram_ad)
+    contexts = [system.GetMyMutableContextFromRoot(context_ad) for system in _systems(diagram_ad)]
+    plant, kalman, felt = contexts
+    x, belief, values = (
+        ExtractValue(its.get_discrete_state_vector().CopyToVector()[:, None])[:, 0] for its in contexts
     )
-    x, belief, control, gust = (
-        ExtractValue(its.get_discrete_state(its.num_discrete_state_groups() - 1).CopyToVector()[:, None])[:, 0]
-        for _, its in (plant, kalman, *holds)
-    )
-    force = gust[:3] + [0.0, 0.0, control[0]]
+    gust = values[N_U:]
+    force = gust[:3] + [0.0, 0.0, values[0]]
     z: np.ndarray = InitializeAutoDiff(np.concatenate([x, force[: world - N_X], belief[:n]])[:, None])[:, 0]
-    plant[1].SetDiscreteState(z[:N_X])
-    kalman[0].set_belief(kalman[1].get_mutable_discrete_state(), np.concatenate([z[world:], belief[n:]]))
+    plant.SetDiscreteState(z[:N_X])
+    kalman.SetDiscreteState(np.concatenate([z[world:], belief[n:]]))
     if world > N_X:
-        holds[0][1].SetDiscreteState(np.concatenate([[z[N_X + 2] - gust[2]], control[1:]]))
-        holds[1][1].SetDiscreteState(np.concatenate([z[N_X : N_X + 2], gust[2:]]))
-    after = [system.EvalUniquePeriodicDiscreteUpdate(its) for system, its in (plant, kalman, *holds)]
-    rows = [after[0].get_vector(0).CopyToVector()]
+        control = np.concatenate([[z[N_X + 2] - gust[2]], values[1:N_U]])
+        felt.SetDiscreteState(np.concatenate([control, z[N_X : N_X + 2], gust[2:]]))
+    after = [
+        system.EvalUniquePeriodicDiscreteUpdate(its).get_vector(0).CopyToVector()
+        for system, its in zip(_systems(diagram_ad), contexts, strict=True)
+    ]
+    rows = [after[0]]
     if world > N_X:
-        control, gust = after[2].get_vector(0).CopyToVector(), after[3].get_vector(0).CopyToVector()
+        control, gust = after[2][:N_U], after[2][N_U:]
         rows.append(np.concatenate([gust[:2], [control[0] + gust[2]]]))
-    rows.append(after[1].get_vector(after[1].num_groups() - 1).CopyToVector()[:n])
+    rows.append(after[1][:n])
     return np.asarray(ExtractGradient(np.concatenate(rows)[:, None]))

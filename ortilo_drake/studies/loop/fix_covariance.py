@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import System
 from scipy.linalg import block_diag
 
 from ortilo_drake.model.pinhole import Camera
@@ -29,7 +28,7 @@ from ortilo_drake.model.signals import (
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
-from ortilo_drake.onboard.ranging.multilateration import Multilateration_
+from ortilo_drake.onboard.ranging.multilateration import fix_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.sensors.described import flown
@@ -62,13 +61,8 @@ def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
 
 
 @lru_cache(maxsize=16)
-def _solvers(scenario: Scenario) -> tuple[System, LandmarkFix]:
-    """Return what flies between the messages and the handler."""
-    room = scenario.load_room()
-    return (
-        Multilateration_[float](scenario.multilateration, room.anchor_positions),
-        LandmarkFix(scenario.landmark_fix, room, scenario.image_width, scenario.h),
-    )
+def _landmark_fix(scenario: Scenario) -> LandmarkFix:
+    return LandmarkFix(scenario.landmark_fix, scenario.load_room(), scenario.image_width, scenario.h)
 
 
 @lru_cache(maxsize=16)
@@ -121,7 +115,7 @@ def likely_detections(scenario: Scenario, x: np.ndarray) -> np.ndarray:
 
 def landmark_fix_at(scenario: Scenario, x: np.ndarray, detections: np.ndarray) -> np.ndarray:
     """Return the fix message (14) that a detections message yields where the filter believes x (12) to be."""
-    _, landmark_fix = _solvers(scenario)
+    landmark_fix = _landmark_fix(scenario)
     context = landmark_fix.CreateDefaultContext()
     P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
     landmark_fix.GetInputPort("detections").FixValue(context, detections)
@@ -132,11 +126,7 @@ def landmark_fix_at(scenario: Scenario, x: np.ndarray, detections: np.ndarray) -
 
 def range_fix_at(scenario: Scenario, x: np.ndarray, uwb: np.ndarray) -> np.ndarray:
     """Return the fix message (14) that a uwb message yields where the filter believes x (12) to be."""
-    multilateration, _ = _solvers(scenario)
-    context = multilateration.CreateDefaultContext()
-    multilateration.GetInputPort("uwb").FixValue(context, uwb)
-    multilateration.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
-    return np.asarray(multilateration.get_output_port().Eval(context))
+    return fix_of(scenario.multilateration, scenario.load_room().anchor_positions, uwb, x)
 
 
 class FixNoise(NamedTuple):

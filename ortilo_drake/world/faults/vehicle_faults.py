@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.loop.element import Box, Element, Given, Number
 from ortilo_drake.model.placing import put
@@ -112,49 +111,3 @@ def wrench_faults_box(faults: FaultTable, h: float) -> Box:
 def force_faults_box(faults: FaultTable, h: float) -> Box:
     """Return what says the disturbance under the faults of force_table: it reads it as it is drawn (6)."""
     return Box("force_faults", FORCE, 6, Given({"h": h}, tables=faults._asdict()))
-
-
-class WrenchFaults(LeafSystem):
-    """Memoryless: u = T_1 ... T_n u_c of the faults that last.
-
-    Ports:
-        commanded (4): u_c.
-        wrench (4, output): u as it acts on a body of the old mass.
-
-    Args:
-        faults: of the vehicle, see wrench_table.
-    """
-
-    def __init__(self, faults: FaultTable):
-        super().__init__()
-        self.set_name("wrench_faults")
-        self._faults = faults
-        self._commanded = self.DeclareVectorInputPort("commanded", N_U)
-        needs = {self._commanded.ticket(), self.time_ticket()}
-        self.DeclareVectorOutputPort("wrench", N_U, self._calc_wrench, prerequisites_of_calc=needs)
-
-    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.set_value(wrench_at(self._commanded.Eval(context), self._faults, context.get_time()))
-
-
-class ForceFaults(LeafSystem):
-    """Memoryless: the disturbance with gusts, after a load was dropped the stronger for it.
-
-    Ports:
-        drawn (6): force in W [N], torque in B [N m].
-        disturbance (6, output): as it acts on a body of the old mass.
-
-    Args:
-        faults: of the vehicle, see force_table.
-    """
-
-    def __init__(self, faults: FaultTable):
-        super().__init__()
-        self.set_name("force_faults")
-        self._faults = faults
-        self._drawn = self.DeclareVectorInputPort("drawn", 6)
-        needs = {self._drawn.ticket(), self.time_ticket()}
-        self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance, prerequisites_of_calc=needs)
-
-    def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
-        output.set_value(force_at(self._drawn.Eval(context), self._faults, context.get_time()))

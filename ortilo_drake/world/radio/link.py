@@ -7,25 +7,18 @@ E. O. Elliott, 1963); independent (Bernoulli) loss is the same with one probabil
 at tick k with a delay of d ticks arrives at tick k + d; d = 0 is the same tick.
 """
 
-import sys
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import BasicVector_, LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.scalars import time_in, values_of
-from ortilo_drake.model.signals import ARRIVED, N_X, STAMP
+from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.scenario import Link
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.world.noise import four_uniforms, stream_id
-from ortilo_drake.world.seeded_system import Seeded
 
 NOT_SENT = -1
 _TIME = 3  # a blackout's axis, after x, y, z
@@ -233,108 +226,3 @@ def delivery_box(sensor: str, message: Box, settings: Link) -> Box:
         return Box(f"{sensor}_delivered", SENT, message.size, reads=reads)
     flying = np.tile(np.concatenate(([-1.0], np.zeros(message.size))), (most, 1))
     return Box(f"{sensor}_delivered", LATE, message.size, Given(start={"flying": flying}), reads=reads)
-
-
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("SensorLink_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def SensorLink_(T: type) -> type:
-    """Return the link for a scalar type: float or AutoDiffXd, for which what is sent and lost is a constant."""
-
-    class Impl(LeafSystem_[T], Seeded):
-        """Carries a sensor's messages to the vehicle, some of them late, some never.
-
-        Pulls: the message port is evaluated only in a tick that sends, so a sensor does no work in between.
-        Blackouts and loss strike at sending; what is in flight arrives. A message keeps its stamp. Of several
-        that arrive in one tick the newest stamp is delivered. Without delay and Gilbert-Elliott loss the link
-        has no state and no events.
-
-        Ports:
-            message (n): the sensor's message of this tick.
-            state (12): x of the vehicle, the truth; for blackouts by position.
-            delivered (n, output): the message that arrives in this tick, or zeros.
-
-        State (discrete, updated each tick), each only where needed:
-            chain (1): 1 while the Gilbert-Elliott chain is bad; it starts good.
-            flying (D (1 + n)): messages in flight, rows (tick of arrival, message), D the greatest delay.
-
-        Args:
-            sensor: the sensor's name; the noise stream is 'link/<sensor>'.
-            size: n.
-            settings: rate, loss, blackouts, delay.
-            seed: seed of all noise.
-            h: tick [s].
-        """
-
-        def _construct(
-            self, sensor: str, size: int, settings: Link, seed: int, h: float, converter: Any = None
-        ) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name(f"{sensor}_link")
-            self.declare_seed(seed)
-            self._arguments = {"sensor": sensor, "size": size, "settings": settings, "seed": seed, "h": h}
-            self._put_in_flight = put_in_flight if T is float else put_in_flight.py_func
-            self._every, self._delays = settings.every(h), (settings.delay, settings.random_delay)
-            self._loss, self._blackouts = loss_parameters(settings.loss, h), blackout_rows(settings, h)
-            self._by_position = bool(np.any(self._blackouts[:, 0] != _TIME))
-            self._nowhere = np.zeros(N_X)
-            self._stream, self._h = stream_id(f"link/{sensor}"), h
-            self._message = self.DeclareVectorInputPort("message", size)
-            self._state = self.DeclareVectorInputPort("state", N_X)
-
-            self._chain = self._flying = None
-            if steps_a_chain(settings):
-                self._chain = self.DeclareDiscreteState(1)
-            most = sum(self._delays)
-            if most:
-                self._flying = self.DeclareDiscreteState(BasicVector_[T](np.tile([-1.0] + [0.0] * size, most)))
-                self._flying_shape = (most, 1 + size)
-            if self._chain is not None or self._flying is not None:
-                self.DeclarePeriodicDiscreteUpdateEvent(h, 0.0, self._update)
-
-            needs = {self.time_ticket(), self.xd_ticket(), self.all_parameters_ticket()}
-            if settings.delay == 0:
-                needs |= {self._message.ticket(), self._state.ticket()}
-            self.DeclareVectorOutputPort("delivered", size, self._calc_delivered, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def _delay(self, context: Any, k: int) -> int:
-            if k % self._every:
-                return NOT_SENT  # and asks for no state
-            x = values_of(self._state.Eval(context)) if self._by_position else self._nowhere
-            bad = self._chain is not None and context.get_discrete_state(self._chain)[0] == 1.0
-            seed = self.seed_in(context)
-            return delay_of_message(k, x, bad, self._loss, self._blackouts, self._delays, seed, self._stream)
-
-        def _calc_delivered(self, context: Any, output: Any) -> None:
-            k = tick_of(time_in(context), self._h)
-            output.SetZero()
-            newest = -np.inf
-            if self._delays[0] == 0 and self._delay(context, k) == 0:
-                message = self._message.Eval(context)
-                if message[ARRIVED] != 0.0:
-                    newest = message[STAMP]
-                    output.set_value(message)
-            if self._flying is not None:
-                flying = context.get_discrete_state(self._flying).CopyToVector().reshape(self._flying_shape)
-                row = landing_row(flying, k, newest)
-                if row != NOT_SENT:
-                    output.set_value(flying[row, 1:])
-
-        def _update(self, context: Any, discrete_state: Any) -> None:
-            k = tick_of(time_in(context), self._h)
-            if self._flying is not None:
-                d = self._delay(context, k)
-                if d > 0:
-                    message = self._message.Eval(context)
-                    if message[ARRIVED] != 0.0:
-                        flying = context.get_discrete_state(self._flying).CopyToVector()
-                        self._put_in_flight(flying.reshape(self._flying_shape), k + d, message)
-                        discrete_state.set_value(self._flying, flying)
-            if self._chain is not None:
-                bad = context.get_discrete_state(self._chain)[0] == 1.0
-                after = chain_after(k, bad, self._loss, self.seed_in(context), self._stream)
-                discrete_state.set_value(self._chain, [after])
-
-    return Impl

@@ -1,25 +1,19 @@
 """The inertial measurement unit (paper, section III-A)."""
 
-import sys
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import BasicVector_, LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.scalars import time_in
-from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_U, N_X, STAMP, size_of_samples
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, STAMP, size_of_samples
 from ortilo_drake.model.triples import Four
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import four_normals, normals, put_normals, stream_id
-from ortilo_drake.world.seeded_system import Seeded
 from ortilo_drake.world.sensors.sample_collector import sample_of
 from ortilo_drake.world.vehicle.continuous import PASSED
 
@@ -192,71 +186,3 @@ def imu_box(settings: ImuSettings, h: float, whole: bool, mass: float, samples: 
     if samples > 1:
         return Box("imu", SAMPLES, size_of_samples(IMU_SIZE, samples), given, {"v": (9,)})
     return Box("imu", IMU, IMU_SIZE, given, {"v": (9,)})
-
-
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("Imu_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def Imu_(T: type) -> type:
-    """Return the IMU for a scalar type: float or AutoDiffXd, for which the noise is a constant."""
-
-    class Impl(LeafSystem_[T], Seeded):
-        """A memoryless IMU with white noise.
-
-        Ports:
-            state (12): x of the vehicle.
-            control (4): u as it acts on the body; for the specific force.
-            disturbance (6): force in W, torque in B; for the specific force.
-            imu (11, output): the imu message, see model/signals.py; there in every tick.
-
-        Parameters of the Context, beside the seed:
-            truth (10): mass [kg]; biases of the angles [rad], body rates [rad/s] and specific force [m/s^2], 0 by
-                default.
-
-        Args:
-            settings: standard deviations.
-            mass: m [kg].
-            seed: seed of all noise.
-            h: tick [s].
-        """
-
-        def _construct(self, settings: ImuSettings, mass: float, seed: int, h: float, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name("imu")
-            self.declare_seed(seed)
-            self._arguments = {"settings": settings, "mass": mass, "seed": seed, "h": h}
-            self._message = imu_message if T is float else imu_message.py_func
-            self._sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-            self._stream, self._h = stream_id("imu"), h
-            self._truth = self.DeclareNumericParameter(BasicVector_[T]([mass, *np.zeros(9)]))
-            self._state = self.DeclareVectorInputPort("state", N_X)
-            self._control = self.DeclareVectorInputPort("control", N_U)
-            self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
-            needs = {self._state.ticket(), self._control.ticket(), self._disturbance.ticket()}
-            needs |= {self.time_ticket(), self.all_parameters_ticket()}
-            self.DeclareVectorOutputPort("imu", IMU_SIZE, self._calc_imu, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def set_truth_in(self, context: Any, mass: float, bias: np.ndarray) -> None:
-            """Set mass [kg] and biases (9) in a context of this system."""
-            context.get_mutable_numeric_parameter(self._truth).SetFromVector([mass, *bias])
-
-        def _calc_imu(self, context: Any, output: Any) -> None:
-            truth = context.get_numeric_parameter(self._truth).CopyToVector()
-            output.set_value(
-                self._message(
-                    self._state.Eval(context),
-                    self._control.Eval(context),
-                    self._disturbance.Eval(context),
-                    truth[0],
-                    truth[1:],
-                    self._sd,
-                    self.seed_in(context),
-                    self._stream,
-                    time_in(context),
-                    self._h,
-                )
-            )
-
-    return Impl

@@ -1,13 +1,9 @@
 """Errors of a sensor's payload beside its white noise: what is added to it, and a factor of the whole."""
 
-import sys
 from typing import Any
 
 import numpy as np
 from numba import njit
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import BasicVector_, LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.placing import put
@@ -88,53 +84,3 @@ def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h:
     tables = {"bias": nothing, "factor": np.ones(len(nothing)), "a": noise.a, "q": noise.q}
     given = Given(numbers, start={"x": nothing}, tables=tables)
     return Box(f"{sensor}_error", ERRORS, message.size, given, reads={"message": message.name})
-
-
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("MessageError_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def MessageError_(T: type) -> type:
-    """Return the system for a scalar type: float or AutoDiffXd."""
-
-    class Impl(LeafSystem_[T]):
-        """Memoryless: the errors of a sensor's payload, see message_with_error.
-
-        Ports:
-            message (m): what the sensor would say.
-            error (n): e.
-            measured (m, output): what it says.
-
-        Parameters of the Context:
-            factor (n): c, 1 by default.
-
-        Args:
-            name: of the system.
-            size: m.
-            n: how many numbers of the payload err.
-            flagged: whether n flags follow them.
-        """
-
-        def _construct(self, name: str, size: int, n: int, flagged: bool, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name(name)
-            self._arguments = {"name": name, "size": size, "n": n, "flagged": flagged}
-            self._with_error = message_with_error if T is float else message_with_error.py_func
-            self._flagged = flagged
-            self._factor = self.DeclareNumericParameter(BasicVector_[T](np.ones(n)))
-            self._message = self.DeclareVectorInputPort("message", size)
-            self._error = self.DeclareVectorInputPort("error", n)
-            needs = {self._message.ticket(), self._error.ticket(), self.all_parameters_ticket()}
-            self.DeclareVectorOutputPort("measured", size, self._calc_measured, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def set_factor_in(self, context: Any, factor: np.ndarray) -> None:
-            """Set c (n) in a context of this system."""
-            context.get_mutable_numeric_parameter(self._factor).SetFromVector(factor)
-
-        def _calc_measured(self, context: Any, output: Any) -> None:
-            factor = context.get_numeric_parameter(self._factor).CopyToVector()
-            message, error = self._message.Eval(context), self._error.Eval(context)
-            output.set_value(self._with_error(message, factor, error, self._flagged))
-
-    return Impl

@@ -8,24 +8,20 @@ import math
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, PAYLOAD
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario.sensors import ParametricErrors
-from ortilo_drake.world.faults.scene_faults import scene_at
-from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.noise import stream_id, uniforms
 from ortilo_drake.world.persistent_noise import persistent_normals
-from ortilo_drake.world.seeded_system import SeededSystem
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
-from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
+from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, view_box, visible_share
 
 _MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
 STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera errors, slow")
@@ -165,71 +161,3 @@ def noise_streams(room: Room) -> tuple[np.ndarray, np.uint64]:
     """Return the numbers of the noise streams of each landmark, see STREAMS (n, 4), and of the one of false boxes."""
     streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
     return np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)), stream_id("camera false boxes")
-
-
-class ProjectedCamera(SeededSystem):
-    """A memoryless camera and detector in one, of measured or given errors.
-
-    Of more than MAX_DETECTIONS boxes the last are left out. Scores are uniform, on (1/2, 1] for landmarks and
-    on [1/4, 3/4) for false boxes.
-
-    Ports:
-        state (12): x of the vehicle.
-        detections (DETECTIONS_SIZE, output): the message, see model/signals.py; there in every tick.
-
-    Parameters of the Context, beside the seed:
-        landmarks (3 n): p_W of their centres row by row [m]; the room's by default.
-        mounting (7): where the camera is, p_BC [m], the room's by default; roll, pitch and yaw by which it is turned
-            from looking ahead [rad], 0 by default; by what its focal length differs from the room's [1], 1 by default.
-
-    Args:
-        settings: image width and errors.
-        room: landmarks, walls, stands and the camera.
-        seed: seed of all noise.
-        h: tick [s].
-        faults: of the scene, see scene_faults.py.
-
-    Raises:
-        InputError: if the file of measured errors is missing or wrong.
-    """
-
-    def __init__(self, settings: CameraSettings, room: Room, seed: int, h: float, faults: FaultTable | None = None):
-        super().__init__(seed)
-        self.set_name("projected_camera")
-        camera = room.camera.scaled_to(settings.width).constants
-        self._room, self._camera, self._tables = surroundings(room), camera, tables_of(settings, room, h)
-        self._labels = room.landmark_labels
-        self._landmarks = self.DeclareNumericParameter(BasicVector(room.landmark_positions.ravel()))
-        self._mounting = self.DeclareNumericParameter(BasicVector([*camera.p_BC, 0.0, 0.0, 0.0, 1.0]))
-        self._streams = noise_streams(room)
-        self._h, self._faults = h, faults
-        self._state = self.DeclareVectorInputPort("state", N_X)
-        self.DeclareVectorOutputPort(
-            "detections",
-            DETECTIONS_SIZE,
-            self._calc_detections,
-            prerequisites_of_calc={self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()},
-        )
-
-    def set_landmarks_in(self, context: Context, positions: np.ndarray) -> None:
-        """Set where the landmarks are, p_W (n, 3) [m], in a context of this system."""
-        context.get_mutable_numeric_parameter(self._landmarks).SetFromVector(positions.ravel())
-
-    def set_camera_in(self, context: Context, p_BC: np.ndarray, rpy: np.ndarray, focal_factor: float) -> None:
-        """Set where on the vehicle the camera is, p_BC (3) [m], how it is turned, and its lens; see the parameters."""
-        context.get_mutable_numeric_parameter(self._mounting).SetFromVector([*p_BC, *rpy, focal_factor])
-
-    def _calc_detections(self, context: Context, output: BasicVector) -> None:
-        x, seed, time = self._state.Eval(context), self.seed_in(context), context.get_time()
-        positions = context.get_numeric_parameter(self._landmarks).CopyToVector().reshape(-1, 3)
-        room = self._room._replace(positions=positions)
-        mounting = context.get_numeric_parameter(self._mounting).CopyToVector()
-        camera = self._camera._replace(p_BC=mounting[0:3], f=self._camera.f * mounting[6])
-        if np.any(mounting[3:6]):
-            x = body_that_looks_ahead(x, mounting[0:3], mounting[3:6])
-        labels, (streams, false_stream) = self._labels, self._streams
-        if self._faults is not None:
-            room, there = scene_at(room, self._faults, time)
-            labels, streams = labels[there], streams[there]
-        looks, of_nodes = (x, room, labels, camera, self._tables), np.full((2, 2), seed)
-        output.set_value(detections_message(*looks, seed, of_nodes, streams, false_stream, time, self._h))

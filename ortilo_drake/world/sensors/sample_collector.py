@@ -64,7 +64,7 @@ class SampleCollector(LeafSystem):
 
 
 class Passed(LeafSystem):
-    """Keeps what a signal was at the instants inside a tick that divide it evenly, t_k + h / n, ..., t_k + h (n - 1) / n.
+    """Keeps what a signal was at the instants inside a tick that divide it evenly, t_k + h i / n for i = 1 .. n - 1.
 
     Ports:
         signal (m).

@@ -1,25 +1,20 @@
 """Ultra-wideband ranging to the room's anchors (paper, section III-A)."""
 
-import sys
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import BasicVector_, LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.scalars import time_in, values_of
-from ortilo_drake.model.signals import N_X, uwb_size
+from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.signals import uwb_size
 from ortilo_drake.scenario import Uwb
 from ortilo_drake.world.noise import normals, put_normals, stream_id
-from ortilo_drake.world.seeded_system import Seeded
 
 
 @register_jitable
@@ -145,71 +140,3 @@ def uwb_box(settings: Uwb, room: Room, h: float) -> Box:
         tables={"anchors": room.anchor_positions, "bias": np.zeros(count), "walls": walls_between(settings, room)},
     )
     return Box("uwb", UWB, uwb_size(count), given, {"v": (count,)})
-
-
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("UwbRanging_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def UwbRanging_(T: type) -> type:
-    """Return the receiver for a scalar type: float or AutoDiffXd.
-
-    For AutoDiffXd the noise is a constant, and so are the walls between.
-    """
-
-    class Impl(LeafSystem_[T], Seeded):
-        """A memoryless UWB receiver at B's origin.
-
-        Ports:
-            state (12): x of the vehicle.
-            uwb (2 + 2 n, output): the uwb message, see model/signals.py; in every tick, each range by its flag.
-
-        Parameters of the Context, beside the seed:
-            anchors (3 n): p_WA_i row by row [m]; the room's by default.
-            bias (n): of each anchor's ranges [m], 0 by default.
-
-        Args:
-            settings: noise, walls, greatest distance.
-            room: its n anchors and its walls.
-            seed: seed of all noise.
-            h: tick [s].
-        """
-
-        def _construct(self, settings: Uwb, room: Room, seed: int, h: float, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name("uwb")
-            self.declare_seed(seed)
-            self._arguments = {"settings": settings, "room": room, "seed": seed, "h": h}
-            self._message = uwb_message if T is float else uwb_message.py_func
-            n = len(room.anchors)
-            self._anchors = self.DeclareNumericParameter(BasicVector_[T](room.anchor_positions.ravel()))
-            self._bias = self.DeclareNumericParameter(BasicVector_[T](np.zeros(n)))
-            self._boxes = walls_between(settings, room)
-            self._settings = ranging_settings(settings)
-            self._stream, self._h = stream_id("uwb"), h
-            self._state = self.DeclareVectorInputPort("state", N_X)
-            needs = {self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()}
-            self.DeclareVectorOutputPort("uwb", uwb_size(n), self._calc_uwb, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def set_anchors_in(self, context: Any, anchors: np.ndarray, bias: np.ndarray) -> None:
-            """Set where the anchors stand, p_WA_i (n, 3), and their biases (n) [m] in a context of this system."""
-            context.get_mutable_numeric_parameter(self._anchors).SetFromVector(anchors.ravel())
-            context.get_mutable_numeric_parameter(self._bias).SetFromVector(bias)
-
-        def _calc_uwb(self, context: Any, output: Any) -> None:
-            output.set_value(
-                self._message(
-                    self._state.Eval(context),
-                    context.get_numeric_parameter(self._anchors).CopyToVector().reshape(-1, 3),
-                    context.get_numeric_parameter(self._bias).CopyToVector(),
-                    self._boxes,
-                    self._settings,
-                    self.seed_in(context),
-                    self._stream,
-                    time_in(context),
-                    self._h,
-                )
-            )
-
-    return Impl

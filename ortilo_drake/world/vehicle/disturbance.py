@@ -1,22 +1,16 @@
 """The disturbance: a random force and torque, drawn anew every tick."""
 
-import sys
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.placing import put
-from ortilo_drake.model.scalars import time_in
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import put_normals, stream_id
-from ortilo_drake.world.seeded_system import Seeded
 from ortilo_drake.world.slow_error import SlowNoise, slow_noise_after
 
 
@@ -91,42 +85,3 @@ def lasting_force_box(noise: SlowNoise, h: float) -> Box:
     numbers = {"stream": stream_id("slow error/lasting_force"), "h": h}
     tables = {"bias": np.zeros(6), "a": noise.a, "q": noise.q}
     return Box("lasting_force", LASTING, 6, Given(numbers, start={"x": np.zeros(6)}, tables=tables))
-
-
-# Without a scope Drake reads the sources of all frames to find it.
-@TemplateSystem.define("DisturbanceSource_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
-def DisturbanceSource_(T: type) -> type:
-    """Return the source for a scalar type: float or AutoDiffXd, for which it is a constant."""
-
-    class Impl(LeafSystem_[T], Seeded):
-        """A source of white disturbance; a ZeroOrderHold of period h after it holds each draw over its tick.
-
-        Read between ticks it gives the nearest tick's draw, so a continuous plant must not take it directly.
-
-        Ports:
-            disturbance (6, output): force in W [N], torque in B [N m].
-
-        Args:
-            settings: standard deviations per axis.
-            seed: seed of all noise.
-            h: tick [s].
-        """
-
-        def _construct(self, settings: Disturbance, seed: int, h: float, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self.set_name("disturbance")
-            self.declare_seed(seed)
-            self._arguments = {"settings": settings, "seed": seed, "h": h}
-            self._force_sd, self._torque_sd = settings.force_sd, settings.torque_sd
-            self._stream, self._h = stream_id("disturbance"), h
-            needs = {self.time_ticket(), self.all_parameters_ticket()}
-            self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance, prerequisites_of_calc=needs)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, **other._arguments, converter=converter)
-
-        def _calc_disturbance(self, context: Any, output: Any) -> None:
-            seed, time = self.seed_in(context), time_in(context)
-            output.set_value(disturbance_at(self._force_sd, self._torque_sd, seed, self._stream, time, self._h))
-
-    return Impl

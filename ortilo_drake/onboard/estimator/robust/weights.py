@@ -22,13 +22,15 @@ its squared distance by that exceeds the quantile, P is opened of the angles and
 """
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
+from ortilo_drake.loop.plain import instead_of
 from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.scenario.robust import HuberWeight, Robust
@@ -188,6 +190,14 @@ def judge(
         elif t - state[j, SINCE] >= reacquire_after - ROUNDING:
             state[j, SINCE], opens = t, OPEN_ALL
     return factors, state, seen, mean, opens
+
+
+@instead_of(judge)
+def judge_values(*judged: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """Return the same of AutoDiffXd: what is refused and weighed is a constant."""
+    values = [values_of(one) if isinstance(one, np.ndarray) else one for one in judged]
+    found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int] = judge(*values)
+    return found
 
 
 @njit(cache=True)
