@@ -29,7 +29,7 @@ def wiring_text(wiring: Wiring, depth: int) -> str:
 
 def blocks_text(wiring: Wiring) -> Iterator[str]:
     """Yield the paper's blocks: of what each consists, and which signals it reads from which other."""
-    blocks, half, widths = blocks_of(wiring), "", (16, 34, 50)
+    blocks, half, widths = blocks_of(wiring), "", (20, 34, 46)
     signals = signals_between(wiring, blocks)
     for block in blocks.values():
         its = "world" if block.column in WORLD else "onboard"
@@ -46,7 +46,7 @@ def blocks_text(wiring: Wiring) -> Iterator[str]:
 
 def tick_text(wiring: Wiring) -> Iterator[str]:
     """Yield every box in the order of a tick: the size of what it says, and which signals it reads."""
-    widths = (4, 22, 7, 67)
+    widths = (4, 28, 7, 61)
     yield from row(("", "in each tick says", "size", "reads"), widths)
     for i, box in enumerate(wiring.out_order, 1):
         yield from row((f"{i:>3}", box.name, str(box.size), reads_of(wiring, box, "out")), widths)
@@ -75,9 +75,8 @@ def parts_of(wiring: Wiring, box: Box) -> Iterator[tuple[str, str]]:
     element, given = box.element, box.given
     for what, function in element.functions.items():
         yield what, function_text(function)
-    reads = [f"{port} = {said_by(wiring, box, port)}" for port in element.inputs]
     for name, said in (
-        ("reads", reads),
+        ("reads", all_reads(wiring, box)),
         ("holds", [f"{held} ({wiring.boxes[held].size})" for held in box.holds]),
         ("parts", [f"{part} ({size})" for part, (_, size) in box.parts.items() if not box.holds]),
         ("numbers", [value_text(number.name, given.numbers[number.name]) for number in element.numbers]),
@@ -100,7 +99,7 @@ def held_by(wiring: Wiring, box: Box) -> str:
     if box.holds:
         return ", ".join(f"{held} ({wiring.boxes[held].size})" for held in box.holds)
     if system_of(box) is not None:
-        return kind_of(box)
+        return ", ".join((kind_of(box), *all_reads(wiring, box)))
     return ", ".join(value_text(name, value) for name, value in box.given.start.items())
 
 
@@ -108,6 +107,11 @@ def reads_of(wiring: Wiring, box: Box, what: str) -> str:
     """Return what one function of a box reads: each input, which box or part of one it reads, and the size."""
     ports = box.element.inputs_of(box.element.functions[what])
     return ", ".join(f"{port} = {said_by(wiring, box, port)}" for port in ports)
+
+
+def all_reads(wiring: Wiring, box: Box) -> list[str]:
+    """Return what each input of a box reads."""
+    return [f"{port} = {said_by(wiring, box, port)}" for name, port in wiring.wires if name == box.name]
 
 
 def said_by(wiring: Wiring, box: Box, port: str) -> str:

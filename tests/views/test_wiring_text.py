@@ -36,7 +36,7 @@ def joined(text: str) -> list[list[str]]:
     """Depth 2's rows as their cells, broken ones put together again."""
     rows: list[list[str]] = []
     for line in text.splitlines():
-        cells = [line[:4].strip(), line[4:26].strip(), line[26:33].strip(), line[33:].strip()]
+        cells = [line[:4].strip(), line[4:32].strip(), line[32:39].strip(), line[39:].strip()]
         if cells[1]:
             rows.append(cells)
         else:
