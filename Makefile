@@ -112,4 +112,4 @@ mutants: setup
 	@$(BIN)/python scripts/mutants.py
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info docs/notebooks docs/reference/modules docs/reference/commands.md docs/reference/settings.md
+	rm -rf $(VENV) out build dist *.egg-info docs/made docs/notebooks docs/reference/modules docs/reference/commands.md docs/reference/settings.md

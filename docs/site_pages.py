@@ -1,6 +1,9 @@
-"""Pages that the program writes of itself: its settings, its commands, its notebooks."""
+"""Pages that the program writes of itself: its settings, its commands, its notebooks, a tick."""
 
+import json
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Final
@@ -12,6 +15,19 @@ Every setting of a scenario, made from the models that check it: {count} in all.
 line as `--set uwb.link.loss=0.3`, Python as `uwb__link__loss=0.3`. `[]` stands for the entries of a list. What a group
 offers depends on its `kind`, which then stands before the meaning. In the terminal: `ortilo scenario keys uwb.link`.
 """
+# In a process of its own: the site is built without compiled functions.
+_TICK: Final = """
+import json
+from ortilo_drake.flight.played import Played
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.views.scenario_wiring import wiring_of
+from ortilo_drake.views.wiring_picture import wiring_picture
+from ortilo_drake.views.wiring_text import wiring_text
+
+scenario = load_scenario("paper_imu_uwb")
+wiring = wiring_of(scenario)
+print(json.dumps({"svg": wiring_picture(wiring, 1), "txt": wiring_text(wiring, 2), "py": Played(scenario).text}))
+"""
 
 
 def write_pages(folder: Path) -> None:
@@ -22,6 +38,7 @@ def write_pages(folder: Path) -> None:
     """
     _write(folder / "reference/settings.md", settings_page())
     _write(folder / "reference/commands.md", commands_page())
+    write_tick(folder / "made")
     (folder / "notebooks").mkdir(exist_ok=True)
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         _write(folder / "notebooks" / notebook.name, with_outputs(notebook).read_text(encoding="utf-8"))
@@ -32,6 +49,17 @@ def write_pages(folder: Path) -> None:
         module = ROOT.joinpath(*page.stem.split("."))
         if not (module.is_dir() or module.with_name(f"{module.name}.py").exists()):
             page.unlink()
+
+
+def write_tick(folder: Path) -> None:
+    """Write what the page How a tick goes shows of paper_imu_uwb: block diagram, order of boxes, generated source."""
+    compiled = {name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"}
+    paths = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    words = [sys.executable, "-c", _TICK]
+    done = subprocess.run(words, env=compiled | {"PYTHONPATH": paths}, check=True, stdout=subprocess.PIPE, text=True)
+    folder.mkdir(exist_ok=True)
+    for ending, text in json.loads(done.stdout).items():
+        _write(folder / f"paper_imu_uwb.{ending}", text)
 
 
 def with_outputs(notebook: Path) -> Path:

@@ -1,6 +1,7 @@
 """The wiring of a scenario: which boxes fly, and which reads which. Every player is made of it.
 
 whole.py           world and onboard half in one wiring
+blocks.py          the paper's block diagram of it, to be looked at
 truth.py           how the world of one seed differs
 world.py           the sensors and their links
 vehicle.py         the vehicle and what acts on it

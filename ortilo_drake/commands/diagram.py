@@ -1,4 +1,4 @@
-"""The command `ortilo diagram`: the block diagram as a picture."""
+"""The command `ortilo diagram`: the wiring of a scenario as text or as a picture."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,28 +6,42 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
-from ortilo_drake.commands.terminal import check_writable, say_written
+from ortilo_drake.commands.terminal import check_writable, out, say_error, say_heading, say_written
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import load_scenario
 
 
 def diagram(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
-    svg: Annotated[Path | None, typer.Option(help="The image file; by default out/diagram.svg.")] = None,
+    depth: Annotated[
+        int,
+        typer.Option(min=1, max=3, help="1: the paper's blocks; 2: every box, in the order of a tick; 3: elements."),
+    ] = 1,
+    svg: Annotated[Path | None, typer.Option(help="Draw this depth as an image instead.")] = None,
     html: Annotated[Path | None, typer.Option(help="One page with three depths, to zoom and move.")] = None,
+    drake: Annotated[Path | None, typer.Option(help="An image of the loop as Drake draws it: every System.")] = None,
     settings: SetOption = None,
-    depth: Annotated[int, typer.Option(min=0, max=4, help="How far the image opens nested diagrams.")] = 3,
 ) -> None:
-    """Draw the closed loop's block diagram."""
+    """Print who reads whom in a scenario's loop: the paper's block diagram, every box, or every element."""
     chosen = load_scenario(scenario, tuple(settings or ()))
-    if svg is None and html is None:
-        svg = Path("out/diagram.svg")
-    check_writable(svg, html)
-    from ortilo_drake.views.block_diagram import diagram_svg
+    check_writable(svg, html, drake)
+    from ortilo_drake.views.graphviz import drake_svg
     from ortilo_drake.views.page.diagram_page import diagram_page
+    from ortilo_drake.views.scenario_wiring import unlike_flown, wiring_of
+    from ortilo_drake.views.wiring_picture import wiring_picture
+    from ortilo_drake.views.wiring_text import wiring_text
 
-    if svg:
-        write_text(svg, diagram_svg(chosen, depth))
-    if html:
-        write_text(html, diagram_page(chosen))
-    say_written(svg, html)
+    if drake:
+        write_text(drake, drake_svg(chosen))
+    if svg or html or not drake:
+        wiring = wiring_of(chosen)
+        if (note := unlike_flown(chosen, wiring)) is not None:
+            say_error(note)
+        if svg:
+            write_text(svg, wiring_picture(wiring, depth))
+        if html:
+            write_text(html, diagram_page(chosen.name, wiring))
+        if not (svg or html or drake):
+            say_heading(chosen.name, f": {len(wiring.boxes)} boxes, {1 / chosen.h:.6g} ticks a second")
+            out.print(wiring_text(wiring, depth), end="", markup=False, soft_wrap=True)
+    say_written(svg, html, drake)

@@ -40,6 +40,11 @@ class Played:
         self._sensors = scenario.measurement.sizes["delta"]
         self.reference = self.wiring.boxes["reference"].given.tables["path"][:, :3]
 
+    @property
+    def text(self) -> str:
+        """The generated source of a flight without a log."""
+        return self._player.text
+
     @cached_property
     def _logger(self) -> Player:
         names = ("delta", *_LOGGED)

@@ -9,6 +9,7 @@ from browser.chromium import Page
 
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.page.diagram_page import DEPTHS, diagram_page
+from ortilo_drake.views.scenario_wiring import wiring_of
 
 pytestmark = pytest.mark.long
 UNDER = """(() => {
@@ -20,7 +21,8 @@ UNDER = """(() => {
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = tmp_path_factory.mktemp("diagram") / "loop.html"
-    found.write_text(diagram_page(load_scenario("imu_uwb_yolo", ("camera.kind=projected",))), encoding="utf-8")
+    wiring = wiring_of(load_scenario("imu_uwb_yolo", ("camera.kind=projected",)))
+    found.write_text(diagram_page("imu_uwb_yolo", wiring), encoding="utf-8")
     return found
 
 
@@ -44,12 +46,12 @@ def mouse(page: Page, kind: str, x: float, y: float, **more: Any) -> None:
 
 
 def test_each_depth_shows_more_than_the_one_before(page: Page) -> None:
-    nodes = []
+    said = []
     for i in range(len(DEPTHS)):
         page.run(f"document.querySelectorAll('button[data-depth]')[{i}].click()")
         assert page.run("[...document.querySelectorAll('.depth')].filter((part) => !part.hidden).length") == 1
-        nodes.append(page.run("pictures[shown].querySelectorAll('.node').length"))
-    assert nodes == sorted(set(nodes))
+        said.append(page.run("pictures[shown].querySelectorAll('.node text').length"))
+    assert said == sorted(set(said))
     assert page.run("document.documentElement.scrollWidth <= window.innerWidth")
 
 

@@ -2,6 +2,7 @@
 
 import html
 import importlib
+import importlib.util
 import os
 import re
 import subprocess
@@ -13,6 +14,8 @@ import pytest
 import typer
 
 from ortilo_drake.commands.app import app
+from ortilo_drake.flight.played import Played
+from ortilo_drake.scenario import load_scenario
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/how_to").glob("*.md"))]
@@ -73,6 +76,35 @@ def test_functions_have_pages_and_equations_are_drawn_by_the_browser_alone(site:
     for page in ("index", "paper", "results", "reference/settings", "notebooks/01_fly_the_paper"):
         text = (site / f"{page}.html").read_text(encoding="utf-8")
         assert re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//', text) == [], page
+
+
+@pytest.fixture(scope="module")
+def tick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the page How a tick goes shows, as a build of the site makes it."""
+    folder = tmp_path_factory.mktemp("tick")
+    spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs/site_pages.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    pages.write_tick(folder)
+    return folder
+
+
+def test_the_tick_that_the_site_shows_is_the_one_that_flies(tick: Path) -> None:
+    flying = Played(load_scenario("paper_imu_uwb"))._player._fly.py_func.__code__.co_filename
+    assert (tick / "paper_imu_uwb.py").read_text(encoding="utf-8") == Path(flying).read_text(encoding="utf-8")
+
+
+def test_the_page_explains_every_line_of_a_tick_in_its_order(tick: Path) -> None:
+    lines = (tick / "paper_imu_uwb.py").read_text(encoding="utf-8").partition("def fly")[2].splitlines()
+    flown = [re.match(r" +(\w+_(?:out|step)(?=\()|trace(?=\[)|return k$)", line) for line in lines]
+    calls = list(dict.fromkeys(found.group(1) for found in flown if found))  # the trace has several lines
+    page = (ROOT / "docs/tick.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `(\w+(?: k)?)(?:\[\.\.\.\])?` \|", page, re.MULTILINE) == calls
+    assert len(calls) == 15
+    boxes = re.findall(r"^ *\d+ (\w+) ", (tick / "paper_imu_uwb.txt").read_text(encoding="utf-8"), re.MULTILINE)
+    assert boxes == [call.rpartition("_")[0] for call in calls if "_" in call and call != "figures_out"]
 
 
 def test_functions_that_the_pages_name_exist() -> None:

@@ -386,7 +386,7 @@ def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
         (["fly", "--fast"], ["--fast"]),
         (["fly", "--set"], ["--set"]),
         (["hover"], ["hover"]),
-        (["diagram", "--depth", "9"], ["--depth", "4"]),
+        (["diagram", "--depth", "9"], ["--depth", "3"]),
     ],
 )
 def test_a_wrong_option(refused: Any, words: list[str], named: list[str]) -> None:

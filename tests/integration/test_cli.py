@@ -14,9 +14,11 @@ from command_line import run, run_apart
 from pydrake.systems.framework import Diagram
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario
 
@@ -235,10 +237,10 @@ def subsystem_names(diagram: Diagram) -> set[str]:
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
-def test_the_diagram_is_svg_that_names_every_subsystem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_drakes_diagram_is_svg_that_names_every_subsystem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "new" / "loop.svg"
-    words = ("diagram", "nominal_imu_uwb_yolo", "--set", SHORT, "--set", "camera.kind=projected", "--depth", "4")
-    assert run(*words, "--svg", str(path)) == 0
+    words = ("diagram", "nominal_imu_uwb_yolo", "--set", SHORT, "--set", "camera.kind=projected")
+    assert run(*words, "--drake", str(path)) == 0
     assert capsys.readouterr().err == ""
     root = ElementTree.parse(path).getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
@@ -248,11 +250,38 @@ def test_the_diagram_is_svg_that_names_every_subsystem(capsys: pytest.CaptureFix
     assert {name for name in names if not any(name in text for text in texts)} == set()
 
 
-def test_without_graphviz_the_diagram_is_refused_in_one_line(
+@pytest.mark.parametrize(("depth", "named"), [("1", "uwb fix"), ("2", "in each tick says"), ("3", "servo_out")])
+def test_the_diagram_is_printed(capsys: pytest.CaptureFixture[str], depth: str, named: str) -> None:
+    assert run("diagram", "paper_imu_uwb", "--set", SHORT, "--depth", depth) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out.startswith("paper_imu_uwb: 15 boxes, 30 ticks a second\n")
+    assert named in printed.out
+
+
+def test_a_diagram_says_which_part_flies_otherwise(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("diagram", "imu_uwb_yolo", "--set", SHORT) == 0
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert "camera.kind: rendered" in printed.err
+    assert "camera fix" in printed.out
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
+@pytest.mark.parametrize("depth", ["2", "3"])
+def test_a_picture_names_every_box(tmp_path: Path, depth: str) -> None:
+    path = tmp_path / "loop.svg"
+    assert run("diagram", "robust_imu_uwb", "--set", SHORT, "--svg", str(path), "--depth", depth) == 0
+    texts = {"".join(node.itertext()) for node in ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")}
+    wiring = Wiring(boxes_of(load_scenario("robust_imu_uwb", (SHORT,)), 1))
+    assert wiring.boxes.keys() <= texts
+
+
+def test_without_graphviz_a_picture_of_boxes_is_refused_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    assert run("diagram", "--svg", str(tmp_path / "loop.svg")) == 2
+    assert run("diagram", "paper_imu_uwb", "--svg", str(tmp_path / "loop.svg"), "--depth", "2") == 2
     printed = capsys.readouterr()
     assert len(printed.err.splitlines()) == 1
     assert "Graphviz" in printed.err

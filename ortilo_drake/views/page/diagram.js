@@ -68,4 +68,4 @@ document.getElementById("whole").addEventListener("click", () => {
   views[shown].now = [...views[shown].whole];
   draw(views[shown]);
 });
-show(Math.min(1, views.length - 1));
+show(0);

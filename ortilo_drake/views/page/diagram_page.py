@@ -1,13 +1,13 @@
-"""The block diagram in three depths as one page, with zoom."""
+"""The wiring of a scenario in three depths as one page, with zoom."""
 
 import re
 from html import escape
 
-from ortilo_drake.scenario import Scenario
-from ortilo_drake.views.block_diagram import diagram_svg
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.views.page.shell import asset
+from ortilo_drake.views.wiring_picture import wiring_picture
 
-DEPTHS = {"the closed loop": 1, "its two halves": 2, "every system": 4}
+DEPTHS = {"the paper's blocks": 1, "every box": 2, "every element": 3}
 
 
 def _inline(svg: str) -> str:
@@ -17,11 +17,11 @@ def _inline(svg: str) -> str:
     return found.group()
 
 
-def diagram_page(scenario: Scenario) -> str:
-    """Return a page with a scenario's block diagram in three depths; InputError if Graphviz is not installed."""
-    name = escape(scenario.name)
+def diagram_page(scenario: str, wiring: Wiring) -> str:
+    """Return a page with the wiring of a scenario of that name; InputError if Graphviz is not installed."""
+    name = escape(scenario)
     buttons = "".join(f'<button type="button" data-depth="{depth}">{title}</button>' for title, depth in DEPTHS.items())
-    parts = "".join(f'<div class="depth">{_inline(diagram_svg(scenario, depth))}</div>' for depth in DEPTHS.values())
+    parts = "".join(f'<div class="depth">{_inline(wiring_picture(wiring, depth))}</div>' for depth in DEPTHS.values())
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{name}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'

@@ -1,0 +1,118 @@
+"""The paper's block diagram of a wiring: which boxes make up which block, and the signals between blocks.
+
+    planner -> servo -> [command link] -> vehicle -> sensors -> fixes -> handler -> filter -> servo
+
+A sensor's block holds its clock, errors, faults and link, too; the handler's whatever refuses or weighs what arrived.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.wiring import Wire, Wiring
+
+COLUMNS = ("planner", "servo", "command link", "vehicle", "sensor", "fix", "handler", "filter")  # as the signals go
+WORLD = ("command link", "vehicle", "sensor")
+_COLUMN_OF = {
+    "reference": "planner",
+    **dict.fromkeys(("servo", "lent", "command_log", "state_ahead"), "servo"),
+    "command_link": "command link",
+    **dict.fromkeys(("handler", "robust_gate", "imu_rows", "past"), "handler"),
+    **dict.fromkeys(("filter", "known"), "filter"),
+}
+_ONBOARD_OF_SENSOR = ("heard", "past", "about", "fix")
+_SIGNALS = {
+    "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P", "known": "x̂, P",
+    "belief": "x̂, P", "delta": "Δ", "V2": "V₂", "rotors_felt": "felt", "felt.control": "felt",
+    "felt.disturbance": "felt", "vehicle.passed": "felt",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of the paper's diagram: its name, its place among COLUMNS, and the names of its boxes."""
+
+    name: str
+    column: str
+    boxes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """What a box reads by one of its inputs, or holds: `said` is "box" or "box.part", `wire` what that stands for."""
+
+    reader: str
+    port: str
+    said: str
+    wire: Wire
+
+
+def arrows_of(wiring: Wiring) -> Iterator[Arrow]:
+    """Yield every wire of a wiring, and after them what its bundles hold."""
+    for (reader, port), wire in wiring.wires.items():
+        yield Arrow(reader, port, wiring.boxes[reader].reads.get(port, port), wire)
+    for held, holder in wiring.holders.items():
+        yield Arrow(holder, held, held, Wire(held, 0, wiring.boxes[held].size))
+
+
+def blocks_of(wiring: Wiring) -> dict[str, Block]:
+    """Return the blocks of a scenario's wiring by name, in the order of COLUMNS."""
+    places = {name: _place(wiring, name) for name in wiring.boxes if not _only_holds(wiring, name)}
+    for name in wiring.boxes:  # constants and bundles belong to who reads them
+        if name not in places:
+            readers = (arrow.reader for arrow in arrows_of(wiring) if arrow.wire.box == name)
+            places[name] = next((places[reader] for reader in readers if reader in places), ("filter", "filter"))
+    if not any(places[a.wire.box][1] == "handler" and places[a.reader][1] == "filter" for a in arrows_of(wiring)):
+        places = {name: ("filter", "filter") if place[1] == "handler" else place for name, place in places.items()}
+    found = {}
+    for column in COLUMNS:
+        for block in dict.fromkeys(place[0] for place in places.values() if place[1] == column):
+            found[block] = Block(block, column, tuple(name for name, place in places.items() if place[0] == block))
+    return found
+
+
+def signals_between(wiring: Wiring, blocks: dict[str, Block]) -> dict[tuple[str, str], list[str]]:
+    """Return the names of the signals that go from one block to another, by the two blocks."""
+    home = {box: block for block in blocks.values() for box in block.boxes}
+    found: dict[tuple[str, str], list[str]] = {}
+    for arrow in arrows_of(wiring):
+        source, reader = home[arrow.wire.box], home[arrow.reader]
+        if source is not reader:
+            names, name = found.setdefault((source.name, reader.name), []), _signal(arrow, source)
+            if name not in names:
+                names.append(name)
+    return found
+
+
+def system_of(box: Box) -> str | None:
+    """Return the type of the Drake System that stands in a box; None where it is an element."""
+    system = getattr(box, "system", None)
+    return None if system is None else type(system).__name__
+
+
+def _only_holds(wiring: Wiring, name: str) -> bool:
+    box = wiring.boxes[name]
+    return not box.element.functions and system_of(box) is None and name not in _COLUMN_OF
+
+
+def _place(wiring: Wiring, name: str) -> tuple[str, str]:
+    """Return a box's block and its column."""
+    if name in _COLUMN_OF:
+        return _COLUMN_OF[name], _COLUMN_OF[name]
+    sensors = [box.removesuffix("_link") for box in wiring.boxes if box.endswith("_link") and box != "command_link"]
+    its = [sensor for sensor in sensors if name == sensor or name.startswith(f"{sensor}_")]
+    if name == "now":  # the time of a report of the commands that acted
+        return "acted", "sensor"
+    if not its:
+        return "vehicle", "vehicle"
+    sensor = max(its, key=len)
+    if name.removeprefix(f"{sensor}_") not in _ONBOARD_OF_SENSOR:
+        return sensor, "sensor"
+    return (f"{sensor} fix", "fix") if f"{sensor}_fix" in wiring.boxes else ("handler", "handler")
+
+
+def _signal(arrow: Arrow, source: Block) -> str:
+    box, _, part = arrow.said.partition(".")
+    if source.column in ("sensor", "fix"):
+        return {"sensor": "message", "fix": "fix"}[source.column]
+    return _SIGNALS.get(arrow.said) or _SIGNALS.get(part) or part or _SIGNALS.get(box) or box.replace("_", " ")
