@@ -8,6 +8,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.faults import Stuck
 from ortilo_drake.world.faults.message_fault import MessageFault, StuckSensor
 from ortilo_drake.world.faults.scene_faults import message_faults
+from ortilo_drake.world.faults.table import KINDS
 
 
 def add_sensor_faults(
@@ -26,6 +27,8 @@ def add_sensor_faults(
     sampled = scenario.sampled_for(sensor)
     for its in message_faults(scenario.faults, sensor):
         name, size = f"{sensor}_fault_{its.i}", message.size()
+        if its.fault.kind not in KINDS:
+            raise InputError(f"faults.{its.i}: {its.fault.kind}: is an element: the engine alone flies it")
         if isinstance(its.fault, Stuck):
             stuck = builder.AddSystem(StuckSensor(name, size, its, scenario.h, scenario.samples(sensor)))
             builder.Connect(message, stuck.get_input_port())

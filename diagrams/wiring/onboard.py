@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.wiring.intermittent import intermittent_boxes
-from ortilo_drake.diagrams.wiring.own_estimator import own_estimator_boxes
+from ortilo_drake.diagrams.wiring.own_part import own_estimator_boxes, own_planner_boxes
 from ortilo_drake.diagrams.wiring.servo import servo_boxes
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import Box, constant
@@ -20,23 +20,29 @@ from ortilo_drake.scenario import Scenario
 ESTIMATORS = {"intermittent": intermittent_boxes, "tight": tight_boxes}
 
 
-def onboard_boxes(scenario: Scenario, room: Room, path: Trajectory, ticks: int, messages: dict[str, Box]) -> list[Box]:
+def onboard_boxes(
+    scenario: Scenario, room: Room, path: Trajectory | Box, ticks: int, messages: dict[str, Box]
+) -> list[Box]:
     """Return the boxes of the onboard half.
 
     Args:
         scenario: the scenario.
         room: its room as it was surveyed.
-        path: that is flown.
+        path: that is flown, or a planner's own box.
         ticks: of the flight.
         messages: which box says each sensor's message as it lands.
     """
     make = ESTIMATORS.get(scenario.estimator.kind, own_estimator_boxes)
     estimator = make(scenario, room, start_of(path), messages)
     belief, knows_force = belief_in(estimator), any(box.name == "known" for box in estimator)
-    boxes = [*estimator, reference_box(reference_table(path, ticks, scenario.h))]
+    boxes, force = estimator, "known.force" if knows_force else "no_force"
+    if isinstance(path, Box):
+        boxes += own_planner_boxes(scenario, path, belief, force, messages)
+    else:
+        boxes.append(reference_box(reference_table(path, ticks, scenario.h)))
     if not knows_force:
         boxes.append(constant("no_force", np.zeros(3)))
-    return [*boxes, *servo_boxes(scenario, belief, "known.force" if knows_force else "no_force")]
+    return [*boxes, *servo_boxes(scenario, belief, force, messages)]
 
 
 def belief_in(boxes: list[Box]) -> str:

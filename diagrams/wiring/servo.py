@@ -1,5 +1,6 @@
 """The boxes of the servo, and of what it knows of the way of its commands to the rotors."""
 
+from ortilo_drake.diagrams.wiring.own_part import own_servo_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.commands.command_log import command_log_box
@@ -7,16 +8,17 @@ from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
 from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 
 
-def servo_boxes(scenario: Scenario, belief: str, force: str) -> list[Box]:
+def servo_boxes(scenario: Scenario, belief: str, force: str, messages: dict[str, Box]) -> list[Box]:
     """Return the servo, `servo`, with what it acts on.
 
     Args:
         scenario: the scenario.
         belief: the box that says the belief of [x; i].
         force: the box that says the force that is believed to act.
+        messages: which box says each sensor's message as it lands.
     """
     commands, vehicle, boxes = scenario.commands, scenario.vehicle, list[Box]()
     reference = "reference"
@@ -29,6 +31,8 @@ def servo_boxes(scenario: Scenario, belief: str, force: str) -> list[Box]:
     if scenario.lends_velocities:
         boxes.append(Box("lent", LENT, N_XBAR).reading(belief=belief, state="plant"))
         belief = "lent"
+    if not isinstance(scenario.servo, LqServo):
+        return [*boxes, *own_servo_boxes(scenario, belief, {"force": force, "reference": reference}, messages)]
     if commands.servo == "augmented":
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:

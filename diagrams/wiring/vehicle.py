@@ -16,7 +16,7 @@ from ortilo_drake.world.vehicle.quadrotor import felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
 
-def vehicle_boxes(scenario: Scenario, path: Trajectory, control: str, feels: bool) -> list[Box]:
+def vehicle_boxes(scenario: Scenario, path: Trajectory | Box, control: str, feels: bool) -> list[Box]:
     """Return the plant, `plant`, and all that acts on it.
 
     Args:

@@ -7,7 +7,8 @@ from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
-from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, Scenario
+from ortilo_drake.onboard.planner.planned import BUILT_IN
+from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, LqServo, Scenario
 from ortilo_drake.scenario.truth import ClockTruth
 from ortilo_drake.sensors.shares import share_of
 from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
@@ -24,7 +25,7 @@ from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 
 
-def world_boxes(scenario: Scenario, room: Room, path: Trajectory) -> tuple[list[Box], dict[str, Box]]:
+def world_boxes(scenario: Scenario, room: Room, path: Trajectory | Box) -> tuple[list[Box], dict[str, Box]]:
     """Return the boxes of the world, and which of them says each sensor's message as it lands."""
     commands, messages = command_boxes(scenario), dict[str, Box]()
     control = "command_link.applied" if commands else "servo"
@@ -100,8 +101,9 @@ def source_box(scenario: Scenario, room: Room, name: str) -> Box:
 
 
 def reads_whole_imu(scenario: Scenario) -> bool:
-    """Return whether the estimator reads more of the imu than its angles."""
-    return not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
+    """Return whether more of the imu than its angles may be read."""
+    own = not isinstance(scenario.servo, LqServo) or not isinstance(scenario.planner, BUILT_IN)
+    return own or not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
 
 
 def inertial_box(scenario: Scenario) -> Box:

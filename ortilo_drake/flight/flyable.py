@@ -5,7 +5,7 @@ from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import load_detector
-from ortilo_drake.onboard.planner.planned import Planned, duration_of, planned
+from ortilo_drake.onboard.planner.planned import Planned, duration_of, plan_of
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.sensors.described import described
@@ -24,7 +24,7 @@ def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
     Raises:
         InputError: if there is no path, or the flight is too long to be logged.
     """
-    seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
+    seconds = duration_of(scenario, plan or plan_of(scenario)) + scenario.settle
     ticks = round(seconds * scenario.control_rate)
     size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks
     if size > LARGEST_LOG:
