@@ -23,7 +23,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import njit
 
-from ortilo_drake.loop.digest import digest_of, plain
+from ortilo_drake.loop.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Element, takes
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
@@ -95,7 +95,7 @@ def parameters(element: Element, function: Callable[..., None]) -> list[tuple[st
 
 def is_kept(element: Element) -> bool:
     """Return whether compiled code is kept on the disk: numba asks for the module of each function when it is read."""
-    return all(plain(function).__module__ in sys.modules for function in element.functions.values())
+    return modules_of(*element.functions.values()) <= {*sys.modules}
 
 
 def native_text(element: Element) -> str:
