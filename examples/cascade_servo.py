@@ -1,7 +1,7 @@
 """Fly a servo of your own as an element: position by acceleration by angles by torque.
 
     python examples/cascade_servo.py
-    ortilo --plugin examples/cascade_servo.py tables --set 'servo={kind: cascade}'
+    ortilo --plugin examples/cascade_servo.py rare imu_uwb --corridor 1 --set 'servo={kind: cascade}'
 
 An element is a plain function whose parameters are its wiring. What a servo may read: docs/how_to/own_parts.md.
 """

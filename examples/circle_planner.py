@@ -1,7 +1,9 @@
 """Fly a planner of your own as an element: a circle, flown by the clock.
 
-python examples/circle_planner.py
-ortilo --plugin examples/circle_planner.py tables --set 'planner={kind: circle}'
+    python examples/circle_planner.py
+    ortilo --plugin examples/circle_planner.py rare imu_uwb --corridor 1 --set 'planner={kind: circle}'
+
+An element without a state is one function. One with a state could follow the estimate, or wait for a message.
 """
 
 from typing import Any, Literal

@@ -1,7 +1,7 @@
 """Fly a fault of your own as an element: ranges that grow longer, the longer it lasts.
 
     python examples/longer_ranges.py
-    ortilo --plugin examples/longer_ranges.py tables --set 'faults=[{kind: longer_ranges, start: 10.0}]'
+    ortilo --plugin examples/longer_ranges.py rare --corridor 1 --set 'faults=[{kind: longer_ranges, start: 10.0}]'
 
 The function says the message as it is while the fault lasts; start and end are not its business.
 """

@@ -39,10 +39,9 @@ def say(n: Any, x: np.ndarray, out: np.ndarray) -> None:
 
 def step(n: Any, uwb: np.ndarray, imu: np.ndarray, anchors: np.ndarray, x: np.ndarray) -> None:
     """Take the position towards what each range says, carry it by the accelerometer; attitude as the IMU says."""
-    count = len(anchors)
     if uwb[0] != 0.0:
-        for i in range(count):
-            if uwb[2 + count + i] > 0.0:
+        for i in range(len(anchors)):
+            if uwb[2 + len(anchors) + i] > 0.0:
                 away = x[:3] - anchors[i]
                 distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
                 correction = n.gain * (uwb[2 + i] - distance) / distance * away
