@@ -1,11 +1,11 @@
-"""The paper's estimator by itself: fixes, the intermittent measurements handler and the filter, as one Diagram."""
+"""An estimator of ours by itself: fixes, the measurements handler and the filter, as one Diagram."""
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from ortilo_drake.diagrams.wiring.intermittent import filtering_of, intermittent_boxes
+from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import belief_in
+from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, belief_in
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.diagrams.wiring.whole import measured_in
 from ortilo_drake.loop.diagram import Added, add_wiring
@@ -18,8 +18,8 @@ from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box
 from ortilo_drake.scenario import Belief, IntermittentFilter
 
 
-class IntermittentEstimator(Diagram):
-    """The paper's chain from messages to the estimate: an estimator by the contract of diagrams/onboard.py.
+class Estimator(Diagram):
+    """The chain from messages to the estimate, by the paper's filter or the tight one: see diagrams/onboard.py.
 
     Ports:
         uwb, detections, imu, ...: the messages of the sensors that the scenario flies.
@@ -44,13 +44,13 @@ class IntermittentEstimator(Diagram):
     def __init__(self, scenario: Belief, xbar_0: np.ndarray, detects: bool = True):
         super().__init__()
         self._belief = belief = scenario.belief
-        if belief.commands.are_kept:
+        if belief.commands.filter == "acted":
             raise InputError("commands: of an estimator by itself must be left as they are")
         room, builder = belief.load_room(), DiagramBuilder()
         messages = message_boxes(belief, room, detects)
         around = [*messages.values(), outside("servo", N_U), outside("reference", REFERENCE_SIZE)]
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)
-        boxes = intermittent_boxes(belief, room, xbar_0, messages)
+        boxes = ESTIMATORS[belief.estimator.kind](belief, room, xbar_0, messages)
         boxes += shown_boxes(belief, boxes)
         wiring = Wiring([*around, *seeing, *boxes])
         signals = {"estimate": "shown.estimate", "covariance": "shown.covariance"} | measured_in(boxes)
@@ -72,9 +72,12 @@ class IntermittentEstimator(Diagram):
 
 
 def shown_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
-    """Return boxes that show what the paper's filter estimates, for the ports of a Diagram."""
-    shown, its = [parts_box("shown").reading(belief=belief_in(boxes))], filtering_of(belief)
-    return [*shown, extra_box("extra", its.n).reading(belief=its.belief)] if its.extras else shown
+    """Return boxes that show what an estimator of ours says, for the ports of a Diagram."""
+    shown = [parts_box("shown").reading(belief=belief_in(boxes))]
+    if any(box.name == "known" for box in boxes):
+        its = filtering_of(belief)
+        shown.append(extra_box("extra", its.n).reading(belief=its.belief))
+    return shown
 
 
 def set_belief(added: Added, belief: Belief, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:

@@ -32,5 +32,5 @@ def make_lq_servo(scenario: Belief, takes_force: bool = False) -> System:
     inputs = [outside("estimate", N_XBAR), outside("reference", REFERENCE_SIZE)]
     inputs.append(outside("force", 3) if takes_force else constant("force", np.zeros(3)))
     inputs += [outside("velocity", VELOCITY_SIZE)] if belief.lends_velocities else []
-    wiring = Wiring([*inputs, *servo_boxes(belief, "estimate", "force", None, {})])
+    wiring = Wiring([*inputs, *servo_boxes(belief, "estimate", "force", {}, None, {})])
     return WiredSystem_[float]("lq_servo", wiring, {"control": ("servo",)}, belief.h)

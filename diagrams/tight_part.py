@@ -9,9 +9,9 @@ from ortilo_drake.scenario.tight import TightFilter
 
 
 def _make(scenario: Any, xbar_0: np.ndarray) -> Any:
-    from ortilo_drake.diagrams.tight_estimator import make_tight
+    from ortilo_drake.diagrams.estimator import Estimator
 
-    return make_tight(scenario, xbar_0)
+    return Estimator(scenario, xbar_0)
 
 
 register_part("estimator", Part("tight", TightFilter, _make))

@@ -19,7 +19,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import Truth
-from ortilo_drake.world.drawn_truth import Drawn, draw_truth, of_seed
+from ortilo_drake.world.drawn_truth import draw_truth, of_seed
 from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
 from ortilo_drake.world.scenery.rendering import mount_camera, move_landmarks
 from ortilo_drake.world.sensors.sample_collector import Passed
@@ -143,12 +143,12 @@ class World(Diagram):
         self._added.give(context, of_body(self._wiring, self._scenario, drawn))
         self._set_beside(context, drawn)
 
-    def Drawn(self, context: Context) -> Drawn:
+    def Drawn(self, context: Context) -> dict[str, np.ndarray]:
         """Return how the world of the context's seed differs from what is believed; the context is the root's."""
         payloads = payloads_of(self._wiring, self._scenario, self._room)
         return draw_truth(self._scenario.truth, self._added.seed_in(context), self._room, payloads)
 
-    def _set_beside(self, context: Context, drawn: Drawn) -> None:
+    def _set_beside(self, context: Context, drawn: dict[str, np.ndarray]) -> None:
         """Set what is drawn of systems that are no elements: the plant that Drake integrates, the scene it renders."""
         vehicle = self._scenario.vehicle
         if self._plant is not None:
@@ -189,7 +189,8 @@ def _integrated(
         boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
         sources |= dict.fromkeys(("vehicle", "vehicle.passed"), passed.get_output_port())
     if "acted" in vehicle:
-        boxes += [(report := outside("acted", ACTED_SIZE)), *report_link_boxes(scenario, report)]
+        report = outside("acted", ACTED_SIZE)
+        boxes += [report, *report_link_boxes(scenario, report)]
         sources["acted"] = vehicle["acted"]
     return boxes, sources
 

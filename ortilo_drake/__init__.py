@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ortilo_drake.api import (
         Belief,
+        Box,
         Compiled,
-        CompiledEstimator,
+        Fault,
         FixSolver,
         Flight,
         Flights,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
         SensorSettings,
         StateSensor,
         Study,
+        box,
         compare,
         compiled_sensor,
         compiled_solver,
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
         make_closed_loop,
         map,
         register_estimator,
+        register_fault,
         register_planner,
         register_sensor,
         register_servo,
@@ -50,8 +53,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "Belief",
+    "Box",
     "Compiled",
-    "CompiledEstimator",
+    "Fault",
     "FixSolver",
     "Flight",
     "Flights",
@@ -63,6 +67,7 @@ __all__ = [
     "SensorSettings",
     "StateSensor",
     "Study",
+    "box",
     "compare",
     "compiled_sensor",
     "compiled_solver",
@@ -73,6 +78,7 @@ __all__ = [
     "make_closed_loop",
     "map",
     "register_estimator",
+    "register_fault",
     "register_planner",
     "register_sensor",
     "register_servo",

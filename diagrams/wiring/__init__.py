@@ -10,5 +10,5 @@ intermittent.py    the paper's estimator
 fixes.py           what makes fixes of messages
 tight.py           the tight filter
 servo.py           the servo and what it reckons with
-own_estimator.py   an estimator of one's own
+own_part.py        an estimator, a servo or a planner of one's own
 """

@@ -12,7 +12,7 @@ from ortilo_drake.sensors.messages import message_size
 def message_boxes(belief: Belief, room: Room, detects: bool) -> dict[str, Box]:
     """Return what stands for each sensor's messages: of a camera whose pictures are looked at here its shutter's."""
     sizes = {"uwb": uwb_size(len(room.anchors)), "camera": DETECTIONS_SIZE, "imu": IMU_SIZE}
-    boxes = {}
+    boxes: dict[str, Box] = {}
     for name in belief.measurement.sensors:
         if name not in belief.sensors:
             continue

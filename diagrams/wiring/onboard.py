@@ -11,7 +11,7 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.wiring.intermittent import intermittent_boxes
-from ortilo_drake.diagrams.wiring.own_estimator import own_estimator_boxes, system_estimator_boxes
+from ortilo_drake.diagrams.wiring.own_part import own_estimator_boxes, own_planner_boxes, system_estimator_boxes
 from ortilo_drake.diagrams.wiring.servo import servo_boxes
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
@@ -58,7 +58,7 @@ def onboard_boxes(
     Args:
         belief: what is known of a scenario.
         room: its room as it was surveyed.
-        plan: what is flown: a path, or a System that says it.
+        plan: what is flown: a path, or the System or Box that says it.
         ticks: of the flight.
         messages: which box says each sensor's message as it lands.
         parts: in place of the scenario's.
@@ -83,21 +83,24 @@ def onboard_boxes(
         boxes.append(constant(force := "no_force", np.zeros(3)))
     signals |= {"estimate": ("shown.estimate", N_XBAR), "covariance": ("shown.covariance", N_XBAR**2)}
     signals |= {"force": (force, 3)}
-    boxes.append(planner_box(plan, ticks, belief.h, takes_paths, signals))
+    if isinstance(plan, Box):
+        boxes += own_planner_boxes(belief, plan, belief_in(estimator), force, messages)
+    else:
+        boxes.append(planner_box(plan, ticks, belief.h, takes_paths, signals))
     make_servo = parts.servo or system_of(belief, "servo")
     own_servo = None if make_servo is None else make_servo(belief)
-    return [*boxes, *servo_boxes(belief, belief_in(estimator), force, own_servo, signals)]
+    return [*boxes, *servo_boxes(belief, belief_in(estimator), force, messages, own_servo, signals)]
 
 
 def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
-    """Return what makes the System of a part that a scenario names; None where it is built in or has a compiled share.
+    """Return what makes the System of a part that a scenario names; None where it is built in or an element.
 
     Of a planner it may make a path.
     """
     kind = getattr(getattr(belief, role), "kind", "")
     built_in = {"estimator": tuple(ESTIMATORS), "servo": ("lq",), "planner": ("gcs", "waypoints", "hover")}[role]
     found = None if kind in built_in else find_part(role, kind)
-    return None if found is None or found.compiled is not None else found.make
+    return None if found is None or found.box is not None else found.make
 
 
 def port_of(sensor: str) -> str:
@@ -118,7 +121,9 @@ def force_in(boxes: list[Box]) -> str | None:
     return next((f"{box.name}.force" for box in boxes if "force" in box.parts), None)
 
 
-def planner_box(plan: Planned, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]) -> Box:
+def planner_box(
+    plan: Trajectory | System, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]
+) -> Box:
     """Return what says the reference; arguments as of onboard_boxes and system_box."""
     if not isinstance(plan, Trajectory):
         return system_box("reference", plan, ("reference",), signals)

@@ -2,6 +2,7 @@
 
 from pydrake.systems.framework import System
 
+from ortilo_drake.diagrams.wiring.own_part import own_servo_boxes
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.signals import N_XBAR
@@ -10,11 +11,16 @@ from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
 from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
-from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario import Belief, LqServo
 
 
 def servo_boxes(
-    scenario: Belief, belief: str, force: str, own: System | None, signals: dict[str, tuple[str, int]]
+    scenario: Belief,
+    belief: str,
+    force: str,
+    messages: dict[str, Box],
+    own: System | None,
+    signals: dict[str, tuple[str, int]],
 ) -> list[Box]:
     """Return the servo, `servo`, with what it acts on.
 
@@ -22,7 +28,8 @@ def servo_boxes(
         scenario: the scenario.
         belief: the box that says the belief of [x; i].
         force: the box that says the force that is believed to act.
-        own: a servo of one's own.
+        messages: which box says each sensor's message as it lands.
+        own: a servo of one's own that is a System.
         signals: what its inputs may read, see system_box.
 
     Raises:
@@ -44,6 +51,9 @@ def servo_boxes(
     if scenario.lends_velocities:
         boxes.append(Box("lent", LENT, N_XBAR).reading(belief=belief))
         belief = "lent"
+    if not isinstance(scenario.servo, LqServo):
+        says = {"force": force, "reference": reference}
+        return [*boxes, *own_servo_boxes(scenario, belief, says, messages)]
     if commands.servo == "augmented":
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:

@@ -1,6 +1,6 @@
 """World and onboard half of a scenario in one wiring."""
 
-from pydrake.trajectories import Trajectory
+from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, onboard_boxes, system_of
@@ -44,21 +44,19 @@ def measured_in(boxes: list[Box]) -> dict[str, str]:
 def why_not(scenario: Scenario) -> str | None:
     """Return which part of a scenario is no element, naming the field; None where all are, and it flies compiled.
 
-    Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own without a compiled share.
+    Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own that is no element.
     """
     is_tight = isinstance(scenario.estimator, TightFilter)
-    for sensor in scenario.own_sensors:
-        if is_system(scenario, sensor):
-            return f"sensors: {sensor}: has no compiled form"
-        if is_tight:
-            return f"sensors: {sensor}: has no compiled form with estimator.kind {scenario.estimator.kind}"
     faster = [name for name in scenario.faster_sensors if not (is_tight and name == "imu")]
     if faster:
         return f"{faster[0]}.link.rate: is faster than the tick"
+    for sensor in scenario.sensors:
+        if is_system(scenario, sensor):
+            return f"sensors: {sensor}: has no compiled form"
     for role in ("estimator", "servo"):
         if system_of(scenario.belief, role) is not None:
             return f"{role}.kind: {getattr(scenario, role).kind}: has no compiled form"
-    if system_of(scenario.belief, "planner") is not None and not isinstance(planned(scenario.belief), Trajectory):
+    if system_of(scenario.belief, "planner") is not None and isinstance(planned(scenario), System):
         return f"planner.kind: {scenario.planner.kind}: has no compiled form"
     if scenario.is_rendered:
         return "camera.kind: rendered: has no compiled form"

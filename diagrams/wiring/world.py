@@ -1,5 +1,7 @@
 """The boxes of the world: the vehicle, its sensors and their links."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import System
 
@@ -11,7 +13,8 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, PAYLOAD, SENSORS
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
-from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, Scenario
+from ortilo_drake.onboard.planner.planned import BUILT_IN
+from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, LqServo, Scenario
 from ortilo_drake.scenario.truth import ClockTruth
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.shares import share_of
@@ -166,7 +169,8 @@ def sensor_element(scenario: Scenario, room: Room, name: str) -> Box:
 def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
     """Return what says a sensor's message as a System, at the times of the ticks of its own clock."""
     if name not in SENSORS and described(name).compiled is None:
-        made: System = described(name).make_world(scenario, room)
+        make: Any = described(name).make_world
+        made: System = make(scenario, room)
         return made
     sensor = sensor_element(scenario, room, name).reading(state="state", sent="always")
     wiring = Wiring([outside("state", N_X), constant("always", [0.0]), sensor])
@@ -192,8 +196,9 @@ def felt_control(scenario: Scenario) -> str:
 
 
 def reads_whole_imu(scenario: Scenario) -> bool:
-    """Return whether the estimator reads more of the imu than its angles."""
-    return not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
+    """Return whether more of the imu than its angles may be read."""
+    own = not isinstance(scenario.servo, LqServo) or not isinstance(scenario.planner, BUILT_IN)
+    return own or not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
 
 
 def inertial_box(scenario: Scenario, whole: bool) -> Box:

@@ -16,22 +16,26 @@ command line's own form does as well: `od.fly("imu_uwb", "uwb.link.loss=0.3")`.
 
 from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
-from ortilo_drake.api.parts import register_estimator, register_planner, register_servo
+from ortilo_drake.api.parts import register_estimator, register_fault, register_planner, register_servo
 from ortilo_drake.api.studies import Study, linearize, map, tables
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.own import box
 from ortilo_drake.model.measurement import row
-from ortilo_drake.model.parts import Compiled, CompiledEstimator, Sensor, register_sensor
+from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
 from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
+from ortilo_drake.scenario.faults import Fault
 from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
 
 __all__ = [
     "Belief",
+    "Box",
     "Compiled",
-    "CompiledEstimator",
+    "Fault",
     "FixSolver",
     "Flight",
     "Flights",
@@ -43,6 +47,7 @@ __all__ = [
     "SensorSettings",
     "StateSensor",
     "Study",
+    "box",
     "compare",
     "compiled_sensor",
     "compiled_solver",
@@ -53,6 +58,7 @@ __all__ = [
     "make_closed_loop",
     "map",
     "register_estimator",
+    "register_fault",
     "register_planner",
     "register_sensor",
     "register_servo",

@@ -1,21 +1,24 @@
 """Parts of one's own, registered so that scenarios may name them."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import System
 
-from ortilo_drake.model.parts import CompiledEstimator, Part, register_part
+from ortilo_drake.loop.element import Box
+from ortilo_drake.model.parts import Part, register_part
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario.faults import Fault
 
 
 def register_estimator(
     kind: str,
     settings: type[Frozen],
-    make: Callable[[Belief, np.ndarray], System],
-    compiled: CompiledEstimator | None = None,
+    make: Callable[[Belief, np.ndarray], System] | None = None,
+    box: Callable[[Belief, np.ndarray], Box] | None = None,
 ) -> None:
     """Let scenarios name an estimator: `estimator: {kind: mine, ...}`.
 
@@ -23,23 +26,49 @@ def register_estimator(
         kind: its name there.
         settings: its group of a scenario, a frozen model with the field `kind: Literal[...]`.
         make: (scenario, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
-        compiled: its share in compiled flights; without one Drake flies it.
+        box: the same as an element, see diagrams/wiring/own_part.py.
 
     Raises:
-        InputError: if the settings have no kind.
+        InputError: if the settings have no kind, or neither make nor box is given.
     """
-    register_part("estimator", Part(kind, settings, make, compiled))
+    register_part("estimator", Part(kind, settings, make, box))
 
 
-def register_servo(kind: str, settings: type[Frozen], make: Callable[[Belief], System]) -> None:
+def register_servo(
+    kind: str,
+    settings: type[Frozen],
+    make: Callable[[Belief], System] | None = None,
+    box: Callable[[Belief], Box] | None = None,
+) -> None:
     """Let scenarios name a servo: `servo: {kind: mine, ...}`; arguments and errors as register_estimator."""
-    register_part("servo", Part(kind, settings, make))
+    register_part("servo", Part(kind, settings, make, box))
 
 
-def register_planner(kind: str, settings: type[Frozen], make: Callable[[Belief], Planned]) -> None:
-    """Let scenarios name a planner: `planner: {kind: mine, ...}`.
+def register_planner(
+    kind: str,
+    settings: type[Frozen],
+    make: Callable[[Belief], Planned] | None = None,
+    box: Callable[[Belief], Box] | None = None,
+) -> None:
+    """Let scenarios name a planner: `planner: {kind: mine, ...}`; arguments and errors as register_estimator.
 
-    It returns a Trajectory p_WB(t) (3 rows) [m], or a System with an output reference (9), whose settings then have a
-    field `duration` [s].
+    It returns a Trajectory p_WB(t) (3 rows) [m], or a System or a Box that says the reference (9): its settings then
+    have a field `duration` [s].
     """
-    register_part("planner", Part(kind, settings, make))
+    register_part("planner", Part(kind, settings, make, box))
+
+
+def register_fault(kind: str, settings: type[Fault], box: Callable[[Any, int, float], Box]) -> None:
+    """Let scenarios name a fault of a sensor's messages: `faults: [{kind: mine, start: 5.0, ...}]`.
+
+    Args:
+        kind: its name there.
+        settings: its group of a scenario, a Fault with the fields `kind: Literal[...]` and `sensor`, whose messages
+            change.
+        box: (its settings, size of the message, tick h [s]) -> Box that says the message as it is while the fault
+            lasts; it may read `message`, as it was, and `state` (12), the true one.
+
+    Raises:
+        InputError: if the settings have no such fields.
+    """
+    register_part("fault", Part(kind, settings, box=box))

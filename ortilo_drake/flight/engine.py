@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.diagrams.wiring.whole import why_not
-from ortilo_drake.flight.figures import FIGURES, TRACE_SIZE, TRUE, figures_of
+from ortilo_drake.flight.figures import FIGURES, REFERENCE, TRACE_SIZE, TRUE, figures_of
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
 from ortilo_drake.flight.played import Played
@@ -98,7 +98,8 @@ class Engine:
                 draw = of_seed(int(all_seeds[i]))
                 last, cause = self._flights.fly(seeds_of_ticks, draw, trace, arrived[i], NO_LOG)
                 found[i, 0], found[i, 1] = last, cause
-                figures_of(trace[: last + 1], self.reference[: last + 1], found[i])
+                flown = trace[: last + 1]
+                figures_of(flown, np.ascontiguousarray(flown[:, REFERENCE]), found[i])
 
         if threads == 1:
             work()
@@ -112,11 +113,6 @@ class Engine:
     def ticks(self) -> int:
         """How many ticks a flight that is not lost has, the first and the last among them."""
         return self._ticks + 1
-
-    @property
-    def reference(self) -> np.ndarray:
-        """The position r of the reference at each tick [m] (n, 3)."""
-        return self._flights.reference
 
     @property
     def h(self) -> float:
@@ -146,7 +142,7 @@ class Engine:
                 draw = _among(parts)
             last, cause = self._flights.fly(of_ticks, draw, trace, arrived, NO_LOG)
             flown = slice(0, last + 1 if cause == NOT_LOST else last)
-            away = trace[flown, TRUE] - self.reference[flown]
+            away = trace[flown, TRUE] - trace[flown, REFERENCE]
             found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
         return found
 

@@ -8,9 +8,9 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product
 
-# What a flight leaves behind in every tick: p_WB, its estimate, and e^T P_pp^-1 e.
-TRUE, ESTIMATED, NEES = slice(0, 3), slice(3, 6), 6
-TRACE_SIZE = 7
+# What a flight leaves behind in every tick: p_WB, its estimate, e^T P_pp^-1 e, and r.
+TRUE, ESTIMATED, NEES, REFERENCE = slice(0, 3), slice(3, 6), 6, slice(7, 10)
+TRACE_SIZE = 10
 WINDOW = 32  # points of the path on either side that a position is compared with first
 # As in flight.summary.Summary, but of the ticks flown and the index of the loss's cause in lost.CAUSES, -1 for none.
 FIGURES = (
@@ -83,14 +83,14 @@ def nearest_beside(
 
 @njit(cache=True, nogil=True)
 def squared_path_distances(trace: np.ndarray, path: np.ndarray, longest: float) -> np.ndarray:
-    """Return the squared distance of each position of a trace (n, 7) from the nearest point of a path (m, 3) [m^2] (n).
+    """Return the squared distances (n) of a trace (n, 3 or more) from the nearest point of a path (m, 3) [m^2].
 
     Positions follow each other closely. So the points near the last one are looked at, a window of them; all others
     were at least `clear` away when the window was laid, less what the vehicle has moved since. As long as that is more
     than the least in the window, none of them is nearer.
 
     Args:
-        trace: rows of a flight, see above.
+        trace: rows of a flight, of which the position is read.
         path: its points.
         longest: distance between two neighbours [m].
     """
@@ -157,7 +157,7 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     """Write the errors of a flight, FIGURES but the first two, to out.
 
     Args:
-        trace: rows of TRACE_SIZE, see above, one for each tick flown (n, 7).
+        trace: rows of TRACE_SIZE, see above, one for each tick flown; r is not read (n, TRACE_SIZE).
         path: r at those ticks (n, 3).
         out: one for each of FIGURES.
     """

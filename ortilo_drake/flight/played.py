@@ -26,7 +26,6 @@ class Played:
 
     Attributes:
         ticks: of a flight, but for the first.
-        reference: r at each tick [m] (ticks + 1, 3).
     """
 
     def __init__(self, scenario: Scenario):
@@ -34,11 +33,10 @@ class Played:
         boxes = boxes_of(scenario, self.ticks)
         self._signals = signals_of(boxes)
         figures = figures_box(bounds_of(self._room, scenario.vehicle))
-        figures = figures.reading(state=self._signals["state"], belief=self._signals["belief"])
+        figures = figures.reading(**{name: self._signals[name] for name in ("state", "belief", "reference")})
         self.wiring = Wiring([*boxes, figures])
         self._player = Player(self.wiring, ("figures", self._signals["delta"]), "figures")
         self._sensors = scenario.measurement.sizes["delta"]
-        self.reference = self.wiring.boxes["reference"].given.tables["path"][:, :3]
 
     @property
     def text(self) -> str:

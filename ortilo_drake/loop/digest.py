@@ -27,6 +27,20 @@ def digest_of(*made_of: Any) -> str:
     return hashlib.blake2b("\n".join(parts).encode(), digest_size=10).hexdigest()
 
 
+def modules_of(*functions: Any) -> set[str]:
+    """Return the names of the modules of functions and of all that they call."""
+    modules: dict[int, str] = {}
+    to_see = [plain(function) for function in functions]
+    while to_see:
+        function = to_see.pop()
+        if not isinstance(function, FunctionType) or id(function) in modules:
+            continue
+        if not function.__module__.startswith(_LIBRARIES):
+            modules[id(function)] = function.__module__
+            to_see += [plain(value) for _, value in _used(function)]
+    return {*modules.values()}
+
+
 def _parts(value: Any, seen: set[int]) -> Iterator[str]:
     function = plain(value)
     if isinstance(function, FunctionType):

@@ -23,7 +23,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import njit
 
-from ortilo_drake.loop.digest import digest_of, plain
+from ortilo_drake.loop.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Element, takes
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
@@ -93,6 +93,11 @@ def parameters(element: Element, function: Callable[..., None]) -> list[tuple[st
     return found
 
 
+def is_kept(element: Element) -> bool:
+    """Return whether compiled code is kept on the disk: numba asks for the module of each function when it is read."""
+    return modules_of(*element.functions.values()) <= {*sys.modules}
+
+
 def native_text(element: Element) -> str:
     """Return the source of an element's functions with a C interface."""
     text = f'"""{element.name}, made by ortilo_drake/loop/native.py."""\n\n'
@@ -115,7 +120,7 @@ def native_text(element: Element) -> str:
             made.append(f"array_at({name}, ({', '.join(shape)},))")
         text += f"""
 
-@cfunc(types.void({", ".join(types_of)}), cache=True, error_model="numpy"{without})
+@cfunc(types.void({", ".join(types_of)}), cache={is_kept(element)}, error_model="numpy"{without})
 def {what}_c({", ".join(names)}):
     its_{what}({", ".join(made)})
 """

@@ -188,7 +188,8 @@ def WiredSystem_(T: type) -> type:
                 self._compiled = compiled_calls(wiring, self._calls)
             else:
                 self._plain = PlainCalls(wiring, T)
-            self._all, self._groups = reading.all, {}
+            self._all = reading.all
+            self._groups: dict[frozenset[str], Any] = {}
             if self._places.sizes[3]:
                 for i, needs in enumerate(reading.groups):
                     self._declare_group(i, needs)
@@ -223,7 +224,8 @@ def WiredSystem_(T: type) -> type:
                 self.DeclareStateOutputPort(name, self._state)
                 return
             needs = frozenset().union(*(reading.of(wire.box) for wire in wires))
-            source = self._groups.get(needs, self._groups.get(self._all))
+            needs = needs if needs in self._groups else self._all
+            source: Any = self._groups.get(needs)
             ranges = [(letter, at, at + wire.size) for (letter, at), wire in zip(places, wires, strict=True)]
             letters = {letter for letter, _, _ in ranges}
 

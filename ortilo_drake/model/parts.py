@@ -1,4 +1,4 @@
-"""The register of parts: sensors, estimators, servos and planners that a scenario may name beside the built-in ones.
+"""The register of parts: sensors, estimators, servos, planners and faults that a scenario may name beside its own.
 
 A part comes from a package that has an entry point in the group ``ortilo_drake.plugins``, whose module registers it
 when it is imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is
@@ -24,7 +24,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 
 GROUP: Final = "ortilo_drake.plugins"
-KINDS: Final = ("estimator", "servo", "planner")
+KINDS: Final = ("estimator", "servo", "planner", "fault")
 
 
 @dataclass(frozen=True)
@@ -89,46 +89,28 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class CompiledEstimator:
-    """An estimator's share in compiled flights (diagrams/wiring): functions compiled by numba.njit, and their numbers.
-
-    It is one of the vehicle's twelve states, and a tick is: known, then step.
-
-    Attributes:
-        numbers: (belief, xbar_0 (15)) -> NamedTuple of floats and arrays, of a class that is this estimator's alone.
-        first: numbers -> its state at first, one array of floats; needs no numba.
-        known: (numbers, state) -> [estimate (12), covariance row by row (144)].
-        step: (numbers, state, uwb, detections, imu, control (4), reference (9)) -> the next state. A message that
-            did not arrive is zeros, and may be shorter if its sensor does not fly.
-    """
-
-    numbers: Callable[[Any, np.ndarray], Any]
-    first: Callable[[Any], np.ndarray]
-    known: Callable[..., np.ndarray]
-    step: Callable[..., np.ndarray]
-
-
-@dataclass(frozen=True)
 class Part:
-    """An estimator, a servo or a planner that scenarios may name by its kind.
+    """An estimator, a servo, a planner or a fault that scenarios may name by its kind.
 
     Attributes:
         kind: what stands after ``kind:`` in a scenario.
         settings: its group in a scenario, a frozen model with a field ``kind: Literal[...]``.
-        make: makes it; see diagrams/onboard.py for what each takes and returns.
-        compiled: an estimator's share in compiled flights; None if Drake alone flies it.
+        make: makes it as a System; see diagrams/onboard.py for what each takes and returns. None where `box` makes it.
+        box: makes it as a Box of an element (loop/own.py), which every player flies; None if Drake alone flies it. An
+            estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings,
+            the size of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py.
     """
 
     kind: str
     settings: type[Frozen]
-    make: Callable[..., Any]
-    compiled: CompiledEstimator | None = None
+    make: Callable[..., Any] | None = None
+    box: Callable[..., Any] | None = None
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.
 _TAKEN: Final = frozenset(
     (*SENSORS, "detections", "shutter", "image", "velocity", "state", "control", "disturbance", "reference")
-    + ("estimate", "covariance", "measurement", "y", "delta", "v2", "scenario")
+    + ("belief", "estimate", "covariance", "force", "measurement", "y", "delta", "v2", "scenario")
     + ("tick", "command", "telemetry", "hello", "goal")
 )
 _SENSORS: dict[str, Sensor] = {}
@@ -152,11 +134,17 @@ def register_sensor(sensor: Sensor) -> None:
 
 
 def register_part(role: str, part: Part) -> None:
-    """Let scenarios name an estimator, a servo or a planner; role is one of KINDS."""
+    """Let scenarios name an estimator, a servo, a planner or a fault; role is one of KINDS."""
     if role not in KINDS:
         raise InputError(f"part: {role!r}: must be one of {', '.join(KINDS)}")
     if "kind" not in part.settings.model_fields:
         raise InputError(f"{role}: {part.kind}: its settings need a field 'kind'")
+    if role == "fault" and not {"start", "end", "sensor"} <= {*part.settings.model_fields}:
+        raise InputError(
+            f"fault: {part.kind}: its settings must be a Fault with a field 'sensor', whose messages change"
+        )
+    if part.box is None and (role == "fault" or part.make is None):
+        raise InputError(f"{role}: {part.kind}: must be given as a System, make, or as an element, box")
     _PARTS[role, part.kind] = part
     _remember_caller()
 
@@ -222,7 +210,7 @@ def find_sensor(name: str) -> Sensor | None:
 
 
 def find_part(role: str, kind: str) -> Part | None:
-    """Return the registered estimator, servo or planner of a kind, None if there is none."""
+    """Return the registered estimator, servo, planner or fault of a kind, None if there is none."""
     if (role, kind) not in _PARTS:
         _load_installed()
     return _PARTS.get((role, kind))

@@ -8,7 +8,7 @@ import numpy as np
 from numba.extending import register_jitable
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from ortilo_drake.loop.element import Box, Element
+from ortilo_drake.loop.element import Array, Box, Element, Given
 from ortilo_drake.loop.shares import Fields, fields_of, function_of
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
@@ -113,3 +113,26 @@ def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: R
     numbers = share.numbers(scenario, room)
     fields = fields_of(numbers)
     return Box(f"{name}_fix", element_of(share.solve, fields), PAYLOAD + rows + rows * rows, fields.given(numbers))
+
+
+def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
+    """Say [1, stamp, value, covariance row by row] of a message that begins with the value; zeros if none landed."""
+    fill(out, 0.0)
+    if message[ARRIVED] != 0.0:
+        put(message[: out.size - V.size], out)  # with the covariance where it comes with the message
+        put(V, out, out.size - V.size)
+
+
+FIX_READER = Element("fix_reader", out=read_out, tables=(Array("V"),))
+
+
+def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
+    """Return what says the fix of a message that begins with the value of m rows.
+
+    Args:
+        name: of the box.
+        rows: m.
+        V: covariance of the value (m, m); None where it comes with the message.
+    """
+    table = np.zeros(0) if V is None else np.ravel(V)
+    return Box(name, FIX_READER, PAYLOAD + rows + rows * rows, Given(tables={"V": table}))

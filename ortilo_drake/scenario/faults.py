@@ -291,7 +291,8 @@ AnyFault = Annotated[
     | RotorWeak,
     Field(discriminator="kind"),
 ]
-Faults = Annotated[tuple[AnyFault, ...], Field(max_length=100)]
+MAX_FAULTS = 100
+Faults = Annotated[tuple[AnyFault, ...], Field(max_length=MAX_FAULTS)]
 
 _SENSORS_OF = {
     "uwb": ("nlos_storm", "outlier_bursts", "anchor_moved", "anchors_dying", "clock_jump", "people"),
@@ -302,7 +303,7 @@ _SENSORS_OF = {
 
 def sensors_of(fault: Onset) -> tuple[str, ...]:
     """Return the sensors that a fault concerns; none if it is the vehicle's."""
-    if isinstance(fault, Stuck):
+    if hasattr(fault, "sensor"):  # one that may be any sensor's
         return (fault.sensor,)
     kind = getattr(fault, "kind", "")
     return tuple(sensor for sensor, kinds in _SENSORS_OF.items() if kind in kinds)

@@ -2,14 +2,17 @@
 
 import inspect
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, Field, create_model
 
 from ortilo_drake.model.parts import KINDS, Part, Sensor, find_part, find_sensor, known_kinds, known_sensors
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.scenario.faults import MAX_FAULTS, AnyFault
 from ortilo_drake.scenario.link import Link
+
+_FAULT: Any = get_args(AnyFault)[0]  # the union
 
 
 class SensorSettings(Frozen):
@@ -40,26 +43,32 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
         own = {name: find_sensor(name) for name in known_sensors() if name not in SENSORS}  # an error then lists them
     sensors = tuple(sensor for sensor in own.values() if sensor is not None)
     parts = []
-    for role in KINDS:
-        group = data.get(role)
-        kind = group.get("kind") if isinstance(group, dict) else None
-        if isinstance(kind, str) and kind not in _built_in_kinds(base, role):
-            found = find_part(role, kind)
-            kinds = (kind,) if found else known_kinds(role)
-            parts += [(role, part) for name in kinds if (part := find_part(role, name))]
+    for role in _roles(base):
+        its = data.get("faults") if role == "fault" else [data.get(role)]
+        groups = [group for group in its if isinstance(group, dict)] if isinstance(its, list | tuple) else []
+        for kind in dict.fromkeys(kind for group in groups if isinstance(kind := group.get("kind"), str)):
+            if kind not in _built_in_kinds(base, role):
+                kinds = (kind,) if find_part(role, kind) else known_kinds(role)
+                parts += [(role, part) for name in kinds if (part := find_part(role, name))]
+    parts = list(dict.fromkeys(parts))
     return _model(base, sensors, tuple(parts)) if sensors or parts else base
 
 
 def model_of_all(base: type[BaseModel]) -> type[BaseModel]:
     """Return base with fields for every part that is registered: what any scenario may hold here."""
     sensors = tuple(s for name in known_sensors() if name not in SENSORS and (s := find_sensor(name)))
-    parts = tuple((role, p) for role in KINDS for kind in known_kinds(role) if (p := find_part(role, kind)))
+    parts = tuple((role, p) for role in _roles(base) for kind in known_kinds(role) if (p := find_part(role, kind)))
     return _model(base, sensors, parts)
+
+
+def _roles(base: type[BaseModel]) -> list[str]:
+    """Return the roles of parts that a model has; what the onboard half sees has no faults."""
+    return [role for role in KINDS if role != "fault" or "faults" in base.model_fields]
 
 
 @lru_cache(maxsize=256)
 def _built_in_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
-    annotation: Any = base.model_fields[role].annotation
+    annotation: Any = _FAULT if role == "fault" else base.model_fields[role].annotation
     return frozenset(
         kind
         for model in getattr(annotation, "__args__", (annotation,))
@@ -76,10 +85,14 @@ def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tupl
     names = (*SENSORS, *(sensor.name for sensor in sensors))
     fields["sensors"] = (tuple[Literal[names], ...], base.model_fields["sensors"].default)  # type: ignore[valid-type]
     for role in {role for role, _ in parts}:
-        field: Any = base.model_fields[role].annotation
+        field: Any = _FAULT if role == "fault" else base.model_fields[role].annotation
         for its_role, part in parts:
             field = field | part.settings if its_role == role else field
-        fields[role] = (Annotated[field, Field(discriminator="kind")], base.model_fields[role].default)
+        one: Any = Annotated[field, Field(discriminator="kind")]
+        if role == "fault":
+            fields["faults"] = (Annotated[tuple[one, ...], Field(max_length=MAX_FAULTS)], ())
+        else:
+            fields[role] = (one, base.model_fields[role].default)
     return create_model(base.__name__, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **fields)
 
 

@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from pydrake.math import RollPitchYaw
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from scipy.stats import chi2
 
@@ -38,7 +39,8 @@ def example(name: str) -> ModuleType:
 def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
     files = sorted(FOLDER.glob("*.py"))
     assert {file.stem for file in files} >= {
-        "alpha_beta", "barometer", "five_anchors", "hexarotor", "hurrying_planner", "loss_study", "mpc_servo"
+        "alpha_beta", "barometer", "cascade_servo", "circle_planner", "five_anchors", "hexarotor", "hurrying_planner",
+        "longer_ranges", "loss_study", "magnetometer", "mpc_servo", "range_follower",
     }  # fmt: skip
     for file in files:
         lines = file.read_text().splitlines()
@@ -95,6 +97,41 @@ def test_an_own_sensor_that_gives_a_compiled_step_joins_the_engine() -> None:
     found = apart(fly(with_seed(scenario, 2)), flight)
     assert found.same, found
     assert flight["arrival"].sel(sensor="barometer").values.any()
+
+
+def test_an_own_magnetometer_measures_the_field_that_the_body_turns_and_its_heading_is_the_bodys() -> None:
+    """Against Drake's rotations: the field in B is R_WB^T m_W, and solved without noise it gives the yaw back."""
+    module = example("magnetometer")
+    its = module.Numbers(0.5, 20.0, -44.0)
+    rng = np.random.default_rng(1)
+    P = np.zeros((15, 15))
+    P[3, 3], P[4, 4] = 1e-4, 4e-4
+    for _ in range(50):
+        rpy, v = rng.uniform([-0.6, -0.6, -3.0], [0.6, 0.6, 3.0]), rng.normal(size=3)
+        x = np.concatenate((np.zeros(3), rpy, np.zeros(9)))
+        m_B = RollPitchYaw(rpy).ToRotationMatrix().matrix().T @ [20.0, 0.0, -44.0]
+        np.testing.assert_allclose(module.measure(its, x[:12], v, 0.0), m_B + 0.5 * v, atol=1e-12)
+        psi, variance = module.solve(its, m_B, x, P)
+        assert psi == pytest.approx(rpy[2], abs=1e-12)
+        assert variance == pytest.approx((0.5**2 + 44.0**2 * 4e-4) / 20.0**2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["imu_uwb", "tight_imu_uwb"])
+def test_an_own_magnetometer_flies_with_both_filters_by_both_players_and_tells_the_heading(name: str) -> None:
+    """The paper's filter believes the imu's yaw, which is wrong here; the tight one goes by the gyroscope alone."""
+    example("magnetometer")
+    wrong = {"truth": {"imu": {"yaw": 0.05}}, "seed": 2} | SHORT
+    scenario = load_scenario(name, sensors=["uwb", "imu", "magnetometer"], magnetometer={"sd": 0.02}, **wrong)
+    assert why_not(scenario) is None
+    flight, without = Engine(scenario).fly(2), fly(load_scenario(name, sensors=["uwb", "imu"], **wrong))
+    found = apart(fly(scenario), flight)
+    assert found.same, found
+    P_psi = [f["covariance"].values[-1, 5, 5] for f in (flight, without)]
+    assert P_psi[0] < 0.6 * P_psi[1]
+    if name == "imu_uwb":
+        errors = [f["estimate"].values[:, 5] - f["truth"].values[:, 5] for f in (flight, without)]
+        assert np.abs(errors[0]).mean() < 0.2 * np.abs(errors[1]).mean()
 
 
 def test_an_own_planner_hurries_while_unsure_and_its_rates_are_those_of_its_path() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ortilo_drake.world.truth import set_vehicle
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
@@ -18,7 +19,6 @@ from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.studies.tuning.noise_settings import noise_model
-from ortilo_drake.world.truth import set_vehicle
 
 HOVER = "planner={kind: hover, duration: 9.0}"
 

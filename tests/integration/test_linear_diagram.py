@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import (
@@ -23,7 +24,6 @@ from ortilo_drake.model.hover import disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import make_lq_servo

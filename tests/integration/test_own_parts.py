@@ -11,7 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 from pydrake.trajectories import PiecewisePolynomial
 
 import ortilo_drake as od
-from ortilo_drake.diagrams.estimator import IntermittentEstimator
+from ortilo_drake.diagrams.estimator import Estimator
 from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf
@@ -46,7 +46,7 @@ def test_the_scenarios_own_parts_given_by_hand_fly_the_same_flight() -> None:
         "nominal_imu_uwb",
         seed=4,
         settle=0.0,
-        estimator=IntermittentEstimator,
+        estimator=Estimator,
         servo=lambda scenario: make_lq_servo(scenario.servo, scenario.vehicle, scenario.h),
         planner=lambda scenario: PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], np.tile([[0.0], [0.0], [1.5]], 2)),
     )
@@ -74,10 +74,10 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
 
     made = []
 
-    def estimator(scenario: od.Belief, xbar_0: np.ndarray) -> IntermittentEstimator:
+    def estimator(scenario: od.Belief, xbar_0: np.ndarray) -> Estimator:
         made.append(scenario.estimator.gain)
         settings = od.load_scenario("nominal_imu_uwb").estimator
-        return IntermittentEstimator(scenario.model_copy(update={"estimator": settings}), xbar_0)
+        return Estimator(scenario.model_copy(update={"estimator": settings}), xbar_0)
 
     def planner(scenario: od.Belief) -> PiecewisePolynomial:
         ends = np.array([[0.0, scenario.planner.speed], [0.0, 0.0], [1.5, 1.5]])

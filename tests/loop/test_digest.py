@@ -4,11 +4,13 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+from numba import njit
 from small_loop import MASS, mass_step, sensor_out
 
-from ortilo_drake.loop.digest import digest_of
+from ortilo_drake.loop.digest import digest_of, modules_of
 from ortilo_drake.loop.native import native_of
 
 HELPER = "def twice(x):\n    return {factor} * x\n"
@@ -50,3 +52,14 @@ def test_an_elements_functions_are_compiled_once_and_can_be_found() -> None:
     assert native["step"].symbol.startswith("ortilo_mass_")
     assert native["step"].address > 0
     assert native["step"].arguments == 5  # the record; x and u, each with its size
+
+
+def test_the_modules_are_those_of_all_that_a_function_calls() -> None:
+    elsewhere: dict[str, Any] = {"__name__": "nobodys_module"}
+    exec("def called(x):\n    return x\n", elsewhere)
+    called = njit(elsewhere["called"])
+
+    def calls(x: float) -> float:
+        return float(np.sqrt(called(x)))
+
+    assert modules_of(calls) == {__name__, "nobodys_module"}

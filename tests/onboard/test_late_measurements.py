@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from scipy.stats import chi2
 
 from ortilo_drake.flight.flight import fly
@@ -27,7 +28,6 @@ from ortilo_drake.onboard.estimator.late_measurements import (
     slot_of,
     with_acted,
 )
-from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from ortilo_drake.world.truth import set_anchors, set_camera, set_landmarks, set_vehicle
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
@@ -15,7 +16,6 @@ from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.world.truth import set_anchors, set_camera, set_landmarks, set_vehicle
 
 LIGHT = ("sensors=[uwb, imu, camera]", "camera.kind=projected", "uwb.link={rate: null}", "camera.link={rate: null}")
 HEAVY = Vehicle(mass=3.1, inertia=(0.2, 0.18, 0.3), arm_length=0.2, rotor_lift=2.1e-5, rotor_time_constant=(0.02, 0.03))

@@ -7,26 +7,32 @@ import numpy as np
 from pydrake.systems.framework import PortDataType, System
 from pydrake.trajectories import Trajectory
 
+from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.own import said_at_first
 from ortilo_drake.model.parts import find_part
-from ortilo_drake.model.signals import REFERENCE_SIZE
+from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import fix_sources
 from ortilo_drake.scenario import Belief, GcsPlanner, HoverPlanner, WaypointPlanner
 
-Planned: TypeAlias = Trajectory | System
-_BUILT_IN = (GcsPlanner, HoverPlanner, WaypointPlanner)
+Planned: TypeAlias = Trajectory | System | Box
+BUILT_IN = (GcsPlanner, HoverPlanner, WaypointPlanner)
+_READ_AT_FIRST = {"estimate": N_XBAR, "covariance": N_XBAR**2, "belief": N_XBAR + N_XBAR**2, "force": 3}
 
 
 def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -> Planned:
-    """Return what a scenario's planner plans, or the one given; a System is a new one at each call.
+    """Return what a scenario's planner plans, or the one given; a System is a new one at each call, an element a Box.
 
     Raises:
         InputError: if there is no path, or the planner returns neither a path nor a System with a reference.
     """
     scenario = scenario.belief
-    if make is None and not isinstance(scenario.planner, _BUILT_IN):
+    if make is None and not isinstance(scenario.planner, BUILT_IN):
         found = find_part("planner", scenario.planner.kind)
+        if found is not None and found.box is not None:
+            its: Box = found.box(scenario)
+            return its
         make = found.make if found else None
     if make is None:
         return plan(scenario.planner, scenario.load_room(), scenario.vehicle, fix_sources(scenario))
@@ -44,17 +50,28 @@ def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -
 
 
 def path_of(scenario: Belief) -> Trajectory:
-    """Return the path p_WB(t) (3 rows) [m] that a scenario's planner plans; InputError if it is a System."""
+    """Return the path p_WB(t) (3 rows) [m] that a scenario's planner plans; InputError if it says it tick by tick."""
     path = planned(scenario)
     if not isinstance(path, Trajectory):
+        what = "an element" if isinstance(path, Box) else "a System"
         raise InputError(
-            f"planner: {path.get_name()}: is a System: this needs a path that is planned before the flight"
+            f"planner.kind: {scenario.planner.kind}: is {what}: this needs a path planned before the flight"
         )
     return path
 
 
 def start_of(plan: Planned) -> np.ndarray:
-    """Return p_WB (3) at the start; a System's is its reference in a default Context, with zeros at its inputs."""
+    """Return p_WB (3) at the start; a System's or a box's is its first reference, with zeros at its inputs.
+
+    Raises:
+        InputError: if a box says its reference by what is not known before.
+    """
+    if isinstance(plan, Box):
+        element = plan.element
+        for port in element.inputs_of(element.out) if element.out else ():
+            if port not in _READ_AT_FIRST:
+                raise InputError(f"planner: out reads {port!r}, must be one of {', '.join(_READ_AT_FIRST)}")
+        return said_at_first(plan, _READ_AT_FIRST)[0:3]
     if isinstance(plan, Trajectory):
         return np.array(plan.value(plan.start_time())[:, 0])
     context = plan.CreateDefaultContext()
@@ -68,20 +85,20 @@ def start_of(plan: Planned) -> np.ndarray:
 def duration_of(scenario: Belief, plan: Planned) -> float:
     """Return how long the flight follows its reference [s], before it settles.
 
-    A System does not tell. It flies for the duration in its settings in the scenario, or where those are a built-in
-    planner's, for as long as that one's path.
+    A System or a box does not tell. It flies for the duration in its settings in the scenario, or where those are a
+    built-in planner's, for as long as that one's path.
 
     Raises:
         InputError: if its settings have no duration.
     """
-    if not isinstance(plan, Trajectory) and isinstance(scenario.planner, _BUILT_IN):
+    if not isinstance(plan, Trajectory) and isinstance(scenario.planner, BUILT_IN):
         plan = path_of(scenario)
     if isinstance(plan, Trajectory):
         return float(plan.end_time())
     duration = getattr(scenario.planner, "duration", None)
     if not isinstance(duration, float | int) or not duration > 0.0:
         raise InputError(
-            f"planner: {plan.get_name()}: its settings need a field 'duration' [s], greater than 0: a System does not "
-            "tell when it ends"
+            f"planner: {scenario.planner.kind}: its settings need a field 'duration' [s], greater than 0: it does not "
+            "tell when it ends itself"
         )
     return float(duration)

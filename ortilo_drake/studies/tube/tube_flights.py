@@ -28,7 +28,7 @@ import xarray as xr
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import engine_of
 from ortilo_drake.flight.ensemble import flight_file, fly_many
-from ortilo_drake.flight.figures import TRUE
+from ortilo_drake.flight.figures import REFERENCE, TRUE
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.typed_yaml import InputError
@@ -145,7 +145,7 @@ def fly_compiled(scenario_json: str, seeds: list[int]) -> list[Flown]:
     assert engine is not None
     for seed in seeds:
         trace, lost = engine.trace(seed)
-        deviation = trace[:, TRUE] - engine.reference[: len(trace)]
+        deviation = trace[:, TRUE] - trace[:, REFERENCE]
         found.append(Flown(seed, deviation, None if lost is None else lost.time))
     return found
 

@@ -1,12 +1,15 @@
 """Faults of a sensor's messages as elements of the loop, each between the sensor and its link."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.parts import Part, find_part
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.faults import Stuck
 from ortilo_drake.world.faults.message_fault import held_after, stuck_says, with_fault
 from ortilo_drake.world.faults.range_faults import Moment
@@ -82,6 +85,22 @@ def stuck_step(
             put(held_after(sample, held, is_active(fault, 0, sample[STAMP])), held)
 
 
+def lasts_out(
+    message: np.ndarray,
+    changed: np.ndarray,
+    kinds: np.ndarray,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    streams: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say a message as a fault of one's own changed it while the fault lasts, as it was before and after."""
+    lasts = is_active(FaultTable(kinds, starts, ends, streams, first, values), 0, message[STAMP])
+    put(changed if message[ARRIVED] != 0.0 and lasts else message, out)
+
+
 def asked_out(
     n: Any,
     k: int,
@@ -122,6 +141,7 @@ STUCK = Element(
     work=(Array("holds"),),
     allocates=True,
 )
+LASTS = Element("lasts", out=lasts_out, tables=TABLES)
 ASKED = Element("asked", out=asked_out, numbers=(Number("before", kind="i8"), Number("h")), tables=TABLES)
 
 
@@ -137,6 +157,9 @@ def fault_boxes(
         anchors: where they stand (n, 3), unless that is drawn.
         samples: in a message.
         h: time from one sample to the next [s].
+
+    Raises:
+        InputError: if a fault of one's own does not fit the message.
     """
     boxes: list[Box] = []
     for its in faults:
@@ -147,11 +170,31 @@ def fault_boxes(
             held = np.zeros(size - PAYLOAD)
             given = given.with_(Given(start={"held": held}))
             message = Box(name, STUCK, message.size, given, {"holds": held.shape}, reads)
+        elif (own := find_part("fault", its.fault.kind)) is not None:
+            changed = own_fault_box(own, its, message, samples, h)
+            boxes.append(replace(changed, name=f"{name}_own"))
+            reads |= {"changed": f"{name}_own"}
+            message = Box(name, LASTS, message.size, Given(tables=table_of([its])._asdict()), reads=reads)
         else:
             given = given.with_(Given({"h": h}, tables={"anchors": anchors}))
             message = Box(name, FAULT, message.size, given, reads=reads)
         boxes.append(message)
     return boxes
+
+
+def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: float) -> Box:
+    """Return what says a message as a fault of one's own changes it; arguments and errors as fault_boxes'."""
+    where = f"faults.{its.i}: {part.kind}"
+    if samples > 1:
+        raise InputError(f"{where}: {message.name}: sends {samples} samples in a tick, must send one for such a fault")
+    assert part.box is not None  # register_part sees to it
+    box: Box = part.box(its.fault, message.size, h)
+    if box.size != message.size:
+        raise InputError(f"{where}: says {box.size} numbers, must be {message.size}, the message's")
+    for port in box.element.inputs:
+        if port not in ("message", "state"):
+            raise InputError(f"{where}: reads {port!r}, must be one of message, state")
+    return box.reading(message=message.name)
 
 
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:

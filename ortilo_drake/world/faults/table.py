@@ -32,13 +32,14 @@ KINDS: Final = (
     *("nlos_storm", "outlier_bursts", "stuck", "anchor_moved", "anchors_dying", "clock_jump", "yaw_jump", "gyro_bias"),
     *("camera_blinded", "landmark_moved", "landmark_gone", "people", "gust", "load_dropped", "rotor_weak"),
 )
+OWN: Final = -1
 
 
 class FaultTable(NamedTuple):
     """Some faults, one after the other.
 
     Attributes:
-        kinds: of each, an index in KINDS (n).
+        kinds: of each, an index in KINDS, OWN of one's own (n).
         starts: when each begins [s] (n).
         ends: when each ends [s], inf if it does not (n).
         streams: number of each one's noise stream (n).
@@ -122,13 +123,17 @@ def table_of(faults: Sequence[Numbered], values: Sequence[Sequence[float]] | Non
     settings = [values_of_fault(its.fault) for its in faults] if values is None else values
     ends = [end_of(its.fault) for its in faults]
     return FaultTable(
-        np.array([KINDS.index(its.fault.kind) for its in faults], dtype=np.int64),
+        np.array([_number_of(its.fault.kind) for its in faults], dtype=np.int64),
         np.array([its.fault.start for its in faults], dtype=float),
         np.array([np.inf if end is None else end for end in ends], dtype=float),
         np.array([stream_id(f"fault/{its.fault.kind}/{its.number}") for its in faults], dtype=np.uint64),
         np.cumsum([0, *map(len, settings)], dtype=np.int64),
         np.array([v for its in settings for v in its], dtype=float),
     )
+
+
+def _number_of(kind: str) -> int:
+    return KINDS.index(kind) if kind in KINDS else OWN
 
 
 @register_jitable

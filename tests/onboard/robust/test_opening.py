@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
+from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
-from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
 from ortilo_drake.onboard.estimator.robust.system import opening_variances
 from ortilo_drake.scenario import IntermittentFilter
 from ortilo_drake.scenario.robust import Opening

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from ortilo_drake.diagrams.tight_estimator import make_tight
 from plain_box import PlainBox
 
 from ortilo_drake.diagrams.onboard import initial_estimate
-from ortilo_drake.diagrams.tight_estimator import make_tight
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import constant
 from ortilo_drake.model.pinhole import extent_box
@@ -14,6 +14,8 @@ from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Scenario, load_scenario
 
 R_0 = np.array([5.0, 1.0, 1.5])
+
+NO_FIXES = {"fixes": np.zeros(0)}
 
 
 def scenario_of(name: str, *changes: str) -> Scenario:
@@ -30,7 +32,8 @@ def made(scenario: Scenario) -> tuple[PlainBox, PlainBox]:
 
 def messages_at(scenario: Scenario, stamp: float) -> dict[str, np.ndarray]:
     sizes = {"imu": IMU_SIZE, "uwb": uwb_size(len(scenario.load_room().anchors)), "camera": DETECTIONS_SIZE}
-    return {name: np.array([1.0, stamp, *np.linspace(0.1, 0.9, size - PAYLOAD)]) for name, size in sizes.items()}
+    said = {name: np.array([1.0, stamp, *np.linspace(0.1, 0.9, size - PAYLOAD)]) for name, size in sizes.items()}
+    return said | NO_FIXES
 
 
 def test_what_it_hears_is_what_the_filter_can_use() -> None:
@@ -60,7 +63,7 @@ def test_it_falls_as_mechanics_have_it_and_sums_up_its_error(samples: int) -> No
     rest = np.array([0.0, 0.0, scenario.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])
     rows = [[1.0, (i + 1 - samples) * h / samples, *rest] for i in range(samples)]
     imu = np.array(rows[0] if samples == 1 else [1.0, 0.0, *np.ravel(rows)])
-    silent = {"uwb": np.zeros(uwb_size(len(scenario.load_room().anchors))), "camera": np.zeros(PAYLOAD)}
+    silent = {"uwb": np.zeros(uwb_size(len(scenario.load_room().anchors))), "camera": np.zeros(PAYLOAD)} | NO_FIXES
     reference = np.array([*(R_0 + [0.5, -0.25, 0.125]), *np.zeros(6)])
     less = np.array([m * (GRAVITY - 0.3), 0.0, 0.0, 0.0])  # thrust for a fall with 0.3 m/s^2
     kalman.step(k=0, imu=imu, control=less, reference=reference, **silent)
@@ -125,7 +128,7 @@ def test_it_is_drakes_filter_bit_for_bit(changes: tuple[str, ...]) -> None:
         np.testing.assert_array_equal(belief[:12], xhat)
         np.testing.assert_array_equal(belief[15:].reshape(15, 15)[:12, :12].ravel(), P)
         np.testing.assert_array_equal(belief[12:15], integral)
-        np.testing.assert_array_equal(heard.say(k=k, **said), np.concatenate(seen))
+        np.testing.assert_array_equal(heard.say(k=k, **said, **NO_FIXES), np.concatenate(seen))
         integral += reference[:3] - xhat[:3]
-        kalman.step(k=k, control=control, reference=reference, **said)
+        kalman.step(k=k, control=control, reference=reference, **said, **NO_FIXES)
         context.SetDiscreteState(drakes.EvalUniquePeriodicDiscreteUpdate(context))

@@ -1,5 +1,6 @@
 """The tight filter as elements of the loop: the filter, and what it hears in a tick."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,11 @@ from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.tight.aids import Aids
+from ortilo_drake.onboard.estimator.tight.attitude_rows import take_fix
 from ortilo_drake.onboard.estimator.tight.layout import Layout
 from ortilo_drake.onboard.estimator.tight.model import first_states
-from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, clone_of, take_messages
-from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, Motion, keep_pose, one_ahead
+from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, PRESENT, clone_of, take_messages
+from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, RATES, Motion, keep_pose, one_ahead
 from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch
 
 
@@ -24,6 +26,22 @@ def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
     if n == 1:
         return imu.reshape((1, IMU_SIZE))
     return imu[PAYLOAD:].reshape((n, IMU_SIZE))
+
+
+@register_jitable
+def fix_in(fixes: np.ndarray, own: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the fix of sensor i of one's own among those of all: the whole, the value (m), the covariance (m, m)."""
+    m, at = own[i + 1] - own[i], 0
+    for j in range(i):
+        at += fix_size(own[j + 1] - own[j])
+    fix = fixes[at : at + fix_size(m)]
+    return fix, fix[PAYLOAD : PAYLOAD + m].copy(), fix[PAYLOAD + m :].copy().reshape((m, m))
+
+
+@register_jitable
+def fix_size(m: int) -> int:
+    """Return the size of a fix of m rows."""
+    return PAYLOAD + m + m * m
 
 
 @register_jitable
@@ -40,6 +58,7 @@ def tight_step(
     imu: np.ndarray,
     uwb: np.ndarray,
     camera: np.ndarray,
+    fixes: np.ndarray,
     control: np.ndarray,
     reference: np.ndarray,
     x: np.ndarray,
@@ -54,6 +73,8 @@ def tight_step(
     positions: np.ndarray,
     outlines: np.ndarray,
     labels: np.ndarray,
+    own: np.ndarray,
+    rows: np.ndarray,
 ) -> None:
     """Take what arrived in tick k, each message at its stamp, and predict tick k + 1."""
     at = n.layout
@@ -70,6 +91,11 @@ def tight_step(
     for i in range(3):
         belief[N_X + i] += reference[i] - belief[i]
     take_messages(x, C, kept, watched, samples_of(imu, n.samples), uwb, camera, k * n.h, layout, motion, aids)
+    for i in range(own.size - 1):
+        fix, value, V = fix_in(fixes, own, i)
+        if clone_of(fix, k * n.h, n.h, layout.clones) == PRESENT:
+            C_own = rows[own[i] : own[i + 1]]
+            take_fix(x, C, layout, value, V, C_own, kept[RATES : RATES + 3], n.gates[0], n.huber)
     one_ahead(x, C, kept, control, motion, ahead)
     keep_pose(x, C, layout)
     put_ahead(ahead, belief)
@@ -81,8 +107,11 @@ def heard_out(
     imu: np.ndarray,
     uwb: np.ndarray,
     camera: np.ndarray,
+    fixes: np.ndarray,
     first: np.ndarray,
     block: np.ndarray,
+    own: np.ndarray,
+    number: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Say [y, delta, V2] of tick k: what can be used of the messages; y is NaN of ranges and boxes."""
@@ -100,6 +129,13 @@ def heard_out(
         m = first[j + 1] - first[j]
         for i in range(m):
             out[p + s + block[j] + i * (m + 1)] = n.angle_sd**2
+    for i in range(own.size - 1):
+        fix, value, V = fix_in(fixes, own, i)
+        j = number[i]
+        put(value, out, first[j])
+        put(V.ravel(), out, p + s + block[j])
+        if clone_of(fix, k * n.h, n.h, 0) != NOT_TAKEN:
+            out[p + j] = 1.0
 
 
 TIGHT = Element(
@@ -138,6 +174,8 @@ TIGHT = Element(
         Array("positions", 2),
         Array("outlines", 3),
         Array("labels", kind="i8"),
+        Array("own", kind="i8"),
+        Array("rows", 2),
     ),
     state=(Array("x"), Array("C", 2), Array("kept"), Array("watched"), Array("belief")),
     work=(Array("ahead"),),
@@ -154,9 +192,22 @@ HEARD = Element(
         Number("angle_sd"),
         Number("h"),
     ),
-    tables=(Array("first", kind="i8"), Array("block", kind="i8")),
+    tables=(
+        Array("first", kind="i8"),
+        Array("block", kind="i8"),
+        Array("own", kind="i8"),
+        Array("number", kind="i8"),
+    ),
     allocates=True,
 )
+
+
+NO_ROWS: Mapping[str, np.ndarray] = {}
+
+
+def starts_of(own: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return where each sensor's rows begin among all of theirs, and where the last one's end."""
+    return np.cumsum([0, *map(len, own.values())], dtype=np.int64)
 
 
 def tight_box(
@@ -167,8 +218,9 @@ def tight_box(
     payloads: int,
     C_0: np.ndarray,
     xbar_0: np.ndarray,
+    own: Mapping[str, np.ndarray] = NO_ROWS,
 ) -> Box:
-    """Return the tight filter, `filter`: it reads the messages of imu, uwb and camera, the control and the reference.
+    """Return the tight filter, `filter`: it reads the messages of imu, uwb and camera, `fixes`, control and reference.
 
     It shows the belief of [x; i] (240) that was predicted for this tick. The message of a sensor that does not fly is
     zeros: 11 of the imu, two of the others.
@@ -181,12 +233,14 @@ def tight_box(
         payloads: size of those of uwb and camera together, of what flies.
         C_0: first covariance (n, n).
         xbar_0: first estimate (15).
+        own: C over the twelve states (m, 12) of each sensor of one's own whose fix is among the fixes.
     """
     x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
     belief = np.zeros(N_XBAR + N_XBAR * N_XBAR)
     put_ahead(ahead, belief)
     values = motion._asdict() | aids._asdict() | aids.camera._asdict()
     values |= {"layout": np.array(layout), "watch": np.array(aids.watch), "samples": samples}
+    values |= {"own": starts_of(own), "rows": np.vstack((np.empty((0, N_X)), *own.values()))}
     numbers = {number.name: values[number.name] for number in TIGHT.numbers}
     tables = {table.name: values[table.name] for table in TIGHT.tables}
     start = {"x": x, "C": C_0, "kept": kept, "watched": np.zeros(LAST + payloads), "belief": belief}
@@ -194,9 +248,15 @@ def tight_box(
 
 
 def heard_box(
-    measurement: Measurement, sensors: tuple[str, ...], samples: int, clones: int, angle_sd: float, h: float
+    measurement: Measurement,
+    sensors: tuple[str, ...],
+    samples: int,
+    clones: int,
+    angle_sd: float,
+    h: float,
+    own: Mapping[str, np.ndarray] = NO_ROWS,
 ) -> Box:
-    """Return what says y, delta and V2 of a tick, `handler`: it reads the messages of imu, uwb and camera.
+    """Return what says y, delta and V2 of a tick, `handler`: it reads the messages of imu, uwb and camera, and `fixes`.
 
     Args:
         measurement: the layout of what it says.
@@ -205,12 +265,18 @@ def heard_box(
         clones: poses of past ticks that the filter keeps.
         angle_sd: noise of a sample of the imu's angles [rad].
         h: tick [s].
+        own: as tight_box's.
     """
     first, block = measurement.layout.first, measurement.layout.block
     p, s, q = int(first[-1]), len(first) - 1, int(block[-1])
     numbers = [measurement.sensors.index(name) if name in sensors else -1 for name in ("uwb", "imu", "camera")]
     given = Given(
         {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h},
-        tables={"first": first, "block": block},
+        tables={
+            "first": first,
+            "block": block,
+            "own": starts_of(own),
+            "number": np.array([measurement.sensors.index(name) for name in own], dtype=np.int64),
+        },
     )
     return Box("handler", HEARD, p + s + q, given, parts={"y": (0, p), "delta": (p, s), "V2": (p + s, q)})

@@ -1,0 +1,167 @@
+"""The boxes of an estimator, a servo or a planner of one's own that is an element (model/parts.py, Part.box).
+
+What it may read, by the names of its functions' parameters; what is in brackets only `step` reads, as it is said later
+in a tick than what the part itself says:
+
+    part        says                reads
+    estimator   belief (240 or 156) messages, (reference, control)
+    servo       control (4)         messages, reference, belief, estimate, covariance, force, (control)
+    planner     reference (9)       belief, estimate, covariance, force, (messages, reference, control)
+
+    messages            each sensor's by its name as it lands, see model/signals.py; zeros of uwb, camera or imu where
+                        it does not fly
+    belief              [estimate (15), covariance row by row (225)] that was predicted for this tick
+    estimate            xhat and, in its last three entries, the integral of the position error (15)
+    covariance          its covariance row by row (225)
+    force               the disturbance force in W that is believed to act [N] (3); 0 where no estimator knows it
+    reference           r, r_dot, r_ddot (9)
+    control             u_k (4)
+
+An estimator says the belief, or that of the vehicle's twelve states [estimate (12), covariance (144)]: the integral,
+which is known, is added to it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.framework import System
+
+from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
+from ortilo_drake.loop.element import Box, constant
+from ortilo_drake.loop.own import cut
+from ortilo_drake.model.parts import find_part
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.integral_element import integral_box
+from ortilo_drake.onboard.estimator.whole_belief import together_box, widened_box
+from ortilo_drake.scenario import Belief
+
+BELIEF = N_XBAR + N_XBAR * N_XBAR
+OF_VEHICLE = N_X + N_X * N_X
+CUTS = {"estimate": (0, N_XBAR), "covariance": (N_XBAR, N_XBAR * N_XBAR)}
+SAYS = {"estimator": (BELIEF, OF_VEHICLE), "servo": (N_U,), "planner": (REFERENCE_SIZE,)}
+LATER = {"estimator": ("reference", "control"), "servo": ("control",)}  # of a planner: onboard/planner/planned.py
+
+
+def own_estimator_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
+    """Return an estimator of one's own that is an element, `filter`; arguments as of intermittent_boxes.
+
+    What it makes of its messages it does not tell: of its `handler` nothing arrives.
+    """
+    made = own_box("estimator", belief, xbar_0)
+    says = {"reference": "reference", "control": "servo"}
+    if made.size == BELIEF:
+        return [silent_handler(belief), *wired("estimator", "filter", belief, made, says, messages)]
+    whole = integral_box("filter").reading(belief="own_filter")
+    return [silent_handler(belief), whole, *wired("estimator", "own_filter", belief, made, says, messages)]
+
+
+def silent_handler(belief: Belief) -> Box:
+    """Return a handler of which nothing arrives."""
+    parts, at = {}, 0
+    for name, size in belief.measurement.sizes.items():
+        parts[name], at = (at, size), at + size
+    return replace(constant("handler", np.zeros(at)), parts=parts)
+
+
+def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tuple[str, int]]) -> list[Box]:
+    """Return the boxes of an estimator that is a System: `estimator`, and `filter`, which says its belief.
+
+    An estimator of the twelve states gets the integral of the position error beside them.
+
+    Args:
+        belief: what is known of the scenario.
+        system: the estimator.
+        signals: what its inputs may read, see system_box.
+
+    Raises:
+        InputError: if it has not the ports that it needs, or not the sizes.
+    """
+    require_ports(system, (), ("estimate", "covariance"), "estimator")
+    n, squared = (system.GetOutputPort(name).size() for name in ("estimate", "covariance"))
+    if n not in (N_X, N_XBAR) or squared != n * n:
+        raise InputError(
+            f"estimator: {system.get_name()}: estimate ({n}) and covariance ({squared}): must be {N_X} or {N_XBAR} "
+            "numbers, and their square"
+        )
+    sizes = belief.measurement.sizes
+    says = ("estimate", "covariance", *(name for name in ("force", *sizes) if system.HasOutputPort(name)))
+    own = system_box("estimator", system, says, signals)
+    whole = together_box() if n == N_XBAR else widened_box()
+    boxes = [own, whole.reading(estimate="estimator.estimate", covariance="estimator.covariance")]
+    told = [name for name in sizes if name in own.parts]
+    if len(told) < len(sizes):
+        boxes.append(silent_handler(belief))
+    return boxes
+
+
+def own_servo_boxes(scenario: Belief, belief: str, says: dict[str, str], messages: dict[str, Box]) -> list[Box]:
+    """Return a servo of one's own that is an element, `servo`; arguments as of wired."""
+    made = own_box("servo", scenario)
+    return wired("servo", "servo", scenario, made, says | {"control": "servo"}, messages, belief)
+
+
+def own_planner_boxes(scenario: Belief, made: Box, belief: str, force: str, messages: dict[str, Box]) -> list[Box]:
+    """Return a planner of one's own that is an element, `reference`, by its own box; the rest as of wired."""
+    says = {"force": force, "reference": "reference", "control": "servo"}
+    return wired("planner", "reference", scenario, made, says, messages, belief)
+
+
+def own_box(role: str, belief: Belief, *arguments: np.ndarray) -> Box:
+    """Return the box of the part of a role that a scenario names, as the part makes it.
+
+    Raises:
+        InputError: if it is no element.
+    """
+    kind = getattr(belief, role).kind
+    part = find_part(role, kind)
+    if part is None or part.box is None:
+        raise InputError(f"{role}.kind: {kind}: is no element")
+    box: Box = part.box(belief, *arguments)
+    return box
+
+
+def wired(
+    role: str,
+    name: str,
+    scenario: Belief,
+    made: Box,
+    says: dict[str, str],
+    messages: dict[str, Box],
+    belief: str | None = None,
+) -> list[Box]:
+    """Return a part under a name in the wiring, with what it reads and nobody else.
+
+    Args:
+        role: estimator, servo or planner.
+        name: in the wiring.
+        scenario: that names the part.
+        made: the part.
+        says: which box says what the part may read, messages and belief apart.
+        messages: which box says each sensor's message as it lands.
+        belief: which box says the belief, of which it may read parts; None where it may not.
+
+    Raises:
+        InputError: if it says or reads what a part of its role does not.
+    """
+    element, kind = made.element, getattr(scenario, role).kind
+    if made.size not in SAYS[role]:
+        sizes = " or ".join(map(str, SAYS[role]))
+        raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {sizes}")
+    silent = {
+        sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages
+    }
+    cuts = {part: cut(f"{name}_{part}", *its).reading(whole=belief) for part, its in CUTS.items()} if belief else {}
+    added = silent | cuts
+    known = (
+        {sensor: box.name for sensor, box in messages.items()} | says | {part: box.name for part, box in added.items()}
+    )
+    known |= {"belief": belief} if belief else {}
+    for what, function in element.functions.items():
+        allowed = [port for port in known if what == "step" or port not in LATER.get(role, ())]
+        for port in element.inputs_of(function):
+            if port not in allowed:
+                raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(allowed)}")
+    reads = {port: known[port] for port in element.inputs}
+    return [replace(made, name=name, reads=reads), *(box for port, box in added.items() if port in element.inputs)]

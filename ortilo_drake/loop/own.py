@@ -1,0 +1,104 @@
+"""Boxes of elements of one's own, of plain functions and values.
+
+def out(n, estimate, reference, out):
+    out[0] = n.gain * (reference[2] - estimate[2])
+
+made = box(1, out, numbers={"gain": 2.0})
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Kind, Number, takes
+from ortilo_drake.loop.wiring import check_values
+
+_KINDS: dict[str, Kind] = {"f": "f8", "i": "i8", "u": "u8", "b": "b1"}
+
+
+def box(
+    size: int,
+    out: Callable[..., None] | None = None,
+    step: Callable[..., None] | None = None,
+    *,
+    numbers: dict[str, Any] | None = None,
+    tables: dict[str, Any] | None = None,
+    state: dict[str, Any] | None = None,
+    work: dict[str, tuple[int, ...]] | None = None,
+    shows: str | None = None,
+) -> Box:
+    """Return a box of an element of one's own; what its parameters mean is said in element.py.
+
+    Args:
+        size: of what it says.
+        out: writes what it says in a tick; None where it shows a state.
+        step: takes its state to the next tick; None where it has none.
+        numbers: constants of a fixed shape, which `n` has.
+        tables: constants that are parameters by their names.
+        state: its states at the start, of floats.
+        work: shape of each room to work in.
+        shows: the state that it says, in place of `out`.
+
+    Raises:
+        ValueError: if a value is no number or array of numbers.
+    """
+    numbers, tables, state, work = numbers or {}, tables or {}, state or {}, work or {}
+    element = Element(
+        "own",
+        out,
+        step,
+        numbers=tuple(Number(name, np.shape(its), _kind_of(name, its)) for name, its in numbers.items()),
+        tables=tuple(Array(name, np.ndim(its), _kind_of(name, its)) for name, its in tables.items()),
+        state=tuple(Array(name, np.ndim(its)) for name, its in state.items()),
+        work=tuple(Array(name, len(shape)) for name, shape in work.items()),
+        shows=shows,
+        allocates=True,
+    )
+    made = Box("own", element, size, Given(numbers, state, tables), work)
+    check_values(made)
+    return made
+
+
+def _kind_of(name: str, value: Any) -> Kind:
+    """Return the kind of a constant's numbers; ValueError where it is not of numbers."""
+    kind = np.asarray(value).dtype.kind
+    if kind not in _KINDS:
+        raise ValueError(f"{name}: is {value!r}, must be a number or an array of numbers")
+    return _KINDS[kind]
+
+
+def said_at_first(its: Box, sizes: dict[str, int]) -> np.ndarray:
+    """Return what a box says in tick 0 with zeros at its inputs, by the plain source of its function.
+
+    Args:
+        its: the box.
+        sizes: of its inputs.
+    """
+    element, given = its.element, its.given
+    if element.out is None:
+        return np.array(given.start[element.shows or ""], dtype=float).ravel()
+    record = np.zeros(1, element.dtype).view(np.recarray)[0]
+    for name, value in given.numbers.items():
+        record[name] = value
+    said = np.zeros(its.size)
+    known: dict[str, Any] = {"n": record, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": said}
+    known |= {name: np.array(value, dtype=float) for name, value in given.start.items()}
+    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.tables}
+    known |= {name: np.zeros(shape) for name, shape in its.work.items()}
+    known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(element.out)}
+    element.out(**{name: known[name] for name in takes(element.out)})
+    return said
+
+
+def _cut_out(n: Any, whole: np.ndarray, out: np.ndarray) -> None:
+    for i in range(out.size):
+        out[i] = whole[n.first + i]
+
+
+CUT = Element("cut", out=_cut_out, numbers=(Number("first", kind="i8"),))
+
+
+def cut(name: str, first: int, size: int) -> Box:
+    """Return a box that says a part of the `whole` that it reads."""
+    return Box(name, CUT, size, Given({"first": first}))
