@@ -7,6 +7,7 @@ associated by, and the estimates make the path.
 import numpy as np
 import pytest
 
+from ortilo_drake.diagrams.wiring.world import sensor_system
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import estimation_mse, nis
 from ortilo_drake.model.signals import FIX_SIZE
@@ -15,7 +16,6 @@ from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.training.calibration.sightings import detect_in_flight
-from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 pytestmark = [pytest.mark.egl, pytest.mark.long]
 SEED = 7  # none of those that were calibrated on
@@ -45,12 +45,13 @@ def fix_errors(scenario, states, messages) -> np.ndarray:
 
 
 def projected_messages(scenario, states, seed) -> list[np.ndarray]:
-    system = ProjectedCamera(scenario.camera, scenario.load_room(), seed, scenario.h)
+    system = sensor_system(scenario, scenario.load_room(), "camera")
     context, messages = system.CreateDefaultContext(), []
+    system.set_seed_in(context, seed)
     for k, x in enumerate(states):
         context.SetTime(EVERY * k * scenario.h)
         system.GetInputPort("state").FixValue(context, x)
-        messages.append(system.GetOutputPort("detections").Eval(context).copy())
+        messages.append(system.get_output_port().Eval(context).copy())
     return messages
 
 

@@ -4,13 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import (
     AffineSystem,
     ConstantVectorSource,
-    Demultiplexer,
     Multiplexer,
     TrajectorySource,
     VectorLogSink,
@@ -20,13 +18,17 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
 
+from ortilo_drake.loop.diagram import add_wiring
+from ortilo_drake.loop.element import bundle, constant, outside
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.hover import disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.estimator.filter_element import filter_box
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
-from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler
+from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
+from ortilo_drake.onboard.servo.lq_servo import servo_box
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
 from ortilo_drake.scenario import Noise
@@ -42,7 +44,8 @@ X_0 = np.array([0.1, -0.2, 0.15, 0.02, -0.03, 0.05, 0.1, 0.0, -0.1, 0.01, 0.02, 
 R_1 = np.array([0.8, -0.5, 0.4])  # the reference steps there from 0
 STEP = 31
 SETTINGS = [("error", "estimate"), ("error", "hold"), ("paper", "literal"), ("paper", "hold")]
-LOGGED = {"state": 12, "estimate": 15, "control": 4, "covariance": 225}
+LOGGED = {"state": 12, "estimate": 15, "covariance": 225, "control": 4}
+MESSAGES = {"uwb": 14, "camera": 14, "imu": 11}
 
 
 def all_on() -> np.ndarray:
@@ -70,22 +73,16 @@ def reference() -> np.ndarray:
 
 
 def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
-    """The 'linear' plant, a hold, exact measurements C x as messages, and the onboard systems."""
+    """The 'linear' plant, a hold, exact measurements C x as messages, and the elements of the onboard half."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(QuadrotorPlant_[float](vehicle=M100, kinematics="linear"))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(H, 4))
-    V: dict[str, np.ndarray | None] = {name: np.diag(variances) for name, variances in VARIANCES}
-    handler = builder.AddSystem(MeasurementHandler(MEASUREMENT, {"uwb": 14, "camera": 14, "imu": 11}, V, {}, H))
-    model, P_0 = filter_model(FILTER, M100, integrator, H), initial_covariance(FILTER)
-    kalman = builder.AddSystem(KalmanFilter_[float](model, MEASUREMENT, M100.hover_thrust, np.zeros(15), P_0, H))
-    belief = builder.AddSystem(Demultiplexer([15, 225]))
-    builder.Connect(kalman.GetOutputPort("belief"), belief.get_input_port())
-    estimate, covariance = belief.get_output_port(0), belief.get_output_port(1)
-    servo = builder.AddSystem(make_lq_servo(ServoSettings(form=form), M100, H))
     planner = builder.AddSystem(TrajectorySource(per_tick(reference())))
-    for j, (name, first, size) in enumerate([("uwb", 0, 14), ("camera", 0, 14), ("imu", 3, 11)]):
+    sources = {"reference": planner.get_output_port()}
+    for j, (name, size) in enumerate(MESSAGES.items()):
         # message = [flag, stamp and payload], the payload's first three entries are x[first : first + 3].
         D = np.zeros((size - 1, 12))
+        first = 3 if name == "imu" else 0
         D[1:4, first : first + 3] = np.eye(3)
         empty = np.zeros((0, 0))
         payload = AffineSystem(empty, np.zeros((0, 12)), np.zeros(0), np.zeros((size - 1, 0)), D, np.zeros(size - 1))
@@ -95,27 +92,43 @@ def make_loop(form: str, integrator: str, delta: np.ndarray) -> Diagram:
         builder.Connect(plant.GetOutputPort("state"), sensor.get_input_port())
         builder.Connect(flag.get_output_port(), message.get_input_port(0))
         builder.Connect(sensor.get_output_port(), message.get_input_port(1))
-        builder.Connect(message.get_output_port(), handler.GetInputPort(name))
+        sources[name] = message.get_output_port()
+    asked = {"belief": "filter", "control": "servo"}
+    onboard = add_wiring(builder, onboard_wiring(form, integrator), asked, H, sources).outputs
     calm = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
-    log = builder.AddNamedSystem("log", VectorLogSink(sum(LOGGED.values()), H))
-    logged = builder.AddNamedSystem("logged", Multiplexer(list(LOGGED.values())))
-    for block, system, port in [
-        (calm, plant, "disturbance"),
-        (hold, plant, "control"),
-        (servo, kalman, "control"),
-        (planner, kalman, "reference"),
-        (planner, servo, "reference"),
-    ]:
-        builder.Connect(block.get_output_port(), system.GetInputPort(port))
-    for name in MEASUREMENT.sizes:
-        builder.Connect(handler.GetOutputPort(name), kalman.GetInputPort(name))
-    builder.Connect(estimate, servo.GetInputPort("estimate"))
-    builder.Connect(servo.get_output_port(), hold.get_input_port())
-    sources = plant.GetOutputPort("state"), estimate, servo.get_output_port(), covariance
-    for k, source in enumerate(sources):
+    log = builder.AddNamedSystem("log", VectorLogSink(256, H))
+    logged = builder.AddNamedSystem("logged", Multiplexer([12, 240, 4]))
+    builder.Connect(calm.get_output_port(), plant.GetInputPort("disturbance"))
+    builder.Connect(hold.get_output_port(), plant.GetInputPort("control"))
+    builder.Connect(onboard["control"], hold.get_input_port())
+    for k, source in enumerate((plant.GetOutputPort("state"), onboard["belief"], onboard["control"])):
         builder.Connect(source, logged.get_input_port(k))
     builder.Connect(logged.get_output_port(), log.get_input_port())
     return builder.Build()
+
+
+def onboard_wiring(form: str, integrator: str) -> Wiring:
+    """Handler, filter and servo."""
+    messages = [outside(name, size) for name, size in MESSAGES.items()]
+    V: dict[str, np.ndarray | None] = {name: np.diag(variances) for name, variances in VARIANCES}
+    handler = handler_box(incoming_of(MEASUREMENT, MESSAGES, V, {}), MEASUREMENT.layout, False, H)
+    model, P_0 = filter_model(FILTER, M100, integrator, H), initial_covariance(FILTER)
+    kalman = filter_box(model, MEASUREMENT, M100.hover_thrust, np.concatenate((np.zeros(15), P_0.ravel())))
+    measured = {name: f"handler.{name}" for name in MEASUREMENT.sizes}
+    settings = ServoSettings(form=form)
+    servo = servo_box(servo_gain(M100, settings.weights, H), M100.mass, settings)
+    return Wiring(
+        [
+            *messages,
+            outside("reference", 9),
+            bundle("messages", messages),
+            constant("none_opened", np.zeros(15)),
+            constant("no_force", np.zeros(3)),
+            handler.reading(belief="filter"),
+            kalman.reading(**measured, control="servo", opening="none_opened"),
+            servo.reading(belief="filter", force="no_force"),
+        ]
+    )
 
 
 def flown(form: str, integrator: str, delta: np.ndarray) -> dict[str, np.ndarray]:
@@ -147,7 +160,7 @@ def recursion(form: str, integrator: str, delta: np.ndarray) -> dict[str, np.nda
     for k, r in enumerate(reference()[:, :3]):
         x_ref = np.concatenate([r, np.zeros(12)]) if form == "error" else np.zeros(15)
         u = -L @ (xbar - x_ref)
-        rows.append(np.concatenate([x, xbar, u + HOVER, P.ravel()]))
+        rows.append(np.concatenate([x, xbar, P.ravel(), u + HOVER]))
         there = np.repeat(delta[k], 3) > 0
         fixed = integrator != "estimate" and (there[0] or there[3])
         E = np.zeros((3, 9))

@@ -6,12 +6,10 @@ from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
 from pydrake.symbolic import Expression
 from pydrake.systems.framework import System
 
+from ortilo_drake.diagrams.servo import make_lq_servo
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
-from ortilo_drake.scenario import LqServo as ServoSettings
+from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.world.vehicle.rotors import Rotors_
-
-H = 1.0 / 30.0
 
 
 @pytest.mark.parametrize("form", ["paper", "error"])
@@ -19,7 +17,8 @@ H = 1.0 / 30.0
 def test_servo_of_another_scalar_gives_the_same_control(form: str, T: type) -> None:
     rng = np.random.default_rng(6)
     values = {"estimate": rng.normal(size=15), "reference": rng.normal(size=9), "velocity": rng.normal(size=8)}
-    servo = make_lq_servo(ServoSettings(form=form, velocities="truth", yaw=0.1 * (form == "error")), M100, H)
+    settings = LqServo(form=form, velocities="truth", yaw=0.1 * (form == "error"))
+    servo = make_lq_servo(Scenario(servo=settings))
     assert_same_output(servo, servo.ToScalarType[T](), T, values)
 
 
