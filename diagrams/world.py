@@ -77,8 +77,8 @@ class World(Diagram):
             boxes, messages = world_boxes(scenario, room, np.zeros(3), whole_imu=True)
             boxes.append(outside("servo", N_U))
         self._wiring = Wiring(boxes)
-        names = {_port_of(scenario, sensor): box.name for sensor, box in messages.items()}
-        names |= {"state": "plant"} | ({"velocity": "velocity"} if scenario.lends_velocities else {})
+        names = {"state": "plant"} | {_port_of(scenario, sensor): box.name for sensor, box in messages.items()}
+        names |= {"velocity": "velocity"} if scenario.lends_velocities else {}
         names |= {"acted": "acted_delivered"} if scenario.commands.are_reported else {}
         if scenario.is_rendered:
             names["seen"] = _seen(self._wiring)

@@ -26,8 +26,9 @@ def system_box(name: str, system: System, says: tuple[str, ...], signals: dict[s
         if port.get_name() in signals and port.get_data_type() == PortDataType.kVectorValued:
             said, size = signals[port.get_name()]
             if port.size() != size:
+                role = "planner" if name == "reference" else name
                 raise InputError(
-                    f"{name}: {system.get_name()}: takes '{port.get_name()}' of {port.size()} numbers, must be {size}"
+                    f"{role}: {system.get_name()}: takes '{port.get_name()}' of {port.size()} numbers, must be {size}"
                 )
             reads[port.get_name()] = said
     parts, at = {}, 0

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, InputPortIndex, OutputPort, System
-from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from ortilo_drake.loop.element import OUTSIDE, Box, Given
 from ortilo_drake.loop.shell import WiredSystem_, alone
@@ -136,6 +136,8 @@ def add_wiring(
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
             ports[box.name] = _together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
+        elif box.element.shows and not box.element.functions and not fused:
+            ports |= _constant_ports(builder, box)
         elif box.holds and not fused:
             whole = builder.AddNamedSystem(box.name, Multiplexer([wiring.boxes[name].size for name in box.holds]))
             readers += [(whole.get_input_port(i), name) for i, name in enumerate(box.holds)]
@@ -170,7 +172,8 @@ def add_wiring(
 
 def _each_by_itself(wiring: Wiring) -> list[_Unit]:
     """Return a unit for each element."""
-    return [_Unit(box.name, alone(wiring, box.name), _reads(wiring, box)) for box in _elements(wiring)]
+    boxes = [box for box in wiring.boxes.values() if box.element.functions]
+    return [_Unit(box.name, alone(wiring, box.name), _reads(wiring, box)) for box in boxes]
 
 
 def _all_in_one(wiring: Wiring, name: str) -> _Unit:
@@ -188,8 +191,13 @@ def _all_in_one(wiring: Wiring, name: str) -> _Unit:
     return _Unit(name, whole, {its: its for its, box in whole.boxes.items() if box.element is OUTSIDE})
 
 
-def _elements(wiring: Wiring) -> list[Box]:
-    return [box for box in wiring.boxes.values() if box.element.functions or box.element.shows]
+def _constant_ports(builder: DiagramBuilder, box: Box) -> dict[str, OutputPort]:
+    """Add a box that always says the same; return what it and each of its parts says."""
+    values = box.given.start[box.element.shows or ""]
+    said = {box.name: values} | {f"{box.name}.{part}": values[a : a + n] for part, (a, n) in box.parts.items()}
+    return {
+        name: builder.AddNamedSystem(name, ConstantVectorSource(its)).get_output_port() for name, its in said.items()
+    }
 
 
 def _said(wiring: Wiring, said: str) -> str:

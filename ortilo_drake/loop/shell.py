@@ -117,13 +117,21 @@ class PlainCalls:
         }
 
     def make(self, calls: Calls, memory: Memory, S: np.ndarray, Y: np.ndarray, k: int) -> None:
-        """Make calls one after the other; they read and write states and what is said."""
+        """Make calls one after the other; they read and write states and what is said.
+
+        Raises:
+            RuntimeError: naming the box whose plain source takes no such scalar.
+        """
         work = np.full(self._places.sizes[2], self._T(0.0))
         for box, what in calls:
             function, names = self._functions[box.name, what]
             common = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
             known = memory, S, Y, work
-            function(*[common[name] if name in common else self._argument(box, name, *known) for name in names])
+            arguments = [common[name] if name in common else self._argument(box, name, *known) for name in names]
+            try:
+                function(*arguments)
+            except (TypeError, AttributeError, RuntimeError) as error:
+                raise RuntimeError(f"{box.name}: its {what} takes no {self._T.__name__}: {error}") from error
 
     def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
         if name == "n":

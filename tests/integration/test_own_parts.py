@@ -12,6 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.estimator import Estimator
+from ortilo_drake.diagrams.servo import make_lq_servo
 from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf
@@ -22,7 +23,6 @@ from ortilo_drake.interop.log.reader import log_file, read_log
 from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model import parts
-from ortilo_drake.onboard.servo.lq_servo import make_lq_servo
 from ortilo_drake.scenario import GcsPlanner, LqServo
 from ortilo_drake.scenario.saved import FORMAT
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight, planned_reference
@@ -47,7 +47,7 @@ def test_the_scenarios_own_parts_given_by_hand_fly_the_same_flight() -> None:
         seed=4,
         settle=0.0,
         estimator=Estimator,
-        servo=lambda scenario: make_lq_servo(scenario.servo, scenario.vehicle, scenario.h),
+        servo=make_lq_servo,
         planner=lambda scenario: PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], np.tile([[0.0], [0.0], [1.5]], 2)),
     )
     for name in ("truth", "estimate", "covariance", "measurement", "control", "reference"):
@@ -85,7 +85,7 @@ def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_fligh
 
     od.register_estimator("mine", Mine, estimator)
     od.register_planner("line", Line, planner)
-    od.register_servo("soft", Soft, lambda scenario: make_lq_servo(scenario.servo, scenario.vehicle, scenario.h))
+    od.register_servo("soft", Soft, make_lq_servo)
     file = tmp_path / "own.yaml"
     file.write_text(
         "base: nominal_imu_uwb\nsettle: 0.0\nestimator: {kind: mine, gain: 0.25}\nplanner: {kind: line, speed: 0.4}\n"
@@ -276,7 +276,7 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
 
     with pytest.raises(od.InputError, match="onboard: wants 'lidar', the world sends only state, uwb, imu"):
         od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("lidar", 5), **HOVER)
-    with pytest.raises(od.InputError, match="onboard: takes 'imu' of 11 numbers, the world sends 90"):
+    with pytest.raises(od.InputError, match="takes 'imu' of 11 numbers, must be 90"):
         od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("imu", 11), imu__link__rate=240, **HOVER)
 
 

@@ -85,7 +85,7 @@ def test_pictures_come_with_their_stamps_and_boxes_a_latency_later(bare: str, li
     context = simulator.get_context()
     world, onboard = diagram.GetSubsystemByName("world"), diagram.GetSubsystemByName("onboard")
     camera = world.GetSubsystemByName("rendered_camera")
-    detector = onboard.GetSubsystemByName("estimator").GetSubsystemByName("detector")
+    detector = onboard.GetSubsystemByName("detector")
     drawn, arrived = {}, {}
     for k in range(40):
         if k:  # AdvanceTo(0) would make the updates of tick 0; this goes to before those of tick k

@@ -9,6 +9,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from ortilo_drake.diagrams.wiring.world import sensor_system
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
@@ -28,7 +29,6 @@ from ortilo_drake.training.calibration.estimates import (
 from ortilo_drake.training.calibration.sightings import LEAST_OVERLAP, is_whole, match_landmarks, sightings
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
 from ortilo_drake.world.sensors.landmark_view import DISTANCE, VISIBLE
-from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 pytestmark = pytest.mark.training
 
@@ -157,12 +157,14 @@ def recovered(tmp_path_factory):
     for seed in range(6):
         scenario = load_scenario(calibration_of.SCENARIO, calibration_of.GIVEN_ERRORS, seed)
         states, found = fly(scenario)["truth"].values[::3], []
-        camera = ProjectedCamera(Settings(errors=errors), ROOM, seed, scenario.h)
+        seeing = scenario.model_copy(update={"camera": Settings(errors=errors)})
+        camera = sensor_system(seeing, ROOM, "camera")
         context, port = camera.CreateDefaultContext(), camera.GetInputPort("state")
+        camera.set_seed_in(context, seed)
         for k, x in enumerate(states):
             context.SetTime(3 * k * scenario.h)
             port.FixValue(context, x)
-            rows = camera.GetOutputPort("detections").Eval(context)[PAYLOAD:].reshape(-1, DETECTION_SIZE)
+            rows = camera.get_output_port().Eval(context)[PAYLOAD:].reshape(-1, DETECTION_SIZE)
             rows = rows[rows[:, 0] >= 0.0]
             found.append((rows[:, 0].astype(int), rows[:, 1], rows[:, 2:]))
         flights.append((states, found))

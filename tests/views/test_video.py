@@ -10,6 +10,7 @@ import xarray as xr
 from command_line import run
 from PIL import Image
 
+from ortilo_drake.diagrams.wiring.world import sensor_system
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
@@ -18,7 +19,6 @@ from ortilo_drake.views import video
 from ortilo_drake.views.flight_frames import STRIP_HEIGHT, blackout_mask, error_strip, make_views
 from ortilo_drake.views.scene_view import class_bgr, draw_boxes, make_camera_view, make_room_view, viewer_pose
 from ortilo_drake.views.video import flight_video, frame_ticks
-from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
 
 HOVER = "planner={kind: hover, point: [2, 0.5, 1.5], duration: 0.7}"
 PARAMETRIC = "camera.errors={kind: parametric}"
@@ -79,8 +79,9 @@ def test_labels_of_boxes_at_the_border_stay_in_the_picture() -> None:
 def test_boxes_are_those_of_the_flight(flight: xr.Dataset) -> None:
     chosen = scenario()
     view = make_camera_view(chosen)
-    camera = ProjectedCamera(chosen.camera, ROOM, chosen.seed, chosen.h)
+    camera = sensor_system(chosen, ROOM, "camera")
     context = camera.CreateDefaultContext()
+    camera.set_seed_in(context, chosen.seed)
     for tick in (0, 9):
         time, x = float(flight["time"][tick]), flight["truth"].values[tick]
         context.SetTime(time)
