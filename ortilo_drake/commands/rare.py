@@ -44,7 +44,7 @@ def rare(
     least: Annotated[
         float, typer.Option(min=1e-30, max=0.1, help="Smallest probability that is sought; it stops there.")
     ] = 1e-9,
-    seed: Annotated[int, typer.Option(min=0, help="Of the first repetition.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
     camera: CameraOption = None,
     settings: SetOption = None,
     workers: WorkersOption = None,

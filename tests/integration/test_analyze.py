@@ -55,6 +55,7 @@ def test_the_report_is_readable(analyzed: tuple[dict[str, Any], str, str]) -> No
     text = analyzed[1]
     for title in ("Linearisation", "Riccati equations", "Margins", "Arrival rates", "Lost and late commands"):
         assert f"## {title}" in text
+    assert "| acknowledged, best gain |" in text
     rows = [line for line in text.splitlines() if line.startswith("|")]
     for above, row in pairwise(rows):
         if set(row) <= set("|- "):

@@ -165,7 +165,7 @@ CHOSEN = (
 @pytest.fixture
 def cut_short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what costs minutes and has tests of its own, and what waits for a user."""
-    no_commands = CommandReport("", 1, 0.5, {"hold": {"independent": 0.5}}, {}, None, LinkFigures(0.5, None))
+    no_commands = CommandReport("", 1, 0.5, {"hold": {"independent": 0.5}}, {}, 1.0, {}, None, LinkFigures(0.5, None))
     monkeypatch.setattr(analyze, "command_report", lambda scenario, V: no_commands)
     monkeypatch.setattr(mismatches, "MISMATCHES", mismatches.MISMATCHES[::6])
     ends = iter([False] * 3 + [True] * 10)

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import block_diag, solve_discrete_are
+from scipy.stats import ortho_group
 
 from ortilo_drake.model.hover import output_C
 from ortilo_drake.model.measurement import make_measurement
@@ -135,3 +136,16 @@ def test_detectability_of_small_pairs_by_hand() -> None:
     assert not is_detectable(double, np.array([[0.0, 1.0]]))  # the speed never tells the position
     assert is_detectable(np.diag([0.5, 1.0]), np.array([[0.0, 1.0]]))  # the unseen part decays by itself
     assert not is_detectable(np.diag([1.5, 1.0]), np.array([[0.0, 1.0]]))
+
+
+def test_turned_coordinates_hide_nothing_from_detectability() -> None:
+    """Four integrators in a chain: its first state shows all of them, its second never the first, in any basis.
+
+    A general eigenvalue solver splits the 1 by some 1e-4, so that a rank test at its values finds full rank.
+    """
+    chain = block_diag(np.eye(4) + np.eye(4, k=1), 0.5)
+    for seed in range(200):
+        T = ortho_group.rvs(5, random_state=np.random.default_rng(seed))
+        Phi = T @ chain @ T.T
+        assert is_detectable(Phi, np.array([[1.0, 0.0, 0.0, 0.0, 1.0]]) @ T.T), seed
+        assert not is_detectable(Phi, np.array([[0.0, 1.0, 0.0, 0.0, 1.0]]) @ T.T), seed

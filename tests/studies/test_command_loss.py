@@ -13,9 +13,11 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import CommandLink, GilbertElliottLoss, NoLoss, Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_chain, loss_of, loss_parameters
 from ortilo_drake.studies.command_link import command_report as module
+from ortilo_drake.studies.command_link.acknowledged_loop import acknowledged_loop, largest_acknowledged_loss
 from ortilo_drake.studies.command_link.command_loop import (
     CommandedLoop,
     behind_a_link,
@@ -26,6 +28,7 @@ from ortilo_drake.studies.command_link.command_loop import (
 from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop, steady_predictor
 from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
+from ortilo_drake.theory.lossy_control.acknowledged import acknowledged_gain
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.command_link import is_lost
 
@@ -314,6 +317,32 @@ def test_a_filter_that_does_not_settle_is_refused() -> None:
         periodic_predictor(1.1 * np.eye(1), np.zeros((1, 1)), np.eye(1), np.eye(1), np.ones((1, 1)))
 
 
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_acknowledged_losses_leave_estimator_and_servo_apart(share: float) -> None:
+    """Separation: the second moment grows by the slower of the two, each by its own Kronecker products."""
+    scenario = load_scenario("nominal_imu_uwb", ("estimator.integrator=estimate",))
+    pair, weights = augmented_pair(scenario.vehicle, scenario.h), weight_matrices(scenario.servo.weights)
+    L, _ = acknowledged_gain(*pair, *weights, 1.0 - share)
+    closed = pair[0] - pair[1] @ L
+    of_servo = share * np.kron(pair[0], pair[0]) + (1.0 - share) * np.kron(closed, closed)
+    hover, deltas = hover_loop(scenario), schedule(scenario)
+    there = hover.measurement.by_row(deltas)
+    Ks, _ = periodic_predictor(hover.Phi, hover.C, hover.W, V, there)
+    error = np.eye(len(hover.Phi))
+    for K, arrived in zip(Ks, there, strict=True):
+        error = (hover.Phi - K * arrived @ hover.C) @ error
+    radii = [np.max(np.abs(np.linalg.eigvals(M))) for M in (of_servo, error)]
+    expected = max(radii[0], radii[1] ** (2.0 / len(Ks)))
+    assert mean_square_radius(acknowledged_loop(scenario, V, share)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_without_losses_acknowledgement_changes_nothing() -> None:
+    own = steady_second_moment(lossy(commanded_loop(SCENARIO, V), 0.0, "zero"))
+    found = steady_second_moment(acknowledged_loop(SCENARIO, V, 0.0))
+    np.testing.assert_allclose(np.trace(found, axis1=1, axis2=2), np.trace(own, axis1=1, axis2=2), rtol=1e-6)
+    assert largest_acknowledged_loss(SCENARIO) == 1.0
+
+
 def test_the_report_is_plain_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "BURSTS", ())
     monkeypatch.setattr(module, "LOSSES", (0.0, 0.9))
@@ -323,4 +352,6 @@ def test_the_report_is_plain_data(monkeypatch: pytest.MonkeyPatch) -> None:
     assert report.growth < 1
     assert report.rms["hold"]["0"] == pytest.approx(report.own_link.rms, rel=1e-6)
     assert report.rms["zero"]["0.9"] is None
+    assert report.acknowledged_rms["0"] == pytest.approx(report.rms["zero"]["0"], rel=1e-6)
+    assert report.acknowledged_rms["0.9"] is not None
     assert 0 < report.largest_loss["zero"]["independent"] < report.largest_loss["hold"]["independent"] < 1

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
+from scipy.stats import ortho_group
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.arrivals.arrivals import check_model
@@ -69,13 +71,37 @@ def test_one_output_and_any_state_basis(seed: int, n: int) -> None:
     assert found.rate == pytest.approx(1.0 - 1.0 / moduli.max() ** 2, abs=1e-6)
 
 
-@pytest.mark.parametrize("A", [[[0.0, 1.2], [-1.2, 0.0]], [[1.2, 1.0], [0.0, 1.2]]])
-def test_degenerate_systems_keep_their_bounds_only(A: list) -> None:
-    """Equal moduli seen through one output, and a Jordan block: no theorem named here closes the gap."""
-    found = critical_rate(np.array(A), np.array([[1.0, 0.0]]))
+def test_two_modes_that_differ_in_sign() -> None:
+    """A = diag(a, -a), C = [1 1]: l_c = 1 - a^-4, which is also where g's fixed point begins to exist."""
+    found = critical_rate(np.diag([1.2, -1.2]), np.array([[1.0, 1.0]]))
+    assert found.rate == pytest.approx(1.0 - 1.2**-4, abs=1e-12)
+    assert found.lower == pytest.approx(1.0 - 1.2**-2, abs=1e-12)
+    assert found.upper == pytest.approx(found.rate, abs=2e-6)
+    assert "1 - 1/1.2^4 = 0.517747: C shows the same combination of the two unstable modes again every 2 ticks" in (
+        found.sentence
+    )
+
+
+@pytest.mark.parametrize(
+    ("A", "power"),
+    [([[0.0, 1.2], [-1.2, 0.0]], 4.0), ([[0.0, -1.44], [1.0, -1.2]], 3.0), ([[1.2, 1.0], [0.0, 1.2]], 2.0)],
+    ids=["a quarter turn", "a third of a turn", "a Jordan block"],
+)
+def test_degenerate_second_order_systems_beside_a_mode_that_decays(A: list, power: float) -> None:
+    """A third of a turn a tick: s^2 + 1.2 s + 1.44, the conjugate pair two thirds of a turn apart, so d = 3."""
+    turned = ortho_group.rvs(3, random_state=5)
+    found = critical_rate(turned @ block_diag(A, 0.7) @ turned.T, np.array([[1.0, 0.0, 1.0]]) @ turned.T)
+    assert found.rate == pytest.approx(1.0 - 1.2**-power, abs=1e-7)
+    assert found.lower - 1e-7 <= found.rate <= found.upper + 1e-7
+
+
+def test_three_modes_of_one_modulus_keep_their_bounds_only() -> None:
+    """No theorem named here closes the gap where more than two unstable modes are confused."""
+    A = block_diag([[0.0, 1.2], [-1.2, 0.0]], 1.2)
+    found = critical_rate(A, np.array([[1.0, 0.0, 1.0]]))
     assert found.rate is None
-    assert found.lower == pytest.approx(1.0 - 1.0 / 1.2**2, abs=1e-9)
-    assert found.upper == pytest.approx(1.0 - 1.0 / 1.2**4, abs=2e-6)
+    assert found.lower == pytest.approx(1.0 - 1.2**-2, abs=1e-9)
+    assert found.upper == pytest.approx(1.0 - 1.2**-6, abs=2e-6)
     assert "between" in found.sentence
 
 

@@ -8,6 +8,7 @@ from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import ServoWeights
+from ortilo_drake.theory.modes.modes import unseen_modes
 
 
 def augmented_pair(vehicle: Vehicle, h: float, yaw: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -27,14 +28,15 @@ def weight_matrices(weights: ServoWeights) -> tuple[np.ndarray, np.ndarray]:
     return np.diag(np.concatenate(groups)), np.diag(weights.control)
 
 
-def is_detectable(Phi: np.ndarray, C: np.ndarray, tolerance: float = 1e-9) -> bool:
-    """Return whether every eigenvalue of Phi on or outside the unit circle is seen by C (Popov-Belevitch-Hautus)."""
-    n = Phi.shape[0]
-    return all(
-        np.linalg.matrix_rank(np.vstack([Phi - z * np.eye(n), C]), tol=tolerance) == n
-        for z in np.linalg.eigvals(Phi)
-        if abs(z) >= 1.0 - 1e-6
-    )
+def is_detectable(Phi: np.ndarray, C: np.ndarray) -> bool:
+    """Return whether C sees every mode of Phi on or outside the unit circle, in whatever coordinates they are given.
+
+    Raises:
+        InputError: if a number in them is not finite.
+    """
+    if not (np.isfinite(Phi).all() and np.isfinite(C).all()):
+        raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with")
+    return not unseen_modes(Phi, C)
 
 
 def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

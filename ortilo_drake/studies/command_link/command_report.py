@@ -7,6 +7,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.studies.command_link.acknowledged_loop import acknowledged_loop, largest_acknowledged_loss
 from ortilo_drake.studies.command_link.command_delay import CriticalDelay, NoLimitError, critical_delay
 from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
 from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
@@ -34,6 +35,9 @@ class CommandReport:
         growth: of the second moment per tick with a perfect link.
         largest_loss: by strategy, of independent losses and in bursts of a mean length [ticks].
         rms: distance from r [m] by strategy and independent loss, None where it diverges.
+        acknowledged_loss: largest loss with the best gain for it, where arrivals are acknowledged and a lost command is
+            zero.
+        acknowledged_rms: distance from r [m] with that gain by independent loss, None where it diverges.
         delay: that destabilises; None if it was stable with every one looked at.
         own_link: behind the scenario's own command link.
     """
@@ -43,6 +47,8 @@ class CommandReport:
     growth: float
     largest_loss: dict[str, dict[str, float]]
     rms: dict[str, dict[str, float | None]]
+    acknowledged_loss: float
+    acknowledged_rms: dict[str, float | None]
     delay: CriticalDelay | None
     own_link: LinkFigures
 
@@ -88,6 +94,8 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
             s: {f"{p:g}": _rms(lossy_loop(loop, CommandLink(loss=loss_of(p), when_lost=s), h)) for p in LOSSES}
             for s in STRATEGIES
         },
+        acknowledged_loss=largest_acknowledged_loss(scenario),
+        acknowledged_rms={f"{p:g}": _rms(acknowledged_loop(scenario, V, p)) for p in LOSSES},
         delay=_critical_delay(scenario, V),
         own_link=LinkFigures(mean_square_radius(own), _rms(own)),
     )

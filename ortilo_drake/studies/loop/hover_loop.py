@@ -127,6 +127,13 @@ def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
     return L_d
 
 
+def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: float) -> np.ndarray:
+    """Return the servo's gain on [x; i] (4 x 15) as one on the states of those names, with D among them, and i."""
+    L_e = np.zeros((N_U, len(names) - N_X))
+    L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle, yaw)
+    return np.hstack([L[:, :N_X], L_e, L[:, N_X:]])
+
+
 def why_no_loop(scenario: Scenario) -> str | None:
     """Return why a scenario's loop is no HoverLoop, None if it is one.
 
@@ -149,9 +156,7 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))
     L = servo_gain(vehicle, scenario.servo.weights, h, scenario.yaw)
     if extras:
-        L_e = np.zeros((N_U, len(names) - N_X))
-        L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle, scenario.yaw)
-        L = np.hstack([L[:, :N_X], L_e, L[:, N_X:]])
+        L = over_names(L, names, vehicle, scenario.yaw)
     true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
     driven = names_of(tuple(e for e in extras if e.Gamma.any() or e.Gamma_d.any()))
     world = tuple(k for k, name in enumerate(names) if k < N_X or name in driven)

@@ -1,7 +1,7 @@
 """How often a scenario's vehicle is lost, or strays from its reference, when that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
-repetitions are independent and without bias, so their mean is one too, and Student's t gives its interval.
+repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval.py.
 """
 
 from collections.abc import Callable
@@ -20,12 +20,14 @@ from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.rare.log_interval import log_interval
 from ortilo_drake.studies.rare.subset import (
     CHAIN,
     LEAST,
     Climb,
     Paths,
     Plan,
+    Size,
     climb,
     flights_of,
     most_levels,
@@ -33,6 +35,7 @@ from ortilo_drake.studies.rare.subset import (
 )
 
 LEVEL = 0.95  # of the intervals
+PARTS = 1  # seeds of each tick; the engine's noise is of one
 AT_ONCE = 500  # flights that are counted by one job
 _IN_MEMORY = 100  # flights whose distances are held at a time
 
@@ -60,8 +63,9 @@ class Rare:
 
     Attributes:
         corridor: distance from the reference that is strayed from [m]; None where losing the vehicle is meant.
-        probability: mean of the repetitions [1]; None if none came to the event: it is then known only by counting.
-        low: lower end of the 95 % interval [1], not below 0: of the mean, or of `independent` where there is none.
+        probability: mean of the repetitions [1]; None if fewer than two came to the event: it is then known only by
+            counting.
+        low: lower end of the 95 % interval [1]: of the mean, or of `independent` where there is none.
         high: its upper end [1].
         least: the smallest probability that was sought [1].
         plan: levels [m] and steps, as the first climb chose them.
@@ -95,18 +99,23 @@ def _farthest(engine: Engine, paths: Paths) -> np.ndarray:
     parts = (
         paths.at(np.arange(i, min(i + _IN_MEMORY, len(paths.seeds)))) for i in range(0, len(paths.seeds), _IN_MEMORY)
     )
-    return np.concatenate([engine.distances(*part).max(axis=1) for part in parts])
+    return np.concatenate([engine.distances(part.seeds[:, :, 0], part.start).max(axis=1) for part in parts])
+
+
+def _size(engine: Engine) -> Size:
+    return Size(engine.ticks, sum(engine.drawn.values()), PARTS)
 
 
 def _goal(corridor: float | None) -> float:
     return np.inf if corridor is None else corridor
 
 
-def climb_flights(scenario_json: str, corridor: float | None, plan: Plan, paths: int, seed: int) -> Climb:
+def climb_flights(
+    scenario_json: str, corridor: float | None, plan: Plan, paths: int, seed: int, repetition: int
+) -> Climb:
     """Return one estimate. Runs in a worker: the arguments are plain data."""
     engine = _engine_of(scenario_json)
-    drawn = sum(engine.drawn.values())
-    return climb(partial(_farthest, engine), engine.ticks, drawn, _goal(corridor), plan, paths, seed)
+    return climb(partial(_farthest, engine), _size(engine), _goal(corridor), plan, paths, seed, repetition)
 
 
 def count_flights(scenario_json: str, corridor: float | None, seeds: range) -> int:
@@ -141,7 +150,7 @@ def rare_flights(
     Where the climb that chooses the levels never comes to the event, nothing is repeated.
 
     Args:
-        scenario: whose seed is that of the first repetition.
+        scenario: whose seed all noise is of, that of each repetition together with its number.
         corridor: distance from the reference [m]; None for losing the vehicle.
         paths: flights of a level, a multiple of CHAIN.
         repetitions: with noise of their own, at least 2.
@@ -158,7 +167,7 @@ def rare_flights(
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
     engine = _engine_of(text := scenario.model_dump_json())  # refuses before anything is kept
     event = "lost" if corridor is None else f"corridor_{corridor:g}"
-    folder, drawn = flight_folder(out, scenario), sum(engine.drawn.values())
+    folder, size = flight_folder(out, scenario), _size(engine)
     plan_file = folder / f"{event}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
     plan: Plan | None = kept_json(plan_file, Plan, in_folder(plan_file))
     if plan is None:
@@ -167,13 +176,11 @@ def rare_flights(
         def planned(flights: int) -> None:
             progress(flights, most)
 
-        plan = plan_climb(
-            partial(_farthest, engine), engine.ticks, drawn, _goal(corridor), paths, scenario.seed, least, planned
-        )
+        plan = plan_climb(partial(_farthest, engine), size, _goal(corridor), paths, scenario.seed, least, planned)
         keep_json(plan_file, plan, in_folder(plan_file))
-    seeds = range(scenario.seed, scenario.seed + repetitions if plan.reached else scenario.seed)
+    numbers = range(repetitions if plan.reached else 0)
     each = flights_of(len(plan.levels), paths)
-    done, total = plan.flights, plan.flights + each * len(seeds) + count
+    done, total = plan.flights, plan.flights + each * len(numbers) + count
 
     def advance(flights: int) -> None:
         nonlocal done
@@ -181,25 +188,23 @@ def rare_flights(
         progress(done, total)
 
     advance(0)
-    files = [plan_file.with_name(f"{plan_file.stem}_seed_{seed}.json") for seed in seeds]
-    jobs = [(text, corridor, plan, paths, seed) for seed in seeds]
-    found: list[Climb] = _run(climb_flights, jobs, files, [Climb] * len(seeds), workers, [each] * len(seeds), advance)
+    files = [plan_file.with_name(f"{plan_file.stem}_repetition_{i}.json") for i in numbers]
+    jobs = [(text, corridor, plan, paths, scenario.seed, i) for i in numbers]
+    kinds, flown = [Climb] * len(numbers), [each] * len(numbers)
+    found: list[Climb] = _run(climb_flights, jobs, files, kinds, workers, flown, advance)
     batches = [range(at, min(at + AT_ONCE, count)) for at in range(0, count, AT_ONCE)]
     files = [folder / f"{event}_counted_{b.start:08d}_{b.stop - 1:08d}.json" for b in batches]
-    counting, kinds = [(text, corridor, b) for b in batches], [_count_of(b) for b in batches]
-    counts = _run(count_flights, counting, files, kinds, workers, [len(b) for b in batches], advance)
+    counting, counts_of = [(text, corridor, b) for b in batches], [_count_of(b) for b in batches]
+    counts = _run(count_flights, counting, files, counts_of, workers, [len(b) for b in batches], advance)
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
     p = np.array([one.probability for one in found])
     flights = plan.flights + sum(one.flights for one in found)
-    if not p.any():
-        low, high = independent.low, independent.high
-        return Rare(corridor, None, low, high, least, plan, found, flights, drawn, independent, counted)
-    half = float(stats.t.ppf(0.5 + LEVEL / 2.0, len(p) - 1) * p.std(ddof=1) / np.sqrt(len(p)))
-    mean = float(p.mean())
-    low, high = max(mean - half, 0.0), mean + half
-    return Rare(corridor, mean, low, high, least, plan, found, flights, drawn, independent, counted)
+    ends = log_interval(p, LEVEL)
+    mean = float(p.mean()) if ends else None
+    low, high = ends or (independent.low, independent.high)
+    return Rare(corridor, mean, low, high, least, plan, found, flights, size.drawn, independent, counted)
 
 
 def _count_of(batch: range) -> Any:

@@ -7,6 +7,7 @@ from ortilo_drake.studies.rare.rare_flights import Rare
 from ortilo_drake.studies.rare.subset import KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
+FAR_APART = 30.0  # of the interval's ends, from which the figure is said to be a magnitude [1]
 APART = 0.25  # of acceptances at one level, from which repetitions are said to have gone different ways [1]
 
 
@@ -64,15 +65,16 @@ def _by_repetitions(found: Rare, probability: float) -> list[str]:
         f" by {len(found.repetitions)} repetitions of subset simulation,"
         f" {found.flights:,} flights in all, those that chose the levels among them.",
     ]
-    if found.low == 0.0:
-        lines += ["", "The repetitions differ so much that the interval reaches to 0: give more --paths."]
+    if found.high > FAR_APART * found.low:
+        lines += ["", "The repetitions differ by so much that this is no more than a magnitude: give more --paths."]
     return lines
 
 
 def _by_counting(found: Rare) -> list[str]:
     """Return what is known where no climb came to the event, or only one that was thrown away."""
     if found.repetitions:
-        why = f"None of {len(found.repetitions)} repetitions of subset simulation came to such a flight."
+        came = sum(one.probability > 0.0 for one in found.repetitions) or "None"
+        why = f"{came} of {len(found.repetitions)} repetitions of subset simulation came to such a flight."
     elif len(found.plan.levels) < most_levels(found.least):
         why = "Subset simulation found no flight that goes farther than its last level, and stopped."
     else:

@@ -7,14 +7,18 @@ are the next N. With the share that is at the next level in each round,
 
     p = share at L_1 x share at L_2 of those above L_1 x ... x share at the goal of those above the last.
 
-A path is made of independent parts: a seed for each tick, of which the noise of that tick is a pure function, and
+A path is made of independent pieces: J seeds for each tick, of which the noise of that tick is a pure function, and
 standard normal numbers z for what is drawn at its start. A step of a chain changes a little of all, by 0 < b <= 1:
 
-    the seed of each tick is drawn anew with the probability b,      z' = (1 - b) z + sqrt(1 - (1 - b)^2) v,  v normal,
+    each seed of each tick is drawn anew with the probability b,      z' = (1 - b) z + sqrt(1 - (1 - b)^2) v,  v normal,
 
 both reversible for the law of paths (Gibbs; S. L. Cotter et al., "MCMC methods for functions", Statistical Science 28,
 2013), and is taken if the new path is at the level or above. What depends on a sum of many ticks' noise keeps 1 - b of
 itself by either. A path runs from its start to its end, so a cause may be long before its effect.
+
+With J = 1 the noise of a tick stays or is new altogether, and where a single tick decides no chain goes up. A normal
+number of a tick that is the sum of J seeds' numbers over sqrt(J) is moved within the tick: of J seeds one that is drawn
+anew leaves 1 - 1 / J of it, the step z' = (1 - b) z + ... above with b = 1 / J.
 
 A first climb chooses levels and steps; its own estimate is thrown away. The climbs that follow take them as given, so
 that their estimates are without bias (waste-free sequential Monte Carlo: H.-D. Dau, N. Chopin, Journal of the Royal
@@ -31,6 +35,7 @@ import numpy as np
 from ortilo_drake.flight.store import Amount, Count, Share
 
 KEPT = 0.1  # share of the paths that a chosen level keeps [1]
+MOST_KEPT = 0.5  # share above which too many are equally high for a level [1]
 CHAIN = 10  # paths of a chain, its start among them
 ACCEPTED = 0.4  # share of steps that are to be taken [1]
 SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
@@ -38,11 +43,25 @@ _GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too se
 LEAST = 1e-9  # the climb that chooses levels goes no further down than to such a probability [1]
 
 
+class Size(NamedTuple):
+    """What a path is made of.
+
+    Attributes:
+        ticks: how many it has.
+        drawn: normal numbers at its start.
+        parts: seeds of each tick.
+    """
+
+    ticks: int
+    drawn: int
+    parts: int
+
+
 class Paths(NamedTuple):
     """Paths, by what they are made of.
 
     Attributes:
-        seeds: of the noise of each tick (n, ticks).
+        seeds: of the noise of each tick (n, ticks, parts).
         start: standard normal numbers, for what is drawn at the start (n, m).
     """
 
@@ -95,16 +114,16 @@ class Climb:
     met: Count
 
 
-def fresh(n: int, ticks: int, drawn: int, random: np.random.Generator) -> Paths:
-    """Return n paths, with so many normal numbers at the start of each."""
-    return Paths(random.integers(2**62, size=(n, ticks)), random.standard_normal((n, drawn)))
+def fresh(n: int, size: Size, random: np.random.Generator) -> Paths:
+    """Return n paths of that size."""
+    return Paths(random.integers(2**62, size=(n, size.ticks, size.parts)), random.standard_normal((n, size.drawn)))
 
 
 def moved(paths: Paths, step: np.ndarray, random: np.random.Generator) -> Paths:
     """Return paths a step away, b of each (n)."""
-    (n, ticks), b = paths.seeds.shape, step[:, np.newaxis]
-    new = fresh(n, ticks, paths.start.shape[1], random)
-    seeds = np.where(random.random(paths.seeds.shape) < b, new.seeds, paths.seeds)
+    (n, ticks, parts), b = paths.seeds.shape, step[:, np.newaxis]
+    new = fresh(n, Size(ticks, paths.start.shape[1], parts), random)
+    seeds = np.where(random.random(paths.seeds.shape) < b[..., np.newaxis], new.seeds, paths.seeds)
     return Paths(seeds, (1.0 - b) * paths.start + np.sqrt(1.0 - (1.0 - b) ** 2) * new.start)
 
 
@@ -127,7 +146,7 @@ def _chains(
         proposed = moved(paths[-1], step, random)
         its = run(proposed)
         taken = its >= level
-        seeds = np.where(taken[:, np.newaxis], proposed.seeds, paths[-1].seeds)
+        seeds = np.where(taken[:, np.newaxis, np.newaxis], proposed.seeds, paths[-1].seeds)
         paths.append(Paths(seeds, np.where(taken[:, np.newaxis], proposed.start, paths[-1].start)))
         found.append(np.where(taken, its, found[-1]))
         accepted.append(float(taken.mean()))
@@ -150,8 +169,7 @@ def flights_of(levels: int, paths: int) -> int:
 
 def plan_climb(
     run: Heights,
-    ticks: int,
-    drawn: int,
+    size: Size,
     goal: float,
     paths: int,
     seed: int,
@@ -164,8 +182,7 @@ def plan_climb(
 
     Args:
         run: how high each path comes.
-        ticks: of a path.
-        drawn: normal numbers at the start of a path.
+        size: what a path is made of.
         goal: how high a path must come, at least.
         paths: N, a multiple of CHAIN.
         seed: of all that is drawn.
@@ -181,14 +198,14 @@ def plan_climb(
         progress(flights)
         return its
 
-    pool = fresh(paths, ticks, drawn, random)
+    pool = fresh(paths, size, random)
     heights = counted(pool)
     met = int(np.sum(heights >= goal))
     levels: list[float] = []
     steps: list[float] = []
     while len(levels) < most_levels(least):
-        level = float(np.sort(heights)[-max(int(KEPT * paths), 1)])
-        if level >= goal or (levels and level <= levels[-1]):  # there, or no path comes higher any more
+        level = _next_level(heights, levels[-1] if levels else -np.inf)
+        if level is None or level >= goal:  # no path comes higher any more, or there
             break
         chosen = _starts(np.flatnonzero(heights >= level), paths, random)
         above = _chains(counted, pool.at(chosen), heights[chosen], level, b, False, random)
@@ -199,10 +216,27 @@ def plan_climb(
     return Plan(tuple(levels), tuple(steps), flights, met, bool(np.any(heights >= goal)))
 
 
-def climb(run: Heights, ticks: int, drawn: int, goal: float, plan: Plan, paths: int, seed: int) -> Climb:
-    """Return one estimate of the probability that a path reaches the goal, without bias; arguments as plan_climb's."""
-    random = np.random.default_rng((seed, 1))
-    pool, flights = fresh(paths, ticks, drawn, random), paths
+def _next_level(heights: np.ndarray, last: float) -> float | None:
+    """Return the height that KEPT of the paths reach, above the last level; None if no path is above that.
+
+    Where many paths are equally high it is the next height above them, which fewer reach.
+    """
+    level = float(np.sort(heights)[-max(int(KEPT * len(heights)), 1)])
+    if level > last and np.mean(heights >= level) <= MOST_KEPT:
+        return level
+    higher = heights[heights > max(level, last)]
+    if higher.size:
+        return float(higher.min())
+    return level if level > last else None
+
+
+def climb(run: Heights, size: Size, goal: float, plan: Plan, paths: int, seed: int, repetition: int) -> Climb:
+    """Return one estimate of the probability that a path reaches the goal, without bias; arguments as plan_climb's.
+
+    Each repetition of each seed has noise of its own.
+    """
+    random = np.random.default_rng((seed, 1 + repetition))
+    pool, flights = fresh(paths, size, random), paths
     heights = run(pool)
     met = int(np.sum(heights >= goal))
     kept: list[float] = []

@@ -121,6 +121,7 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
     kinds = [kind.replace("_", " ") + " ticks" * kind.startswith("bursts") for kind in found.largest_loss["hold"]]
     lines += ["Largest share of lost commands at which the second moment stays bounded:", ""]
     lines += table(["when lost", *kinds], rows)
+    lines += _acknowledged_text(found)
     late = found.delay
     if late is None:
         lines += [f"Commands may come {LONGEST} ticks late and more: filter and servo reckon with it.", ""]
@@ -132,6 +133,25 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
         header = ["link", "growth a tick", "predicted rms [m]", "flown rms [m]", "flights lost", "as predicted"]
         lines += table(header, [_case_row(case) for case in flown.cases])
     return lines
+
+
+def _acknowledged_text(found: CommandReport) -> list[str]:
+    """Return what acknowledged commands and the gain that is best for their losses would bring."""
+    lines = [
+        "If commands that arrive were acknowledged and lost ones zero, the LQG gain for the share lost"
+        f" (Schenato et al., 2007) would bear every share below {found.acknowledged_loss:.2f}.",
+        "",
+    ]
+    if not found.acknowledged_rms:
+        return lines
+    rows = [[name, *map(_cell, by_loss.values())] for name, by_loss in found.rms.items()]
+    rows.append(["acknowledged, best gain", *map(_cell, found.acknowledged_rms.values())])
+    return [
+        *lines,
+        "Predicted rms distance from the reference [m]:",
+        "",
+        *table(["share lost", *found.acknowledged_rms], rows),
+    ]
 
 
 def _case_row(case: CommandCase) -> list[str]:

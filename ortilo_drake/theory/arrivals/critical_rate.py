@@ -12,7 +12,7 @@ l_mare is where g's fixed point begins to exist, the matrix inequality of Sinopo
 l_c itself where C has full column rank on the unstable subspace (K. Plarre, F. Bullo, "On Kalman filtering for
 detectable systems with intermittent observations", IEEE TAC 54(2), 2009) and for every system that is not degenerate
 (Y. Mo, B. Sinopoli, "Kalman filtering with intermittent observations: tail distribution and critical value", IEEE TAC
-57(3), 2012).
+57(3), 2012). With two unstable modes l_c is known for degenerate systems as well, see second_order.py.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg import schur
 
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.theory.arrivals.second_order import second_order_rate, ticks_to_repeat
 from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
@@ -146,6 +147,16 @@ def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
         why = "C has full column rank on the unstable subspace" if full_rank else "the pair is not degenerate"
         sentence = f"The critical arrival probability is 1 - 1/{largest:.6g}^2 = {lower:.6g}, since {why}."
         return CriticalRate(lower, lower, upper, hypotheses, sentence)
+    if k == 2:
+        d = ticks_to_repeat(*A_u.diagonal())
+        rate = second_order_rate(largest, d)
+        power = "2" if d is None else f"{2.0 * d / (d - 1.0):.4g}"
+        again = "never twice" if d is None else f"again every {d} ticks"
+        sentence = (
+            f"The critical arrival probability is 1 - 1/{largest:.6g}^{power} = {rate:.6g}: C shows the same "
+            f"combination of the two unstable modes {again}."
+        )
+        return CriticalRate(rate, lower, upper, hypotheses, sentence)
     sentence = f"The critical arrival probability lies between {lower:.6g} and {upper:.6g}; no theorem here says where."
     return CriticalRate(None, lower, upper, hypotheses, sentence)
 

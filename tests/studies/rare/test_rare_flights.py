@@ -54,7 +54,7 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     assert len(files) == 6  # with the plan and what was counted
     plan, first, second, *_, counted = files
     assert plan.stem.endswith("plan_0")
-    assert first.stem.endswith("seed_0")
+    assert first.stem.endswith("repetition_0")
     assert "counted" in counted.stem
     before = counted.stat().st_mtime_ns
     first.write_text("{", encoding="utf-8")  # damaged: flown again
@@ -90,8 +90,12 @@ def test_a_node_of_the_cameras_slow_errors_is_of_its_ticks_seed_in_every_tick_ab
 
 @pytest.mark.long
 def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
-    """In a tenth of a second a vehicle that starts off its reference comes no nearer: its distance has a chi law."""
-    settings = ("planner={kind: hover, duration: 0.1}", "truth.start.position_sd=0.1")
+    """In a tenth of a second a vehicle that starts off its reference comes no nearer: its distance has a chi law.
+
+    Low in the middle of the room: at the authors' start a fix may be the mirror image above the anchors, of which 2 in
+    60,000 such vehicles tumble.
+    """
+    settings = ("planner={kind: hover, duration: 0.1, point: [8.0, 1.0, 1.0]}", "truth.start.position_sd=0.1")
     goal = 0.1 * float(chi(3).isf(1e-5))
     found = rare_flights(load_scenario("nominal_imu_uwb", settings), goal, 200, 8, tmp_path, 1)
     assert found.drawn > 0

@@ -1,0 +1,1 @@
+"""LQG control through a link that loses commands, with and without acknowledgement."""
