@@ -1,13 +1,14 @@
 """An estimator of ours by itself: fixes, the measurements handler and the filter, as one Diagram."""
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, belief_in
+from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, belief_in, measured_in
 from ortilo_drake.diagrams.wiring.pictures import detected
-from ortilo_drake.diagrams.wiring.whole import measured_in
 from ortilo_drake.loop.diagram import Added, add_wiring
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.wiring import Wiring
@@ -43,7 +44,8 @@ class Estimator(Diagram):
 
     def __init__(self, scenario: Belief, xbar_0: np.ndarray, detects: bool = True):
         super().__init__()
-        self._belief = belief = scenario.belief
+        belief = scenario.belief
+        self._settable, self._has_history = settable(belief), has_history(belief)
         if belief.commands.filter == "acted":
             raise InputError("commands: of an estimator by itself must be left as they are")
         room, builder = belief.load_room(), DiagramBuilder()
@@ -63,12 +65,12 @@ class Estimator(Diagram):
 
     def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
         """Set estimate (15) and covariance (15 x 15); the context is the root's."""
-        set_belief(self._added, self._belief, context, xbar, P)
+        set_belief(self._added, self._settable, context, xbar, P)
 
     @property
     def has_history(self) -> bool:
         """Whether past ticks decide what it will estimate, beside the present belief."""
-        return has_history(self._belief)
+        return self._has_history
 
 
 def shown_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
@@ -80,12 +82,32 @@ def shown_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
     return shown
 
 
-def set_belief(added: Added, belief: Belief, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
+class Settable(NamedTuple):
+    """Where the paper's filter keeps its belief.
+
+    Attributes:
+        state: which of its states begins with it.
+        n: how many states it estimates.
+    """
+
+    state: str
+    n: int
+
+
+def settable(belief: Belief) -> Settable | None:
+    """Return where a scenario's filter keeps its belief; None where it is not the paper's."""
+    if not isinstance(belief.estimator, IntermittentFilter):
+        return None
+    its = filtering_of(belief)
+    return Settable("memory" if its.replays else "belief", its.n)
+
+
+def set_belief(added: Added, kept: Settable | None, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
     """Set estimate (15) and covariance (15 x 15) of the paper's filter; what else it estimates stays as it is.
 
     Args:
         added: the Diagram's part that has the filter.
-        belief: what is known of the scenario.
+        kept: where it keeps its belief.
         context: the root's.
         xbar: estimate of [x; i].
         P: its covariance.
@@ -93,13 +115,11 @@ def set_belief(added: Added, belief: Belief, context: Context, xbar: np.ndarray,
     Raises:
         InputError: if the filter is another one.
     """
-    if not isinstance(belief.estimator, IntermittentFilter):
-        raise InputError(f"estimator: {belief.estimator.kind}: has no method SetBelief, it cannot be resumed")
-    its = filtering_of(belief)
-    state, size = "memory" if its.replays else "belief", its.n + its.n**2
-    values = added.state_of(context, "filter", state).copy()
-    values[:size] = with_known_part(values[:size], its.n, xbar, P)
-    added.set_state(context, "filter", state, values)
+    if kept is None:
+        raise InputError("estimator: has no method SetBelief, it cannot be resumed")
+    size, values = kept.n + kept.n**2, added.state_of(context, "filter", kept.state).copy()
+    values[:size] = with_known_part(values[:size], kept.n, xbar, P)
+    added.set_state(context, "filter", kept.state, values)
 
 
 def has_history(belief: Belief) -> bool:

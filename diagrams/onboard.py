@@ -20,12 +20,11 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import has_history, set_belief
+from ortilo_drake.diagrams.estimator import has_history, set_belief, settable
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, onboard_boxes
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measured_in, onboard_boxes
 from ortilo_drake.diagrams.wiring.pictures import detected
-from ortilo_drake.diagrams.wiring.whole import measured_in
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import outside
 from ortilo_drake.loop.wiring import Wiring
@@ -82,7 +81,8 @@ class Onboard(Diagram):
         fused: bool = False,
     ):
         super().__init__()
-        self._belief = belief = scenario.belief
+        belief = scenario.belief
+        self._settable, self._has_history = settable(belief), has_history(belief)
         plan, room, builder = trajectory or planned(belief, parts.planner), belief.load_room(), DiagramBuilder()
         self.r_0 = start_of(plan)
         messages = message_boxes(belief, room, detects)
@@ -117,7 +117,7 @@ class Onboard(Diagram):
             InputError: if the estimator cannot be set.
         """
         if self._own is None:
-            set_belief(self._added, self._belief, context, xbar, P)
+            set_belief(self._added, self._settable, context, xbar, P)
         elif hasattr(self._own, "SetBelief"):
             self._own.SetBelief(context, xbar, P)
         else:
@@ -126,7 +126,7 @@ class Onboard(Diagram):
     @property
     def has_history(self) -> bool:
         """Whether past ticks decide what will be estimated, beside the present belief."""
-        return has_history(self._belief) if self._own is None else bool(getattr(self._own, "has_history", True))
+        return self._has_history if self._own is None else bool(getattr(self._own, "has_history", True))
 
 
 def make_onboard(

@@ -3,7 +3,10 @@
 Else the vehicle is made of elements: wiring/vehicle.py.
 """
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from itertools import pairwise
+from typing import NamedTuple
+
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import ZeroOrderHold
 
 from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes
@@ -25,13 +28,26 @@ from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 _INSTANT = 1e-6  # s: the tick of what changes a wrench at any time
 
 
-def add_vehicle(
-    builder: DiagramBuilder, scenario: Scenario, command_period: float | None
-) -> tuple[System, dict[str, OutputPort]]:
-    """Add the plant with what commands and pushes it; return it, and its ports.
+class Integrated(NamedTuple):
+    """A vehicle that Drake integrates.
 
-    They are state, control, disturbance and, where the scenario wants it, acted. The Diagram gets the inputs control
-    or, with a command_period, command and command_stamp.
+    Attributes:
+        plant: its System.
+        ports: state, control, disturbance and, where the scenario wants it, acted.
+        boxes: those of its elements, each with what it reads.
+        systems: that play them, by name.
+    """
+
+    plant: System
+    ports: dict[str, OutputPort]
+    boxes: list[Box]
+    systems: dict[str, System]
+
+
+def add_vehicle(builder: DiagramBuilder, scenario: Scenario, command_period: float | None) -> Integrated:
+    """Add the plant with what commands and pushes it.
+
+    The Diagram gets the inputs control or, with a command_period, command and command_stamp.
 
     Args:
         builder: of the world.
@@ -42,17 +58,18 @@ def add_vehicle(
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or h, N_U))
     plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, scenario.world.kinematics))
     pushing = disturbance_boxes(scenario)
-    pushes = add_wiring(builder, Wiring(pushing), {"disturbance": pushing[-1].name}, h).outputs["disturbance"]
+    pushes = add_wiring(builder, Wiring(pushing), {"disturbance": pushing[-1].name}, h, seed=scenario.seed)
     disturbance = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
-    builder.Connect(pushes, disturbance.get_input_port())
+    builder.Connect(pushes.outputs["disturbance"], disturbance.get_input_port())
     builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
-    acting: list[System] = [hold]
-    if scenario.world.rotors.kind == "first_order":
-        acting.append(builder.AddSystem(Rotors_[float](vehicle)))
-    acting += [builder.AddSystem(_at_any_time(box)) for box in _changes(scenario)]
-    for before, after in zip(acting, [*acting[1:], plant], strict=True):
-        port = after.GetInputPort("control") if after.HasInputPort("control") else after.get_input_port()
-        builder.Connect(before.get_output_port(), port)
+    changes = {box.name: box.reading(control="control") for box in _changes(scenario)}
+    made = {name: system_of(Wiring([box, outside("control", N_U)]), _INSTANT) for name, box in changes.items()}
+    changing = [builder.AddSystem(system) for system in made.values()]
+    acting: list[System] = [*changing, hold]
+    if scenario.world.rotors.kind == "first_order":  # their speeds are what lags, not the wrench as it is changed
+        acting = [hold, builder.AddSystem(Rotors_[float](vehicle)), *changing]
+    for before, after in pairwise([*acting, plant]):
+        builder.Connect(before.get_output_port(), _control_of(after))
     ports = {
         "state": plant.GetOutputPort("state"),
         "control": acting[-1].get_output_port(),
@@ -63,8 +80,13 @@ def add_vehicle(
         is_late = command_period is not None or scenario.command_link != CommandLinkSettings()
         report = ActedReport(vehicle, h, command_period or h, is_late, command_period is not None)
         ports["acted"] = builder.AddSystem(report).get_output_port()
-    _command(builder, scenario, hold, plant, report, command_period)
-    return plant, ports
+    link = _command(builder, scenario, _control_of(acting[0]), plant, report, command_period)
+    boxes = [*pushing, *changes.values(), outside("control", N_U)]
+    return Integrated(plant, ports, boxes, pushes.systems | made | ({"command_link": link} if link else {}))
+
+
+def _control_of(system: System) -> InputPort:
+    return system.GetInputPort("control") if system.HasInputPort("control") else system.get_input_port()
 
 
 def _changes(scenario: Scenario) -> list[Box]:
@@ -77,21 +99,17 @@ def _changes(scenario: Scenario) -> list[Box]:
     return boxes
 
 
-def _at_any_time(box: Box) -> System:
-    """Return the system of a box that reads the control and is asked between two ticks."""
-    return system_of(Wiring([box.reading(control="control"), outside("control", N_U)]), _INSTANT)
-
-
 def _command(
     builder: DiagramBuilder,
     scenario: Scenario,
-    hold: System,
+    commanded: InputPort,
     plant: System,
     report: ActedReport | None,
     command_period: float | None,
-) -> None:
-    """Connect what commands the vehicle: the failsafe in real time, else the command link."""
-    told = [hold.get_input_port(), *([report.GetInputPort("control")] if report else [])]
+) -> System | None:
+    """Connect what commands the vehicle, the failsafe in real time, else the command link, which is returned."""
+    link: System | None = None
+    told = [commanded, *([report.GetInputPort("control")] if report else [])]
     if command_period is not None:
         failsafe = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
         builder.ExportInput(failsafe.GetInputPort("command"), "command")
@@ -114,6 +132,7 @@ def _command(
         control = builder.ExportInput(told[0], "control")
         for port in told[1:]:
             builder.ConnectInput(control, port)
-        return
+        return None
     for port in told:
         builder.Connect(commands, port)
+    return link

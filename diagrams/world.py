@@ -1,7 +1,7 @@
 """The world: the vehicle, its sensors and the links."""
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Multiplexer
 
 from ortilo_drake.diagrams.faults import check_room
@@ -67,23 +67,28 @@ class World(Diagram):
         check_room(scenario, room)
         self._scenario, self._room = scenario, room
         self._plant, sources = None, dict[str, OutputPort]()
+        beside, systems = list[Box](), dict[str, System]()  # of a vehicle that Drake integrates
         own = [name for name in scenario.sensors if is_system(scenario, name)]
         if command_period is not None or any(scenario.samples(name) > 1 for name in own):
-            self._plant, ports = add_vehicle(builder, scenario, command_period)
-            boxes, sources = _integrated(builder, scenario, ports)
+            vehicle = add_vehicle(builder, scenario, command_period)
+            self._plant, beside, systems = vehicle.plant, vehicle.boxes, vehicle.systems
+            boxes, sources = _integrated(builder, scenario, vehicle.ports)
             sensing, messages = sensors_boxes(scenario, room, whole_imu=True)
             boxes += sensing
         else:
             boxes, messages = world_boxes(scenario, room, np.zeros(3), whole_imu=True)
             boxes.append(outside("servo", N_U))
-        self._wiring = Wiring(boxes)
+        wiring, self._wiring = Wiring(boxes), Wiring([*boxes, *beside])
         names = {"state": "plant"} | {_port_of(scenario, sensor): box.name for sensor, box in messages.items()}
         names |= {"velocity": "velocity"} if scenario.lends_velocities else {}
         names |= {"acted": "acted_delivered"} if scenario.commands.are_reported else {}
         if scenario.is_rendered:
-            names["seen"] = _seen(self._wiring)
+            names["seen"] = _seen(wiring)
         grain = "elements" if fused else None
-        self._added = add_wiring(builder, self._wiring, names, scenario.h, sources, grain, {"servo": "control"})
+        self._added = add_wiring(
+            builder, wiring, names, scenario.h, sources, grain, {"servo": "control"}, scenario.seed
+        )
+        self._added.systems.update(systems)
         outputs = self._added.outputs
         for name in names:
             if name != "seen":
@@ -107,15 +112,20 @@ class World(Diagram):
             drawn = self.Drawn(context)
             x_0[0:3] += drawn["start.position"]
             x_0[5] += drawn["start.yaw"]
+        self.SetState(context, x_0)
         if self._plant is not None:
-            self._plant.SetState(self._plant.GetMyMutableContextFromRoot(context), x_0)
             hold = self.GetSubsystemByName("hold")
             hover = [self._scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0]
             hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), hover)
+
+    def SetState(self, context: Context, x: np.ndarray) -> None:
+        """Set the true state x (12); rotors and what was felt stay as they are. The context is the root's."""
+        if self._plant is not None:
+            self._plant.SetState(self._plant.GetMyMutableContextFromRoot(context), x)
             return
         box, state = ("vehicle", "body") if "vehicle" in self._wiring.boxes else ("plant", "x")
-        body = self._wiring.boxes[box].given.start[state].copy()
-        body[:N_X] = x_0
+        body = self._added.state_of(context, box, state).copy()
+        body[:N_X] = x
         self._added.set_state(context, box, state, body)
 
     def SetSeed(self, context: Context, seed: int) -> None:

@@ -116,6 +116,14 @@ def belief_in(boxes: list[Box]) -> str:
     return "filter.belief" if "belief" in named["filter"].parts else "filter"
 
 
+def measured_in(boxes: list[Box]) -> dict[str, str]:
+    """Return what says y, delta and V2 as they reach the filter."""
+    named = {box.name: box for box in boxes}
+    told = "robust_gate" if "robust_gate" in named else "handler"
+    own = named["estimator"].parts if "estimator" in named else {}
+    return {name: f"estimator.{name}" if name in own else f"{told}.{name}" for name in ("y", "delta", "V2")}
+
+
 def force_in(boxes: list[Box]) -> str | None:
     """Return what says the force that is believed to act; None where no estimator knows it."""
     return next((f"{box.name}.force" for box in boxes if "force" in box.parts), None)

@@ -3,7 +3,7 @@
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.faults import check_room
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, onboard_boxes, system_of
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, measured_in, onboard_boxes, system_of
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
@@ -31,14 +31,6 @@ def signals_of(boxes: list[Box]) -> dict[str, str]:
     """Return which box, or part of one, says each signal of a flight's log."""
     signals = {"state": "plant", "control": "servo", "reference": "reference", "belief": belief_in(boxes)}
     return signals | measured_in(boxes)
-
-
-def measured_in(boxes: list[Box]) -> dict[str, str]:
-    """Return what says y, delta and V2 as they reach the filter."""
-    named = {box.name: box for box in boxes}
-    told = "robust_gate" if "robust_gate" in named else "handler"
-    own = named["estimator"].parts if "estimator" in named else {}
-    return {name: f"estimator.{name}" if name in own else f"{told}.{name}" for name in ("y", "delta", "V2")}
 
 
 def why_not(scenario: Scenario) -> str | None:

@@ -110,6 +110,7 @@ def add_wiring(
     sources: Mapping[str, OutputPort] = NO_SOURCES,
     fused: str | None = None,
     inputs_named: Mapping[str, str] = AS_THEIR_BOXES,
+    seed: int = 0,
 ) -> Added:
     """Add a wiring to a Diagram that is being built.
 
@@ -124,6 +125,7 @@ def add_wiring(
         sources: output ports in the place of boxes of OUTSIDE, by their names.
         fused: name of the one system that all elements become; None for a system each.
         inputs_named: names of the Diagram's inputs, where they are not those of the boxes of OUTSIDE.
+        seed: of all noise in a default Context.
     """
     shows = {
         name: [_said(wiring, one) for one in ([said] if isinstance(said, str) else said)]
@@ -143,13 +145,13 @@ def add_wiring(
             readers += [(whole.get_input_port(i), name) for i, name in enumerate(box.holds)]
             ports[box.name] = whole.get_output_port()
     units = [_all_in_one(wiring, fused)] if fused else _each_by_itself(wiring)
-    joined = {name: tuple(said) for name, said in shows.items() if fused and len(said) > 1}
+    joined = {name: tuple(said) for name, said in shows.items() if len(said) > 1 and all(map(units[0].plays, said))}
     wanted = [said for _, said in readers] + [said for unit in units for said in unit.reads.values()]
     wanted += [one for name, said in shows.items() if name not in joined for one in said]
     outputs: dict[str, OutputPort] = {}
     for unit in units:
         own = {unit.port_of(said): (said,) for said in wanted if unit.plays(said)}
-        system = builder.AddSystem(WiredSystem_[float](unit.name, unit.wiring, own | joined, h))
+        system = builder.AddSystem(WiredSystem_[float](unit.name, unit.wiring, own | joined, h, seed))
         systems[unit.name] = system
         ports |= {said: system.GetOutputPort(port) for port, (said,) in own.items()}
         outputs |= {port: system.GetOutputPort(port) for port in joined}

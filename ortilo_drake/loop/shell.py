@@ -174,16 +174,24 @@ def WiredSystem_(T: type) -> type:
             wiring: its boxes, with one of OUTSIDE for each input.
             outputs: what each output port shows, by its name: signals, "box" or "box.part", one after the other.
             h: tick [s].
+            seed: of all noise in a default Context.
         """
 
         def _construct(
-            self, name: str, wiring: Wiring, outputs: dict[str, tuple[str, ...]], h: float, converter: Any = None
+            self,
+            name: str,
+            wiring: Wiring,
+            outputs: dict[str, tuple[str, ...]],
+            h: float,
+            seed: int = 0,
+            converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name(name)
-            self._arguments = {"name": name, "wiring": wiring, "outputs": outputs, "h": h}
+            self._arguments = {"name": name, "wiring": wiring, "outputs": outputs, "h": h, "seed": seed}
             self._h, self._wiring, self._places = h, wiring, places_of(wiring)
             reading, memory = Reading(wiring), Memory(wiring, self._places)
+            memory.seeds = np.array([seed])
             self._given = self.DeclareAbstractParameter(Value[object](memory))
             self._ports = {i: self.DeclareVectorInputPort(i, box.size) for i, box in reading.inputs.items()}
             self._at = {i: (self._places.said[i], box.size) for i, box in reading.inputs.items()}

@@ -84,11 +84,10 @@ def messages(world: Diagram, port: str, h: float, ticks: int = 31) -> np.ndarray
     """Return what a world's port says at each tick while the vehicle stands still at one state."""
     context = world.CreateDefaultContext()
     world.GetInputPort("control").FixValue(context, [2.7 * 9.81, 0.0, 0.0, 0.0])
-    plant = world.GetSubsystemByName("quadrotor")
     found = []
     for k in range(ticks):
         context.SetTime(k * h)
-        plant.SetState(plant.GetMyMutableContextFromRoot(context), [8.0, 1.0, 1.5, *[0.02] * 9])
+        world.SetState(context, np.array([8.0, 1.0, 1.5, *[0.02] * 9]))
         found.append(world.GetOutputPort(port).Eval(context).copy())
     return np.array(found)
 
@@ -121,8 +120,7 @@ def test_a_message_is_a_function_of_seed_and_tick_not_of_the_order_of_asking() -
     forward = messages(world, "detections", h)
     context = world.CreateDefaultContext()
     world.GetInputPort("control").FixValue(context, [2.7 * 9.81, 0.0, 0.0, 0.0])
-    plant = world.GetSubsystemByName("quadrotor")
     for k in reversed(range(0, 31, 3)):
         context.SetTime(k * h)
-        plant.SetState(plant.GetMyMutableContextFromRoot(context), [8.0, 1.0, 1.5, *[0.02] * 9])
+        world.SetState(context, np.array([8.0, 1.0, 1.5, *[0.02] * 9]))
         assert world.GetOutputPort("detections").Eval(context).tobytes() == forward[k].tobytes()

@@ -237,9 +237,8 @@ def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> 
     context = simulator.get_mutable_context()
     diagram.SetHovering(context)
     x_0 = np.array([0.05, -0.04, 0.03, 0.01, -0.02, 0.01, 0.02, 0.01, -0.02, 0.02, 0.01, -0.01])
-    plant = diagram.GetSubsystemByName("world").GetSubsystemByName("plant")
     r = np.concatenate([[8.0, 1.0, 1.5], np.zeros(9)])
-    plant.SetState(plant.GetMyMutableContextFromRoot(context), r + x_0)
+    diagram.GetSubsystemByName("world").SetState(context, r + x_0)
     ticks = 90
     simulator.AdvanceTo((ticks - 0.5) * scenario.h)
     log = diagram.GetSubsystemByName("log").FindLog(context).data().T
