@@ -114,13 +114,16 @@ class OnboardHalf:
         scenario: the scenario, of which the belief is all that is taken.
         trajectory: the path to fly; by default what the scenario's planner plans.
         detects: whether it looks at a rendered camera's pictures; if not, it takes detections.
+        fused: whether all its elements are one system, which is faster, or a system each.
     """
 
-    def __init__(self, scenario: Belief, trajectory: Trajectory | None = None, detects: bool = True):
+    def __init__(
+        self, scenario: Belief, trajectory: Trajectory | None = None, detects: bool = True, fused: bool = True
+    ):
         scenario = scenario.belief
         plan = trajectory or planned(scenario)
         self._path = plan if isinstance(plan, Trajectory) else None
-        self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True, fused=True)
+        self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True, fused=fused)
         self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
         self._ports = {port.get_name(): port for port in ports}

@@ -21,43 +21,40 @@ def scenario_of(*settings: str) -> Scenario:
 @pytest.mark.parametrize("settings", [("camera.kind=projected",), LATE])
 def test_every_output_comes_after_what_it_depends_on(settings: tuple[str, ...]) -> None:
     """Evaluating in the order, each port is the only one whose calculation Drake has still to do."""
-    onboard = OnboardHalf(scenario_of(*settings)).diagram
+    onboard = OnboardHalf(scenario_of(*settings), fused=False).diagram
     names = block_names(onboard)
     order = [(names[port.get_system().GetSystemPathname()], port.get_name()) for port in dataflow_order(onboard)]
     every = [(names[s.GetSystemPathname()], s.get_output_port(j).get_name()) for s in leaves(onboard) for j in
              range(s.num_output_ports())]  # fmt: skip
     assert sorted(order) == sorted(set(every))
-    of_servo = {name for path, name in names.items() if "::lq_servo" in path}  # one block, or several
-    first_of_servo = min(i for i, (name, _) in enumerate(order) if name in of_servo)
 
     def comes(*chain: tuple[str, str]) -> bool:
         return [key for key in order if key in chain] == list(chain)
 
-    measurement = ("measurement_stack", "measurement")
-    assert comes(("multilateration", "fix"), measurement)
-    assert comes(("landmark_fix", "fix"), measurement)
-    assert comes(("kalman_filter", "belief"), ("Demultiplexer", "y0"))
-    assert max(order.index(key) for key in (("planner", "y0"), ("Demultiplexer", "y0"))) < first_of_servo
-    assert [names[system.GetSystemPathname()] for system in updating_systems(onboard)] == ["kalman_filter"]
+    handled = ("handler", "delta")
+    assert comes(("uwb_fix", "uwb_fix"), handled)
+    assert comes(("camera_fix", "camera_fix"), handled)
+    assert comes(("planner", "y0"), ("servo", "servo"))
+    assert "filter" in [names[system.GetSystemPathname()] for system in updating_systems(onboard)]
     if settings == LATE:  # a fix starts from the belief of when its message was true
-        of_camera = "Demultiplexer 3"
-        assert comes(("kalman_filter", "belief_camera"), (of_camera, "y0"), (of_camera, "y1"), ("landmark_fix", "fix"))
+        assert comes(("camera_past", "camera_past"), ("camera_fix", "camera_fix"), handled)
 
 
 @pytest.mark.parametrize("scenario", [scenario_of(*LATE), load_scenario("flow")], ids=["late", "flow"])
 def test_every_leaf_is_a_block_with_a_name_of_its_own(scenario: Scenario) -> None:
     """As many as Drake draws in a picture of the Diagram."""
-    onboard = OnboardHalf(scenario).diagram
+    onboard = OnboardHalf(scenario, fused=False).diagram
     drawn = re.findall(r"^s\d+ \[shape=none, border=0", onboard.GetGraphvizString(), re.MULTILINE)
     names = block_names(onboard)
     assert len(set(names.values())) == len(names) == len(leaves(onboard)) == len(drawn)
     fixes = {f"{sensor}_fix" for sensor in scenario.own_sensors}
-    assert {"planner", "kalman_filter", "measurement_stack"} | fixes <= set(names.values())
+    assert {"planner", "filter", "handler"} | fixes <= set(names.values())
 
 
 def test_block_by_block_the_flight_is_the_same() -> None:
     scenario = scenario_of("camera.kind=projected")
-    world, plain, timed = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
+    world = WorldHalf(scenario)
+    plain, timed = OnboardHalf(scenario, fused=False), OnboardHalf(scenario, fused=False)
     ports, updating = dataflow_order(timed.diagram), updating_systems(timed.diagram)
     for _ in range(40):
         messages = world.sample()
@@ -85,7 +82,7 @@ def test_a_profile_finds_the_tick_in_its_blocks() -> None:
     """No limit in time: only that every block was timed, and that the shares make up the tick timed whole."""
     scenario = scenario_of("camera.kind=projected")
     rows = {row.block: row for row in profile_onboard(scenario, 60)}
-    blocks = set(block_names(OnboardHalf(scenario).diagram).values())
+    blocks = set(block_names(OnboardHalf(scenario, fused=False).diagram).values())
     assert set(rows) == blocks | {REST, WHOLE}
     assert sum(row.share for name, row in rows.items() if name != WHOLE) == pytest.approx(1.0)
     assert all(row.median_us > 0.0 for name, row in rows.items() if name in blocks)

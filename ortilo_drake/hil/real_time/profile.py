@@ -100,7 +100,8 @@ def profile_onboard(scenario: Scenario, ticks: int) -> list[Row]:
     if last <= TICKS:
         raise InputError(f"ticks: {ticks} of {flight_ticks(scenario)}: at least 1, in a flight of more than {TICKS}")
     warm_up(scenario)
-    world, flying, timed = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
+    world = WorldHalf(scenario)
+    flying, timed = OnboardHalf(scenario, fused=False), OnboardHalf(scenario, fused=False)
     ports, updating = dataflow_order(timed.diagram), updating_systems(timed.diagram)
     blocks, wholes = [], []
     for _ in range(last):
