@@ -4,10 +4,7 @@ Floats run through compiled functions: of one box each function is called by its
 calls them one after the other. AutoDiffXd and Expression run through the plain source (plain.py).
 """
 
-import ctypes
 import sys
-from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,134 +14,13 @@ from pydrake.symbolic import Expression
 from pydrake.systems.framework import BasicVector_, LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.loop.digest import digest_of
-from ortilo_drake.loop.element import OUTSIDE, Box, Given, outside, takes
-from ortilo_drake.loop.native import load, native_of
-from ortilo_drake.loop.plain import plain_source
+from ortilo_drake.loop.calls import PlainCalls, Reading, compiled_calls
+from ortilo_drake.loop.element import OUTSIDE, Given, outside
 from ortilo_drake.loop.player import Memory
-from ortilo_drake.loop.source import line_of, part_text, place_of, places_of
+from ortilo_drake.loop.source import place_of, places_of
 from ortilo_drake.loop.wiring import Wire, Wiring
 
-Calls = list[tuple[Box, str]]
-
-
-class Reading:
-    """What a part of a wiring reads of its outside within a tick, and the calls that a tick makes.
-
-    Attributes:
-        inputs: boxes that stand for what comes from outside, by name.
-        reads: of each box that computes what it says, the names of the inputs that this depends on within a tick.
-        groups: the calls that say what depends on these inputs, by their names; of no input first.
-        steps: the calls that change states.
-    """
-
-    def __init__(self, wiring: Wiring):
-        self._wiring = wiring
-        self.inputs = {name: box for name, box in wiring.boxes.items() if box.element is OUTSIDE}
-        self.reads: dict[str, frozenset[str]] = {name: frozenset([name]) for name in self.inputs}
-        for box in wiring.out_order:
-            wires = (wiring.wires[box.name, port] for port in box.element.inputs_of(box.element.functions["out"]))
-            self.reads[box.name] = frozenset().union(*(self.of(wire.box) for wire in wires))
-        said = [box for box in wiring.out_order if box.element.out]
-        free: Calls = [(box, "out") for box in said if not self.reads[box.name]]
-        self.groups: dict[frozenset[str], Calls] = {frozenset(): free}
-        for needs in {self.reads[box.name] for box in said if self.reads[box.name]} | {self.all}:
-            if needs:
-                its = [box for box in said if self.reads[box.name] and self.reads[box.name] <= needs]
-                self.groups[needs] = [(box, "out") for box in its]
-        self.steps: Calls = [(box, "step") for box in wiring.step_order]
-
-    def of(self, name: str) -> frozenset[str]:
-        """Return the inputs that what a box says depends on within a tick."""
-        held = self._wiring.boxes[name].holds
-        return self.reads.get(name, frozenset()).union(*(self.of(one) for one in held))
-
-    @property
-    def all(self) -> frozenset[str]:
-        """The inputs that anything that is said depends on within a tick."""
-        return frozenset().union(*(self.of(name) for name in self._wiring.boxes if name not in self.inputs))
-
-
-def compiled_calls(wiring: Wiring, parts: dict[str, Calls]) -> dict[str, Callable[..., None]]:
-    """Return functions (N, S, W, Y, T, seeds, k) of compiled code, by name, that make calls one after the other."""
-    places, boxes = places_of(wiring), [box for box in wiring.boxes.values() if box.element.functions]
-    if len(boxes) == 1:
-        return {name: _single(wiring, calls) for name, calls in parts.items()}
-    text = part_text(wiring, places, parts)
-    module = load(f"part_{digest_of(text)}", text, {})
-    return {name: getattr(module, name) for name in parts}
-
-
-def _single(wiring: Wiring, calls: Calls) -> Callable[..., None]:
-    """Return likewise a function that makes the call of one box by itself: nothing is compiled but the element."""
-    places = places_of(wiring)
-    lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls) or "    pass"
-    text = f"""def call(N_, S_, W_, Y_, T, seeds, k):
-    N, S, W, Y = (array.__array_interface__["data"][0] for array in (N_, S_, W_, Y_))
-    seed = int(seeds[0])
-{lines}
-"""
-    made: dict[str, Any] = {f"{box.name}_{what}": _entry(box, what) for box, what in calls}
-    exec(_code(text), made)
-    call: Callable[..., None] = made["call"]
-    return call
-
-
-@lru_cache(maxsize=512)
-def _code(text: str) -> Any:
-    return compile(text, "<element>", "exec")
-
-
-def _entry(box: Box, what: str) -> Any:
-    native = native_of(box.element)[what]
-    return ctypes.PYFUNCTYPE(None, *[ctypes.c_int64] * native.arguments)(native.address)
-
-
-class PlainCalls:
-    """Calls of plain source, on arrays of any scalar.
-
-    Args:
-        wiring: whose boxes they are.
-        T: the scalar type.
-    """
-
-    def __init__(self, wiring: Wiring, T: type):
-        self._wiring, self._places, self._T = wiring, places_of(wiring), T
-        self._functions = {
-            (box.name, what): (plain_source(f), takes(f))
-            for box in wiring.boxes.values()
-            for what, f in box.element.functions.items()
-        }
-
-    def make(self, calls: Calls, memory: Memory, S: np.ndarray, Y: np.ndarray, k: int) -> None:
-        """Make calls one after the other; they read and write states and what is said.
-
-        Raises:
-            RuntimeError: naming the box whose plain source takes no such scalar.
-        """
-        work = np.full(self._places.sizes[2], self._T(0.0))
-        for box, what in calls:
-            function, names = self._functions[box.name, what]
-            common = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
-            known = memory, S, Y, work
-            arguments = [common[name] if name in common else self._argument(box, name, *known) for name in names]
-            try:
-                function(*arguments)
-            except (TypeError, AttributeError, RuntimeError) as error:
-                raise RuntimeError(f"{box.name}: its {what} takes no {self._T.__name__}: {error}") from error
-
-    def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
-        if name == "n":
-            return memory.numbers_of(box.name)
-        if name in box.element.own:
-            for places, array in ((self._places.state, S), (self._places.work, work)):
-                if (box.name, name) in places:
-                    at, shape = places[box.name, name]
-                    return array[at : at + int(np.prod(shape))].reshape(shape)
-            return memory.table_of(box.name, name)
-        wire = Wire(box.name, 0, box.size) if name == "out" else self._wiring.wires[box.name, name]
-        letter, at = place_of(self._wiring, self._places, wire)
-        return (S if letter == "S" else Y)[at : at + wire.size]
+_NOTHING = np.zeros(0)
 
 
 @TemplateSystem.define("WiredSystem_", T_list=[float, AutoDiffXd, Expression], scope=sys.modules[__name__])
@@ -326,9 +202,6 @@ def WiredSystem_(T: type) -> type:
             context.SetDiscreteState(whole)
 
     return Impl
-
-
-_NOTHING = np.zeros(0)
 
 
 def _value_of(scalar: Any) -> float:
