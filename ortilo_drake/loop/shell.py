@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.symbolic import Expression
-from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.framework import BasicVector_, LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.digest import digest_of
@@ -208,15 +208,15 @@ def WiredSystem_(T: type) -> type:
         def _declare_group(self, i: int, needs: frozenset[str]) -> None:
             size = self._places.sizes[3]
 
-            def calc(context: Any, output: Any) -> None:
+            def calc(context: Any, value: Any) -> None:
                 inputs = {name: self._ports[name].Eval(context) for name in needs}
                 Y = self._groups[frozenset()].Eval(context).copy() if needs else zeros(size)
                 self._put(inputs, Y)
                 self._make(f"said_{i}", context, self._state_in(context), Y)
-                output.SetFromVector(Y)
+                value.set_value(Y)
 
-            port = self.DeclareVectorOutputPort(f"said_{i}", size, calc, prerequisites_of_calc=self._tickets(needs))
-            self._groups[needs] = port
+            producer = ValueProducer(allocate=lambda: Value[object](zeros(size)), calc=calc)
+            self._groups[needs] = self.DeclareCacheEntry(f"said_{i}", producer, self._tickets(needs))
 
         def _declare_output(self, name: str, wires: list[Wire], reading: Reading) -> None:
             size, places = sum(wire.size for wire in wires), [place_of(self._wiring, self._places, w) for w in wires]
