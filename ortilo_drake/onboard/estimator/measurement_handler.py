@@ -134,17 +134,6 @@ def put_measurements(
         delta[j] = 1.0
 
 
-@njit(cache=True)
-def stack_measurements(
-    messages: np.ndarray, xhat: np.ndarray, P: np.ndarray, k: int, h: float, incoming: Incoming, layout: Layout
-) -> np.ndarray:
-    """Return [y, delta, V2, stamps] of tick k (p + 2 s + q); arguments as put_measurements'."""
-    _, _, _, first, block, _ = layout
-    out = np.zeros(first[-1] + block[-1] + 2 * (first.size - 1), messages.dtype)
-    put_measurements(out, messages, xhat, P, k, h, incoming, layout)
-    return out
-
-
 def oldest_used(delay: str, horizon: float, h: float) -> int:
     """Return the largest age of a measurement that is used [ticks], as estimator.delay and its horizon [s] have it."""
     return history_ticks(horizon, h) - 1 if delay == "replay" else MAX_AGE
