@@ -32,8 +32,6 @@ from ortilo_drake.onboard.commands.timeline import mean_control
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
-N_BELIEF = N_XBAR + N_XBAR * N_XBAR  # [xhat, P row by row] of [x; i]
-
 
 class Slot(NamedTuple):
     """Where everything begins in a slot of the history; an empty one has tick -1. Slot j is row j mod N."""
