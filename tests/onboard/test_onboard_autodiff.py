@@ -12,10 +12,14 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.filter_element import filter_box
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, FilterModel
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of
+from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
+from ortilo_drake.onboard.estimator.robust.opening import opening_variances
+from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_box
 from ortilo_drake.scenario import LqServo, Multilateration, ServoWeights
+from ortilo_drake.scenario.robust import HuberWeight, Opening, Robust
 
 H = 1.0 / 30.0
 P_WB = np.array([1.0, 0.7, 1.4])
@@ -141,3 +145,21 @@ def test_the_filter_follows_estimate_and_values_by_the_gain_of_what_arrived(delt
     np.testing.assert_allclose(slopes[:, :12], Phi @ (np.eye(12) - K @ C), atol=1e-10)
     np.testing.assert_allclose(slopes[:, 15:][:, here], Phi @ K, atol=1e-10)
     assert not slopes[:, 15:][:, ~here].any()
+
+
+def test_what_is_refused_or_weighed_is_a_constant_of_the_slopes() -> None:
+    """At 4 standard deviations Huber's weight of c = 2 is 2; at 100 a value is refused."""
+    measurement, sd = make_measurement(), np.sqrt(0.01 + 0.03)
+    robust = Robust(weight=HuberWeight(c=2.0), adaptation=None, drift=None)
+    box = gate_box(weighing_of(robust, measurement, 3), opening_variances(Opening(), ()), [-1] * 3, H)
+    y = np.zeros(9)
+    y[0], y[3] = 4.0 * sd, 100.0 * sd
+    V2, P = 0.03 * np.tile(np.eye(3).ravel(), 3), 0.01 * np.eye(15)
+    belief, both = np.concatenate([np.zeros(15), P.ravel()]), varied(np.concatenate([y, V2]))
+    said = PlayedBox(box).parts(y=both[:9], V2=both[9:], delta=np.ones(3), belief=belief, past=np.zeros(1))
+    slopes = {name: ExtractGradient(values[:, None]) for name, values in said.items() if name in ("y", "V2")}
+    np.testing.assert_array_equal(slopes["y"], np.eye(9, 36) * np.repeat([1.0, 0.0, 1.0], 3)[:, None])
+    scaled = {0: 2.0, 2: 1.0}  # of the sensors that are used
+    for j, factor in scaled.items():
+        rows = slice(9 * j, 9 * j + 9)
+        np.testing.assert_allclose(slopes["V2"][rows], factor * np.eye(27, 36, 9)[rows], rtol=1e-12)
