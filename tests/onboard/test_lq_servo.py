@@ -99,4 +99,4 @@ def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
     expected = servo_control(
         known, reference, servo_gain(M100, ServoWeights(), H, yaw), M100.mass, yaw, form == "error"
     )
-    np.testing.assert_array_equal(servo.GetOutputPort("control").Eval(context), expected)
+    np.testing.assert_array_equal(servo.get_output_port().Eval(context), expected)
