@@ -24,7 +24,7 @@ from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
-from ortilo_drake.onboard.estimator.robust.system import opening_variances
+from ortilo_drake.onboard.estimator.robust.opening import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown

@@ -35,9 +35,3 @@ def solve(S: np.ndarray, B: np.ndarray) -> np.ndarray:
 @overload(solve, strict=False)
 def _compiled_solve(S: Any, B: Any) -> Callable[[Any, Any], Any]:
     return lambda S, B: np.linalg.solve(S, B)
-
-
-def time_in(context: Any) -> float:
-    """Return the time [s] in a Context of any scalar; derivatives by time are not taken."""
-    time = context.get_time()
-    return time if isinstance(time, float) else float(time.value())

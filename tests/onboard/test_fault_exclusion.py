@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.optimize
+from played_box import PlayedBox
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.systems.framework import System
 from scipy.stats import chi2
 
 from ortilo_drake.model.room import load_room
+from ortilo_drake.model.signals import FIX_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.ranging.fault_exclusion import (
     AFRESH,
@@ -20,7 +21,7 @@ from ortilo_drake.onboard.ranging.fault_exclusion import (
     consistency_of,
     consistent_fix,
 )
-from ortilo_drake.onboard.ranging.multilateration import Multilateration_
+from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
 from ortilo_drake.scenario import Exclusion, Multilateration, load_scenario
 
@@ -146,12 +147,9 @@ def test_too_many_wrong_ranges_make_no_fix() -> None:
     assert not fixed(noisy(1), there=few).found
 
 
-def output_at(system: System, uwb: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    context = system.CreateDefaultContext()
-    system.GetInputPort("uwb").FixValue(context, uwb)
-    system.GetInputPort("estimate").FixValue(context, np.append(P_WB + 0.1, np.zeros(12)))
-    context.SetDiscreteState(clock)
-    return np.array(system.get_output_port().Eval(context))
+def fix_at(settings: Multilateration, uwb: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    its = PlayedBox(fix_box(settings, ANCHORS), clock=clock)
+    return its.say(message=uwb, belief=np.append(P_WB + 0.1, np.zeros(237)))[:FIX_SIZE]
 
 
 @pytest.mark.parametrize("bias_sd", [0.0, 0.05])
@@ -160,7 +158,6 @@ def test_fixes_have_the_slopes_of_differences(case: str, bias_sd: float) -> None
     settings = Multilateration.model_validate(
         {"noise": {"kind": "constant", "sd": NOISE[0]}, "bias_sd": bias_sd, "exclude": {}}
     )
-    system: Any = Multilateration_[float](settings, ANCHORS)
     ranges, clock = TRUE.copy(), NO_CLOCK
     if case == "one wrong":
         ranges[4] += 2.0
@@ -168,12 +165,12 @@ def test_fixes_have_the_slopes_of_differences(case: str, bias_sd: float) -> None
         ranges += 1.5
         clock = np.array([1.0, 1.5, 1e-4]) if case == "known offset" else clock
     uwb = np.concatenate(([1.0, 0.1], ranges, ALL))
-    found = output_at(system.ToAutoDiffXd(), InitializeAutoDiff(uwb[:, None])[:, 0], clock)[:, None]
-    plain = output_at(system, uwb, clock)
+    found = fix_at(settings, InitializeAutoDiff(uwb[:, None])[:, 0], clock)[:, None]
+    plain = fix_at(settings, uwb, clock)
     assert plain[0] == 1.0
     np.testing.assert_allclose(ExtractValue(found)[:, 0], plain, atol=1e-9)
     steps = 1e-5 * np.eye(uwb.size)[2 : 2 + N]
-    slopes = [(output_at(system, uwb + s, clock) - output_at(system, uwb - s, clock)) / 2e-5 for s in steps]
+    slopes = [(fix_at(settings, uwb + s, clock) - fix_at(settings, uwb - s, clock)) / 2e-5 for s in steps]
     np.testing.assert_allclose(ExtractGradient(found)[:, 2 : 2 + N], np.column_stack(slopes), rtol=1e-4, atol=1e-5)
 
 

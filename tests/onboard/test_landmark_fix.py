@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from played_box import PlayedBox
 from scipy import stats
 from seen_landmarks import (
     ATTITUDE_SD,
@@ -22,12 +23,13 @@ from seen_landmarks import (
 )
 
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
+from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS, LandmarkFix
 from ortilo_drake.onboard.landmarks.pnp import refine_pose
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario.sensors import ParametricErrors
-from ortilo_drake.world.sensors.projected_camera import ProjectedCamera
+from ortilo_drake.world.sensors.projected_camera_element import camera_box
 
 POSITION = [0, 1, 2]
 SEEN_BY = {"known_tilt": [0, 1, 2, 5], "pose": [0, 1, 2, 3, 4, 5]}  # what a fix gives of the pose
@@ -204,6 +206,8 @@ def detections(pose, shown, arrived: float = 1.0) -> np.ndarray:
 
 
 def fix(message, xhat, P, chosen: Settings) -> np.ndarray:
+    if chosen.method in ELEMENTS:
+        return PlayedBox(camera_fix_box(chosen, ROOM, 320)).say(message=message, belief=np.concatenate([xhat, P]))
     system = LandmarkFix(chosen, ROOM, 320, 1.0 / 30.0)
     context = system.CreateDefaultContext()
     system.GetInputPort("detections").FixValue(context, message)
@@ -255,24 +259,17 @@ def test_a_prior_sd_stands_in_for_the_covariance():
 def test_camera_and_fix_together_along_the_first_blackout():
     """Normal errors, false boxes and misses included: a fix in nearly every image, and its covariance holds."""
     errors = ParametricErrors(kind="parametric")
-    camera = ProjectedCamera(CameraSettings(errors=errors), ROOM, 3, 1.0 / 30.0)
-    context = camera.CreateDefaultContext()
-    landmark_fix = LandmarkFix(Settings(center_sd=errors.edge_sd / np.sqrt(2.0)), ROOM, 320, 1.0 / 30.0)
-    fix_context = landmark_fix.CreateDefaultContext()
+    camera = PlayedBox(camera_box(CameraSettings(errors=errors), ROOM, (), 1.0 / 30.0), seed=3)
+    landmark_fix = PlayedBox(camera_fix_box(Settings(center_sd=errors.edge_sd / np.sqrt(2.0)), ROOM, 320))
     rng = np.random.default_rng(2)
-    landmark_fix.GetInputPort("covariance").FixValue(fix_context, covariance())
     nees = []
     for tick, x in enumerate(np.linspace(1.5, 5.5, 300)):
         truth = state((x, 0.25 * x, 1.5, *rng.normal(0.0, 0.02, 3)))
         xhat = truth.copy()
         xhat[:3] += rng.normal(0.0, 0.1, 3)
         xhat[3:6] += rng.normal(0.0, ATTITUDE_SD, 3)
-        context.SetTime(tick / 30.0)
-        camera.GetInputPort("state").FixValue(context, truth[:12])
-        message = camera.GetOutputPort("detections").Eval(context)
-        landmark_fix.GetInputPort("detections").FixValue(fix_context, message)
-        landmark_fix.GetInputPort("estimate").FixValue(fix_context, xhat)
-        answer = landmark_fix.GetOutputPort("fix").Eval(fix_context)
+        message = camera.say(tick, sent=np.zeros(1), state=truth[:12])
+        answer = landmark_fix.say(tick, message=message, belief=np.concatenate([xhat, covariance()]))
         if answer[0] == 1.0:
             e = answer[2:5] - truth[:3]
             nees.append(e @ np.linalg.solve(answer[5:].reshape(3, 3), e))

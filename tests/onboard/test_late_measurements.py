@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
+from played_box import PlayedBox
 from scipy.stats import chi2
 
 from ortilo_drake.flight.flight import fly
@@ -28,6 +28,7 @@ from ortilo_drake.onboard.estimator.late_measurements import (
     slot_of,
     with_acted,
 )
+from ortilo_drake.onboard.estimator.replay_element import past_box
 from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0
@@ -263,17 +264,14 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
 
 def test_the_belief_of_a_message_is_that_of_the_tick_of_its_stamp() -> None:
     """Cases: arrived, tick of the stamp, tick whose belief is given; 99 stands for the present one."""
-    model = FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD)
-    kalman = ReplayKalmanFilter(model, MEASURED, 0.0, np.full(15, 99.0), P_0, H, 4, {"camera": 5})
+    past, present = PlayedBox(past_box("camera_past", MEASURED, 15, H), H), [np.full(15, 99.0), P_0.ravel()]
     history = empty_history(4, SLOT)
     for k in range(3, 7):
         history[k % 4, SLOT.tick], history[k % 4, SLOT.belief : SLOT.y] = k, k
     cases = [(1, 5, 5), (1, 6, 6), (1, 3, 3), (1, 0, 3), (1, 7, 99), (1, 8, 99), (0, 5, 99)]
     for kept, (arrived, j, found) in [*((history, c) for c in cases), (empty_history(4, SLOT), (1, 0, 99))]:
-        context = kalman.CreateDefaultContext()
-        context.get_mutable_discrete_state().set_value(1, kept.ravel())
-        kalman.GetInputPort("message_camera").FixValue(context, np.array([arrived, j * H, 0.0, 0.0, 0.0]))
-        belief = kalman.GetOutputPort("belief_camera").Eval(context)
+        memory = np.concatenate([*present, kept.ravel()])
+        belief = past.say(message=np.array([arrived, j * H, 0.0, 0.0, 0.0]), memory=memory)
         np.testing.assert_array_equal(belief[:15], np.full(15, found))
         np.testing.assert_array_equal(belief[15:], P_0.ravel() if found == 99 else np.full(225, found))
 

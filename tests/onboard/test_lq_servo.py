@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from ortilo_drake.diagrams.servo import make_lq_servo
 from ortilo_drake.model.equations import small_angle_dynamics
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
-from ortilo_drake.onboard.servo.lq_servo import make_lq_servo, resting_integral, servo_control
-from ortilo_drake.scenario import LqServo as Settings
-from ortilo_drake.scenario import ServoWeights
+from ortilo_drake.onboard.servo.lq_servo import resting_integral, servo_control
+from ortilo_drake.scenario import ServoWeights, load_scenario
 
 H = 1.0 / 30.0
 L = servo_gain(M100, ServoWeights(), H)
@@ -87,7 +87,8 @@ def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
     rng = np.random.default_rng(31)
     xbar, reference, v = rng.normal(size=15), rng.normal(size=9), rng.normal(size=6)
     yaw = 2.1 if form == "error" else 0.0  # the paper's law holds none
-    servo = make_lq_servo(Settings(form=form, velocities=velocities, yaw=yaw), M100, H)
+    settings = f"servo={{form: {form}, velocities: {velocities}, yaw: {yaw}}}"
+    servo = make_lq_servo(load_scenario("imu_uwb", (settings,)))
     context = servo.CreateDefaultContext()
     servo.GetInputPort("estimate").FixValue(context, xbar)
     servo.GetInputPort("reference").FixValue(context, reference)

@@ -4,18 +4,22 @@ from itertools import product
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import BasicVector
+from played_box import PlayedBox
 from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from ortilo_drake.model.hover import output_C
-from ortilo_drake.model.measurement import PAPER, make_measurement, row
+from ortilo_drake.model.measurement import PAPER, Measurement, make_measurement, row
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.onboard.estimator.measurement_handler import MeasurementHandler, squared_distance
+from ortilo_drake.onboard.estimator.measurement_handler import (
+    handler_box,
+    incoming_of,
+    oldest_used,
+    squared_distance,
+)
 
 H = 1.0 / 30.0
-
-TICK = 1.0 / 30.0  # [s]
+HORIZON = 4 * H  # of 'replay'
 PATTERNS = [np.array(p) for p in product([0.0, 1.0], repeat=3)]
 P_UWB, P_CAMERA, RPY = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.9, 3.2]), np.array([0.1, -0.2, 0.3])
 V_UWB = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.16]])
@@ -35,6 +39,21 @@ def fix(arrived: float, p: np.ndarray, V: np.ndarray) -> np.ndarray:
     return np.concatenate([[arrived, 0.0], p, V.ravel()])
 
 
+def handler(
+    noise: Noise,
+    gates: dict[str, float],
+    delay: str = "ignore",
+    sizes: dict[str, int] = SIZES,
+    measurement: Measurement = MEASUREMENT,
+) -> PlayedBox:
+    incoming = incoming_of(measurement, sizes, noise, gates, oldest_used(delay, HORIZON, H))
+    return PlayedBox(handler_box(incoming, measurement.layout, delay != "ignore", H), H)
+
+
+def belief(xhat: np.ndarray | None = None, P: np.ndarray | None = None) -> np.ndarray:
+    return np.concatenate([np.zeros(15) if xhat is None else xhat, (np.eye(15) if P is None else P).ravel()])
+
+
 def handle(
     delta: np.ndarray,
     gates: dict[str, float],
@@ -44,20 +63,10 @@ def handle(
     sensors: tuple[str, ...] = SENSORS,
 ) -> dict[str, np.ndarray]:
     """What the handler makes of the fixes above, each there or not."""
-    handler = MeasurementHandler(MEASUREMENT, {s: SIZES[s] for s in sensors}, noise, gates, TICK)
-    context = handler.CreateDefaultContext()
     imu = np.concatenate([[delta[2], 0.0], RPY, np.zeros(3), [0.0, 0.0, 9.81]])
-    inputs = {
-        "uwb": fix(delta[0], P_UWB, V_UWB),
-        "camera": fix(delta[1], P_CAMERA, V_CAMERA),
-        "imu": imu,
-        "estimate": np.zeros(15) if xhat is None else xhat,
-        "covariance": (np.eye(15) if P is None else P).ravel(),
-    }
-    for name, value in inputs.items():
-        if handler.HasInputPort(name):
-            handler.GetInputPort(name).FixValue(context, BasicVector(value))
-    return {name: handler.GetOutputPort(name).Eval(context).copy() for name in ("y", "delta", "V2")}
+    said = {"uwb": fix(delta[0], P_UWB, V_UWB), "camera": fix(delta[1], P_CAMERA, V_CAMERA), "imu": imu}
+    its = handler(noise, gates, sizes={s: SIZES[s] for s in sensors})
+    return its.parts(messages=np.concatenate([np.zeros(0), *(said[s] for s in sensors)]), belief=belief(xhat, P))
 
 
 @pytest.mark.parametrize("delta", PATTERNS, ids=str)
@@ -157,70 +166,60 @@ def test_a_fix_is_infinitely_far_from_a_prediction_that_is_no_number(where: str)
 
 
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:
-    def inputs(gates: dict[str, float], sensors: tuple[str, ...]) -> list[str]:
-        handler = MeasurementHandler(MEASUREMENT, {s: SIZES[s] for s in sensors}, FROM_FIX, gates, TICK)
-        ports = range(handler.num_input_ports())
-        assert all(handler.HasDirectFeedthrough(i, 0) for i in ports)
-        return [handler.get_input_port(i).get_name() for i in ports]
-
-    assert inputs({}, SENSORS) == ["uwb", "camera", "imu"]
-    assert inputs({}, ("imu",)) == ["imu"]
-    assert inputs({"camera": 0.99}, SENSORS) == ["uwb", "camera", "imu", "estimate", "covariance"]
+    astray = np.full(15, np.nan), np.full((15, 15), np.nan)
+    for sensors in (SENSORS, ("imu",)):
+        blind, asked = (handle(np.ones(3), {}, FROM_FIX, *its, sensors=sensors) for its in (astray, ()))
+        for name, value in asked.items():
+            np.testing.assert_array_equal(blind[name], value)
+    gated = handle(np.ones(3), {"camera": 0.99}, FROM_FIX, *astray)
+    np.testing.assert_array_equal(gated["delta"], [1.0, 0.0, 1.0])
 
 
-HORIZON = 4 * H  # of 'replay'
-
-
-def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> tuple[MeasurementHandler, dict[str, np.ndarray]]:
+def handled(delay: str, ages: tuple[int, ...], k: int = 50) -> dict[str, np.ndarray]:
     """What the handler gives at tick k of messages that old, one for each sensor."""
-    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay, HORIZON)
-    context = handler.CreateDefaultContext()
-    context.SetTime(k * H)
-    for name, age, size in zip(SENSORS, ages, (14, 14, 11), strict=True):
-        message = np.concatenate([[1.0, (k - age) * H, 1.0, 2.0, 3.0], np.ones(size - 5)])
-        handler.GetInputPort(name).FixValue(context, BasicVector(message))
-    ports = [handler.get_output_port(i) for i in range(handler.num_output_ports())]
-    return handler, {port.get_name(): port.Eval(context).copy() for port in ports}
+    messages = [
+        np.concatenate([[1.0, (k - age) * H, 1.0, 2.0, 3.0], np.ones(size - 5)])
+        for age, size in zip(ages, SIZES.values(), strict=True)
+    ]
+    return handler(FROM_FIX, {}, delay).parts(k, messages=np.concatenate(messages), belief=belief())
 
 
 @pytest.mark.parametrize("ages", [(0, 1, 2), (2, 0, 1), (1, 5, 0), (3, 3, 3), (1, 1, 1)])
 def test_drop_uses_nothing_older_than_a_tick(ages: tuple[int, ...]) -> None:
-    found = handled("drop", ages)[1]
+    found = handled("drop", ages)
     recent = np.array([float(age <= 1) for age in ages])
     np.testing.assert_array_equal(found["delta"], recent)
     np.testing.assert_array_equal(found["y"], np.repeat(recent, 3) * np.tile([1.0, 2.0, 3.0], 3))
-    kept = handled("ignore", ages)[1]
+    kept = handled("ignore", ages)
     np.testing.assert_array_equal(kept["delta"], np.ones(3))
 
 
 def test_stamps_are_given_to_replay() -> None:
-    found = handled("replay", (0, 4, 2))[1]
+    found = handled("replay", (0, 4, 2))
     np.testing.assert_array_equal(found["stamps"], np.array([50, 46, 48]) * H)
-    for name, value in handled("ignore", (0, 4, 2))[1].items():
+    for name, value in handled("ignore", (0, 4, 2)).items():
         np.testing.assert_array_equal(found[name], value)
 
 
 def test_replay_counts_nothing_that_is_older_than_its_horizon() -> None:
     """It was counted as used, though the filter keeps no such tick: a flight without one fix said 70 %."""
-    found = handled("replay", (5, 4, 0))[1]
+    found = handled("replay", (5, 4, 0))
     np.testing.assert_array_equal(found["delta"], [0.0, 1.0, 1.0])
 
 
 @pytest.mark.parametrize("delay", ["ignore", "drop", "replay"])
 def test_what_is_given_follows_what_comes_and_when(delay: str) -> None:
     """Drake keeps an output until something that it names as needed changes."""
-    handler = MeasurementHandler(MEASUREMENT, SIZES, FROM_FIX, {}, H, delay, HORIZON)
-    context = handler.CreateDefaultContext()
+    its = handler(FROM_FIX, {}, delay)
     for k, stamped in [(10, 10), (11, 11), (12, 9), (14, 14)]:
-        context.SetTime(k * H)
-        for i, (name, size) in enumerate(zip(SENSORS, (14, 14, 11), strict=True)):
-            values = np.concatenate([[1.0, stamped * H], np.full(size - 2, float(k + i))])
-            handler.GetInputPort(name).FixValue(context, BasicVector(values))
-        y = handler.GetOutputPort("y").Eval(context)
+        messages = [
+            np.concatenate([[1.0, stamped * H], np.full(size - 2, float(k + i))])
+            for i, size in enumerate(SIZES.values())
+        ]
+        given = its.parts(k, messages=np.concatenate(messages), belief=belief())
         dropped = delay == "drop" and k - stamped > 1
-        np.testing.assert_array_equal(y, 0.0 * np.arange(9) if dropped else k + np.arange(9) // 3)
-        if delay == "replay":
-            np.testing.assert_array_equal(handler.GetOutputPort("stamps").Eval(context), np.full(3, stamped * H))
+        np.testing.assert_array_equal(given["y"], 0.0 * np.arange(9) if dropped else k + np.arange(9) // 3)
+        np.testing.assert_array_equal(given["stamps"], np.full(3, stamped * H))
 
 
 def test_values_of_any_size_are_stacked_with_their_covariances_and_gated_by_what_they_see() -> None:
@@ -236,13 +235,10 @@ def test_values_of_any_size_are_stacked_with_their_covariances_and_gated_by_what
     xhat = rng.normal(size=15)
     for length, passes in ((0.999, 1.0), (1.001, 0.0)):
         V = {"imu": np.eye(3), "alt": np.array([[0.25]]), "flow": None}
-        handler = MeasurementHandler(measurement, sizes, V, {"flow": 0.9}, TICK)
-        context = handler.CreateDefaultContext()
         value = C @ xhat[:12] + length * np.sqrt(chi2.ppf(0.9, df=2)) * e
-        given = {"alt": [1.0, 0.0, 1.7], "flow": [1.0, 0.0, *value, *V_flow.ravel(), 123.0]}
-        for name, numbers in (given | {"estimate": xhat, "covariance": P.ravel()}).items():
-            handler.GetInputPort(name).FixValue(context, np.array(numbers))
-        y, delta, V2 = (handler.GetOutputPort(name).Eval(context) for name in ("y", "delta", "V2"))
+        messages = np.array([1.0, 0.0, 1.7, 1.0, 0.0, *value, *V_flow.ravel(), 123.0])
+        its = handler(V, {"flow": 0.9}, sizes=sizes, measurement=measurement)
+        y, delta, V2, _ = its.parts(messages=messages, belief=belief(xhat, P)).values()
         np.testing.assert_array_equal(delta, [0.0, 1.0, passes])
         np.testing.assert_array_equal(y, [0.0, 0.0, 0.0, 1.7, *(passes * value)])
         np.testing.assert_array_equal(measurement.matrix(V2)[3:, 3:], np.diag([0.25, 0, 0]) + np.pad(V_flow, (1, 0)))

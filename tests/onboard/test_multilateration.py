@@ -8,10 +8,11 @@ import pytest
 import scipy.optimize
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from played_box import PlayedBox
 
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import FIX_SIZE, N_XBAR, uwb_size
-from ortilo_drake.onboard.ranging.multilateration import Multilateration_
+from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
 from ortilo_drake.onboard.ranging.range_equations import MAX_SD
 from ortilo_drake.onboard.ranging.range_least_squares import least_squares
@@ -237,7 +238,7 @@ def test_nonsense_ranges_give_no_fix_or_a_finite_one(p, start, ranges, there) ->
             assert np.linalg.eigvalsh(C).min() > -1e-9 * np.trace(C)
 
 
-# --- the system ---------------------------------------------------------------------------------------------
+# --- the element --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -252,24 +253,19 @@ def test_nonsense_ranges_give_no_fix_or_a_finite_one(p, start, ranges, there) ->
         ),
     ],
 )
-def test_the_port_carries_fix_stamp_and_covariance(settings, solve, noise) -> None:
-    system = Multilateration_[float](settings, ANCHORS)
-    context = system.CreateDefaultContext()
-    assert context.num_total_states() == 0
-    p = np.array([2.0, 1.0, 0.5])
+def test_it_says_fix_stamp_and_covariance(settings, solve, noise) -> None:
+    box = fix_box(settings, ANCHORS)
+    assert not box.element.state
+    its, p = PlayedBox(box), np.array([2.0, 1.0, 0.5])
     ranges = distances(p, ANCHORS) * (1 + 0.001 * np.random.default_rng(0).standard_normal(N))
-    xhat = np.concatenate([p + 0.1, np.full(12, 9.0)])
-    assert xhat.shape == (N_XBAR,)
-    system.GetInputPort("estimate").FixValue(context, xhat)
-    system.GetInputPort("uwb").FixValue(context, np.concatenate([[1.0, 3.25], ranges, ALL]))
-    fix = system.GetOutputPort("fix").Eval(context)
+    belief = np.concatenate([p + 0.1, np.full(N_XBAR - 3 + N_XBAR**2, 9.0)])
+    fix = its.say(message=np.concatenate([[1.0, 3.25], ranges, ALL]), belief=belief)
     found, q, C = solve(ranges, ALL, ANCHORS, noise, p + 0.1)
     assert found
     assert fix.shape == (FIX_SIZE,)
     np.testing.assert_array_equal(fix, np.concatenate([[1.0, 3.25], q, C.ravel()]))
     for silent in (np.zeros(uwb_size(N)), np.concatenate([[1.0, 3.25], ranges, 0 * ALL])):
-        system.GetInputPort("uwb").FixValue(context, silent)
-        np.testing.assert_array_equal(system.GetOutputPort("fix").Eval(context), np.zeros(FIX_SIZE))
+        np.testing.assert_array_equal(its.say(message=silent, belief=belief), np.zeros(FIX_SIZE))
 
 
 # --- two real flights ---------------------------------------------------------------------------------------

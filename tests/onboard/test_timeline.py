@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydrake.systems.analysis import Simulator
+from played_box import PlayedBox
 
 from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, PAYLOAD
-from ortilo_drake.onboard.commands.command_log import CommandLog, timeline_size
+from ortilo_drake.onboard.commands.command_log import command_log_box, log_ticks, timeline_size
 from ortilo_drake.onboard.commands.timeline import (
     NONE,
     expected_delay,
@@ -19,6 +19,7 @@ from ortilo_drake.onboard.commands.timeline import (
     with_command,
     with_report,
 )
+from ortilo_drake.scenario import load_scenario
 
 H = 0.1
 HOVER = 26.0
@@ -92,16 +93,14 @@ def test_a_further_command_acts_after_the_last() -> None:
     assert with_command(rows, 0.7, np.array(u(3)))[-1, 0] == 0.7
 
 
-@pytest.mark.long
 def test_the_log_of_an_onboard_half_without_reports_goes_by_the_delay_that_it_is_told() -> None:
-    log = CommandLog(8, HOVER, 0.25, H, hears=False)
-    simulator = Simulator(log)
-    context = simulator.get_mutable_context()
-    for k in range(12):
-        log.GetInputPort("control").FixValue(context, u(k))
-        simulator.AdvanceTo((k + 1) * H)
-    vector = log.GetOutputPort("timeline").Eval(context)
-    assert vector.size == timeline_size(8)
-    rows = unpacked(vector)
+    scenario = load_scenario("imu_uwb", ("commands={servo: predicted, delay: 0.25}",))
+    h, kept = scenario.h, log_ticks(scenario)
+    log = PlayedBox(command_log_box(scenario), h)
+    for k in range(kept + 4):
+        log.step(k, control=np.array(u(k)))
+    vector = log.say(kept + 4, control=np.zeros(4))
+    assert vector.size == timeline_size(kept)
     assert vector[0] == 0.25
-    np.testing.assert_allclose(rows[-8:], [[k * H + 0.25, *u(k)] for k in range(4, 12)])
+    rows = unpacked(vector)
+    np.testing.assert_allclose(rows[-kept:], [[k * h + 0.25, *u(k)] for k in range(4, kept + 4)])

@@ -16,7 +16,6 @@ from numba import njit
 from ortilo_drake.model.signals import ACT_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
 
 SINCE, SENT, U = 0, 1, 2  # of a row of acts
-SENT_SIZE: Final = 1 + N_U  # a row of what was sent: time of its tick [s], u
 ROW: Final = 1 + N_U  # a row of a timeline
 EVER: Final = -1e9  # since when the first row acts [s]
 NONE: Final = -1.0  # a stamp of no command, of an empty row

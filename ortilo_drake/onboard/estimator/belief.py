@@ -4,7 +4,6 @@ A filter of xbar = [x; e; i], e the states between (extra_states.py), shows the 
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR
@@ -18,30 +17,6 @@ def put_known_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
         out[i] = belief[row]
         for j in range(N_XBAR):
             out[N_XBAR * (i + 1) + j] = belief[n * (row + 1) + (j if j < N_X else n - N_XBAR + j)]
-
-
-@njit(cache=True)
-def known_part(belief: np.ndarray, n: int) -> np.ndarray:
-    """Return [xhat, P row by row] (240) of [x; i] alone from that of [x; e; i] (n + n^2)."""
-    out = np.empty(N_XBAR + N_XBAR * N_XBAR, belief.dtype)
-    put_known_part(out, belief, n)
-    return out
-
-
-@njit(cache=True)
-def extra_part(belief: np.ndarray, n: int) -> np.ndarray:
-    """Return [e_hat, standard deviations] (2 e) of the states between x and i, from [x; e; i] (n + n^2)."""
-    e = n - N_XBAR
-    out = np.empty(2 * e, belief.dtype)
-    for i in range(e):
-        out[i] = belief[N_X + i]
-        out[e + i] = np.sqrt(belief[n + (n + 1) * (N_X + i)])
-    return out
-
-
-def diagonal_of_P(belief: np.ndarray, n: int) -> np.ndarray:
-    """Return a view of the diagonal of P (..., n) in [xhat, P row by row] (..., n + n^2)."""
-    return belief[..., n :: n + 1]
 
 
 def with_known_part(belief: np.ndarray, n: int, xbar: np.ndarray, P: np.ndarray) -> np.ndarray:

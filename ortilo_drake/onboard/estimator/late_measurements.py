@@ -27,13 +27,10 @@ from numba.extending import register_jitable
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.signals import ARRIVED, N_I, N_U, N_XBAR, STAMP
+from ortilo_drake.model.signals import N_I, N_U, N_XBAR
 from ortilo_drake.onboard.commands.timeline import mean_control
-from ortilo_drake.onboard.estimator.belief import known_part
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-
-N_BELIEF = N_XBAR + N_XBAR * N_XBAR  # [xhat, P row by row] of [x; i]
 
 
 class Slot(NamedTuple):
@@ -211,27 +208,3 @@ def row_of_past(history: np.ndarray, j: int) -> int:
         if 0.0 <= history[i, 0] < oldest:
             oldest, row = history[i, 0], i
     return row if j < oldest and row >= 0 else -1
-
-
-@njit(cache=True)
-def past_belief(
-    history: np.ndarray, slot: Slot, n: int, message: np.ndarray, known: np.ndarray, h: float
-) -> np.ndarray:
-    """Return the belief of [x; i] (240) of the tick at which a message was true, by all that has arrived since.
-
-    It is the present one where no message arrived or its stamp is of this tick (or of a later one), that of the oldest
-    tick kept where the stamp is older.
-
-    Args:
-        history: the last ticks (N, slot.size).
-        slot: where everything is in a row of it.
-        n: size of xbar.
-        message: the message.
-        known: the present belief (240).
-        h: tick [s].
-    """
-    if message[ARRIVED] != 0.0:
-        row = row_of_past(history, tick_of(message[STAMP], h))
-        if row >= 0:
-            return known_part(history[row, slot.belief : slot.y], n)
-    return known

@@ -121,28 +121,17 @@ def put_measurements(
             put(message[2 + m : 2 + m + m * m], V)
         stamps[j] = message[1]
         if not np.isinf(gates[j]):
-            e = values_of(message[2 : 2 + m]).copy()
+            e, x = values_of(message[2 : 2 + m]).copy(), values_of(xhat)
             for i in range(m):
                 for n in range(12):
                     if C[first[j] + i, n] != 0.0:
-                        e[i] -= C[first[j] + i, n] * xhat[n]
-            if squared_distance(e, C[first[j] : first[j + 1]], P, values_of(V).reshape(m, m)) > gates[j]:
+                        e[i] -= C[first[j] + i, n] * x[n]
+            if squared_distance(e, C[first[j] : first[j + 1]], values_of(P), values_of(V).reshape(m, m)) > gates[j]:
                 continue
         if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > oldest:
             continue
         put(message[2 : 2 + m], out, first[j])
         delta[j] = 1.0
-
-
-@njit(cache=True)
-def stack_measurements(
-    messages: np.ndarray, xhat: np.ndarray, P: np.ndarray, k: int, h: float, incoming: Incoming, layout: Layout
-) -> np.ndarray:
-    """Return [y, delta, V2, stamps] of tick k (p + 2 s + q); arguments as put_measurements'."""
-    _, _, _, first, block, _ = layout
-    out = np.zeros(first[-1] + block[-1] + 2 * (first.size - 1), messages.dtype)
-    put_measurements(out, messages, xhat, P, k, h, incoming, layout)
-    return out
 
 
 def oldest_used(delay: str, horizon: float, h: float) -> int:

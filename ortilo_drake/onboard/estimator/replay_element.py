@@ -87,7 +87,8 @@ def replay_filter_step(
 def past_out(n: Any, message: np.ndarray, memory: np.ndarray, out: np.ndarray) -> None:
     """Say [xhat, P row by row] of the tick at which a message was true, by all that has arrived since (n + n^2).
 
-    See past_belief.
+    It is the present one where no message arrived or its stamp is of this tick or a later one, and that of the oldest
+    tick kept where the stamp is older.
     """
     slot, row = slot_in(n), -1
     history = history_in(memory, slot)

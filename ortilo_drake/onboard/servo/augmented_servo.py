@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
@@ -28,7 +27,12 @@ def augmented_command(
     error_form: bool,
     force: np.ndarray | Triple | None,
 ) -> Four:
-    """Return u_k; before is [u_{k-1}; ...; u_{k-d}] (4 d), all else as servo_control's."""
+    """Return u_k of the estimate, the reference and the commands on the way, see augmented_gain.py.
+
+        u_k = command(xhat, r; L_x) - sum_j L_j (u_{k-j} - u_r),   u_r what holds the reference
+
+    before is [u_{k-1}; ...; u_{k-d}] (4 d), all else as command's.
+    """
     at_rest, not_at_all = np.zeros(N_XBAR), np.zeros((N_U, N_XBAR))
     u_r = command(at_rest, reference, not_at_all, mass, yaw, error_form, force)
     u = command(xbar, reference, L_x, mass, yaw, error_form, force)
@@ -37,22 +41,6 @@ def augmented_command(
         for j in range(before.size):
             less[i] += L_u[i, j] * (before[j] - u_r[j % N_U])
     return u[0] - less[0], u[1] - less[1], u[2] - less[2], u[3] - less[3]
-
-
-@njit(cache=True)
-def augmented_control(
-    xbar: np.ndarray,
-    reference: np.ndarray,
-    before: np.ndarray,
-    L_x: np.ndarray,
-    L_u: np.ndarray,
-    mass: float,
-    yaw: float,
-    error_form: bool,
-    force: np.ndarray | None = None,
-) -> np.ndarray:
-    """Return u_k of augmented_command (4); arguments as there."""
-    return np.array(augmented_command(xbar, reference, before, L_x, L_u, mass, yaw, error_form, force))
 
 
 def augmented_out(
@@ -89,7 +77,7 @@ AUGMENTED = Element(
 
 
 def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: float) -> Box:
-    """Return the servo, `servo`: it reads what servo_box reads; delay as AugmentedServo's."""
+    """Return the servo, `servo`: it reads what servo_box reads; its commands act `delay` [s] after their tick."""
     L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
     numbers = {"mass": vehicle.mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     hover = np.tile([vehicle.hover_thrust, 0.0, 0.0, 0.0], (L.shape[1] - N_XBAR) // N_U)

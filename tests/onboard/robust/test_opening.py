@@ -1,18 +1,18 @@
 """The filter's covariance opened: the step of a filter whose P was larger, in the ticks that are kept as well."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-from ortilo_drake.onboard.estimator.kalman_filter import KalmanFilter_
-from ortilo_drake.onboard.estimator.replay_kalman_filter import ReplayKalmanFilter
+from played_box import PlayedBox
 
+from ortilo_drake.loop.element import Box
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.filter_element import filter_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
-from ortilo_drake.onboard.estimator.robust.system import opening_variances
+from ortilo_drake.onboard.estimator.replay_element import replay_box
+from ortilo_drake.onboard.estimator.robust.opening import opening_variances
 from ortilo_drake.scenario import IntermittentFilter
 from ortilo_drake.scenario.robust import Opening
 
@@ -22,8 +22,10 @@ EXTRAS = extra_states(SETTINGS, M100, H)
 MODEL = augmented_model(SETTINGS, M100, "hold", H, EXTRAS)
 MEASUREMENT = augmented_rows(make_measurement().rows, EXTRAS)
 P_0 = initial_covariance(SETTINGS, EXTRAS)
-ARGUMENTS = MODEL, MEASUREMENT, M100.hover_thrust, np.zeros(15), P_0, H
 N = len(P_0)
+BELIEF_0 = np.concatenate((np.zeros(N), P_0.ravel()))
+PLAIN = filter_box(MODEL, MEASUREMENT, M100.hover_thrust, BELIEF_0)
+REPLAYING = replay_box(MODEL, MEASUREMENT, M100.hover_thrust, BELIEF_0, 5, H)
 OPENING = opening_variances(Opening(), ("d_x", "d_y", "d_z"))[2]
 RNG = np.random.default_rng(8)
 TICKS = 6
@@ -32,19 +34,16 @@ DELTA = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [1.0, 1.0, 
 V2 = np.concatenate([0.01 * np.eye(3).ravel()] * 3)
 
 
-def run(kalman: Any, opened: int, late: dict[int, int]) -> np.ndarray:
+def run(box: Box, opened: int, late: dict[int, int]) -> np.ndarray:
     """Return [xhat, P] after TICKS ticks, P opened in one of them; late maps a tick to the one its values are of."""
-    context = kalman.CreateDefaultContext()
+    kalman = PlayedBox(box, H)
     for k in range(TICKS):
-        context.SetTime(k * H)
         inputs = {"y": Y[k], "delta": DELTA[k], "V2": V2, "control": np.array([M100.hover_thrust, 0.0, 0.0, 0.0])}
         inputs |= {"reference": np.zeros(9), "opening": OPENING if k == opened else np.zeros(N)}
-        if kalman.HasInputPort("stamps"):
+        if "stamps" in box.element.inputs:
             inputs["stamps"] = np.full(3, late.get(k, k) * H)
-        for name, value in inputs.items():
-            kalman.GetInputPort(name).FixValue(context, value)
-        context.SetDiscreteState(kalman.EvalUniquePeriodicDiscreteUpdate(context))
-    return np.array(kalman.GetOutputPort("whole_belief").Eval(context))
+        kalman.step(k, **inputs)
+    return kalman.say(TICKS, **inputs)
 
 
 def expected(opened: int, y: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,14 +56,10 @@ def expected(opened: int, y: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray,
     return x, P
 
 
-def replaying() -> ReplayKalmanFilter:
-    return ReplayKalmanFilter(*ARGUMENTS, 5, {}, None, 0, True)
-
-
 @pytest.mark.parametrize("opened", [-1, 0, 3])
 @pytest.mark.parametrize("replays", [False, True])
 def test_it_is_the_step_of_a_larger_covariance(opened: int, replays: bool) -> None:
-    found = run(replaying() if replays else KalmanFilter_[float](*ARGUMENTS, None, True), opened, {})
+    found = run(REPLAYING if replays else PLAIN, opened, {})
     x, P = expected(opened, Y, DELTA)
     np.testing.assert_allclose(found[:N], x, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found[N:].reshape(N, N), P, rtol=1e-9, atol=1e-12)
@@ -75,7 +70,7 @@ def test_a_late_value_does_not_undo_it() -> None:
 
     So the filter is that of which P was opened in tick 2, the first that is run again. Of the imu tick 2 has a value.
     """
-    found = run(replaying(), 4, {5: 2})
+    found = run(REPLAYING, 4, {5: 2})
     y, delta = Y.copy(), DELTA.copy()
     y[2, :3], delta[2, 0], delta[5] = Y[5, :3], 1.0, 0.0
     x, P = expected(2, y, delta)

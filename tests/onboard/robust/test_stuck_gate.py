@@ -1,24 +1,21 @@
 """The gate of stuck sensors: what repeats is not heard, until something else comes."""
 
-from typing import Any
-
 import numpy as np
 import pytest
+from played_box import PlayedBox
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
-from ortilo_drake.onboard.estimator.robust.stuck_gate import StuckGate_, repeats
+from ortilo_drake.onboard.estimator.robust.stuck_gate import repeats, stuck_box
 
 H = 1.0 / 30.0
 
 
 def heard(messages: list[np.ndarray], stuck: int, samples: int = 1) -> list[np.ndarray]:
     """Return what passes of a message a tick."""
-    gate: Any = StuckGate_[float]("imu", messages[0].size, stuck, H, samples)
-    context, passed = gate.CreateDefaultContext(), []
-    for message in messages:
-        gate.get_input_port().FixValue(context, message)
-        passed.append(np.array(gate.get_output_port().Eval(context)))
-        context.SetDiscreteState(gate.EvalUniquePeriodicDiscreteUpdate(context))
+    gate, passed = PlayedBox(stuck_box("imu", messages[0].size, stuck, samples)), []
+    for k, message in enumerate(messages):
+        passed.append(gate.say(k, message=message))
+        gate.step(k, message=message)
     return passed
 
 
@@ -60,7 +57,5 @@ def test_rounding_does_not_make_it_new() -> None:
 
 
 def test_derivatives_pass() -> None:
-    gate: Any = StuckGate_[float]("uwb", 4, 2, H).ToAutoDiffXd()
-    context = gate.CreateDefaultContext()
-    gate.get_input_port().FixValue(context, InitializeAutoDiff(said(1.0, 2.0)[:, None])[:, 0])
-    np.testing.assert_array_equal(ExtractGradient(gate.get_output_port().Eval(context)[:, None]), np.eye(4))
+    passed = PlayedBox(stuck_box("uwb", 4, 2)).say(message=InitializeAutoDiff(said(1.0, 2.0)[:, None])[:, 0])
+    np.testing.assert_array_equal(ExtractGradient(passed[:, None]), np.eye(4))

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from ortilo_drake.diagrams.tight_estimator import make_tight
 from plain_box import PlainBox
 
-from ortilo_drake.diagrams.onboard import initial_estimate
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import constant
-from ortilo_drake.model.pinhole import extent_box
-from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, MAX_DETECTIONS, PAYLOAD, uwb_size
+from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.initial import initial_estimate
 from ortilo_drake.scenario import Scenario, load_scenario
 
 R_0 = np.array([5.0, 1.0, 1.5])
@@ -26,7 +24,7 @@ def made(scenario: Scenario) -> tuple[PlainBox, PlainBox]:
     """The box of what it hears, and the filter's."""
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
     messages = {name: constant(name, np.zeros(PAYLOAD)) for name in flying}  # only their names are read
-    heard, kalman, *_ = tight_boxes(scenario, scenario.load_room(), R_0, messages)
+    heard, kalman, *_ = tight_boxes(scenario, scenario.load_room(), initial_estimate(scenario, R_0), messages)
     return PlainBox(heard), PlainBox(kalman)
 
 
@@ -74,61 +72,3 @@ def test_it_falls_as_mechanics_have_it_and_sums_up_its_error(samples: int) -> No
     np.testing.assert_array_equal(P, P.T)
     assert np.all(np.linalg.eigvalsh(P[:12, :12]) > 0.0)
     assert not P[12:].any()
-
-
-def seen_in_hover(scenario: Scenario, rng: np.random.Generator) -> np.ndarray:
-    """The payload of detections: the boxes of the landmarks ahead of R_0, shaken."""
-    room, payload = scenario.load_room(), np.tile([-1.0, *np.zeros(5)], MAX_DETECTIONS)
-    camera, rows = room.camera.scaled_to(scenario.image_width).constants, payload.reshape(MAX_DETECTIONS, -1)
-    found = zip(room.landmark_labels, room.landmark_positions, room.landmark_outlines, strict=True)
-    box, n = np.empty(4), 0
-    for label, position, outline in found:
-        if extent_box(position, outline, R_0, np.eye(3), camera, box):
-            rows[n, :2], rows[n, 2:], n = (label, 0.9), box + rng.normal(0.0, 1.0, 4), n + 1
-    return payload
-
-
-def random_messages(scenario: Scenario, k: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Messages in hover at R_0: some do not arrive, and ranges and boxes come up to three ticks late."""
-    anchors, samples, h = scenario.load_room().anchor_positions, scenario.samples("imu"), scenario.h
-    ranges = np.linalg.norm(anchors - R_0, axis=1) + rng.normal(0.0, 0.1, len(anchors))
-    payloads = {
-        "uwb": [*ranges, *(rng.random(len(anchors)) < 0.9)],
-        "camera": seen_in_hover(scenario, rng),
-    }
-    said = {name: np.array([rng.random() < 0.7, (k - rng.integers(4)) * h, *its]) for name, its in payloads.items()}
-    rest = np.array([0.0, 0.0, scenario.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])
-    rows = [
-        [rng.random() < 0.9, (k + (i + 1) / samples - 1.0) * h, *(rest + rng.normal(0.0, 0.01, 9))]
-        for i in range(samples)
-    ]
-    said["imu"] = np.array(rows[0] if samples == 1 else [rng.random() < 0.9, k * h, *np.ravel(rows)])
-    return said
-
-
-@pytest.mark.parametrize("changes", [(), ("estimator.watch=null", "imu.link.rate=30")])
-def test_it_is_drakes_filter_bit_for_bit(changes: tuple[str, ...]) -> None:
-    scenario, rng = scenario_of("tight_imu_uwb_yolo", *changes), np.random.default_rng(1)
-    heard, kalman = made(scenario)
-    drakes = make_tight(scenario, initial_estimate(scenario, R_0))
-    context, belief, integral = (
-        drakes.CreateDefaultContext(),
-        kalman.state["belief"],
-        kalman.state["belief"][12:15].copy(),
-    )
-    for k in range(12):
-        said = random_messages(scenario, k, rng)
-        control = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0]) + rng.normal(0.0, 1e-3, 4)
-        reference = np.array([*R_0, *np.zeros(6)]) + rng.normal(0.0, 0.1, 9)
-        context.SetTime(k * scenario.h)
-        for name, value in (said | {"control": control}).items():
-            drakes.GetInputPort("detections" if name == "camera" else name).FixValue(context, value)
-        names = ("estimate", "covariance", "y", "delta", "V2")
-        xhat, P, *seen = (drakes.GetOutputPort(name).Eval(context) for name in names)
-        np.testing.assert_array_equal(belief[:12], xhat)
-        np.testing.assert_array_equal(belief[15:].reshape(15, 15)[:12, :12].ravel(), P)
-        np.testing.assert_array_equal(belief[12:15], integral)
-        np.testing.assert_array_equal(heard.say(k=k, **said, **NO_FIXES), np.concatenate(seen))
-        integral += reference[:3] - xhat[:3]
-        kalman.step(k=k, control=control, reference=reference, **said, **NO_FIXES)
-        context.SetDiscreteState(drakes.EvalUniquePeriodicDiscreteUpdate(context))

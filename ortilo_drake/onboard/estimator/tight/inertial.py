@@ -22,19 +22,6 @@ from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL,
 
 
 @register_jitable
-def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of quaternions (w, x, y, z)."""
-    return np.array(
-        [
-            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-        ]
-    )
-
-
-@register_jitable
 def turn(q: np.ndarray, x: float, y: float, z: float) -> None:
     """Change a unit quaternion to that of R(q) exp([(x, y, z)]x), without an array of its own: it is called often."""
     half = 0.5 * np.sqrt(x * x + y * y + z * z)

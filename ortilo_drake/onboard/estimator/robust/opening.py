@@ -1,14 +1,10 @@
-"""What stands between handler and filter, as a system: it refuses and weighs values, and opens the filter's P."""
-
-from typing import Final
+"""How far the filter's P is opened."""
 
 import numpy as np
 
 from ortilo_drake.model.signals import N_I
 from ortilo_drake.onboard.estimator.extra_states import C as GYROSCOPE
 from ortilo_drake.scenario.robust import Opening
-
-OUTPUTS: Final = ("y", "delta", "V2", "opening")
 
 
 def opening_variances(opening: Opening, extra: tuple[str, ...]) -> np.ndarray:
