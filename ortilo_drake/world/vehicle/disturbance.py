@@ -82,6 +82,6 @@ LASTING = Element(
 
 def lasting_force_box(noise: SlowNoise, h: float) -> Box:
     """Return what adds a force that lasts to the disturbance: none, unless it is drawn."""
-    numbers = {"stream": stream_id("slow error/lasting_force"), "h": h}
-    tables = {"bias": np.zeros(6), "a": noise.a, "q": noise.q}
-    return Box("lasting_force", LASTING, 6, Given(numbers, start={"x": np.zeros(6)}, tables=tables))
+    numbers, nothing = {"stream": stream_id("slow error/lasting_force"), "h": h}, np.zeros(len(noise.a))
+    tables = {"bias": nothing, "a": noise.a, "q": noise.q}
+    return Box("lasting_force", LASTING, len(nothing), Given(numbers, start={"x": nothing}, tables=tables))
