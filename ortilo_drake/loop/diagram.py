@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, InputPortIndex, OutputPort, System
-from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from ortilo_drake.loop.element import OUTSIDE, Box, Given
 from ortilo_drake.loop.shell import WiredSystem_, alone
@@ -136,8 +136,9 @@ def add_wiring(
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
             ports[box.name] = _together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
-        elif box.holds and not fused:
-            whole = builder.AddNamedSystem(box.name, Multiplexer([wiring.boxes[name].size for name in box.holds]))
+        elif not fused and box.element is not OUTSIDE and not _is_element(box):  # a bundle
+            sizes = [wiring.boxes[name].size for name in box.holds]
+            whole = builder.AddNamedSystem(box.name, Multiplexer(sizes) if sizes else ConstantVectorSource(np.zeros(0)))
             readers += [(whole.get_input_port(i), name) for i, name in enumerate(box.holds)]
             ports[box.name] = whole.get_output_port()
     units = [_all_in_one(wiring, fused)] if fused else _each_by_itself(wiring)
@@ -189,7 +190,11 @@ def _all_in_one(wiring: Wiring, name: str) -> _Unit:
 
 
 def _elements(wiring: Wiring) -> list[Box]:
-    return [box for box in wiring.boxes.values() if box.element.functions or box.element.shows]
+    return [box for box in wiring.boxes.values() if _is_element(box)]
+
+
+def _is_element(box: Box) -> bool:
+    return bool(box.element.functions or box.element.shows)
 
 
 def _said(wiring: Wiring, said: str) -> str:

@@ -121,12 +121,12 @@ def put_measurements(
             put(message[2 + m : 2 + m + m * m], V)
         stamps[j] = message[1]
         if not np.isinf(gates[j]):
-            e = values_of(message[2 : 2 + m]).copy()
+            e, believed = values_of(message[2 : 2 + m]).copy(), values_of(xhat)
             for i in range(m):
                 for n in range(12):
                     if C[first[j] + i, n] != 0.0:
-                        e[i] -= C[first[j] + i, n] * xhat[n]
-            if squared_distance(e, C[first[j] : first[j + 1]], P, values_of(V).reshape(m, m)) > gates[j]:
+                        e[i] -= C[first[j] + i, n] * believed[n]
+            if squared_distance(e, C[first[j] : first[j + 1]], values_of(P), values_of(V).reshape(m, m)) > gates[j]:
                 continue
         if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > oldest:
             continue
