@@ -140,8 +140,9 @@ def add_wiring(
             ports[box.name] = _together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
         elif box.element.shows and not box.element.functions and not fused:
             ports |= _constant_ports(builder, box)
-        elif box.holds and not fused:
-            whole = builder.AddNamedSystem(box.name, Multiplexer([wiring.boxes[name].size for name in box.holds]))
+        elif not fused and box.element is not OUTSIDE and not box.element.functions:  # a bundle
+            sizes = [wiring.boxes[name].size for name in box.holds]
+            whole = builder.AddNamedSystem(box.name, Multiplexer(sizes) if sizes else ConstantVectorSource(np.zeros(0)))
             readers += [(whole.get_input_port(i), name) for i, name in enumerate(box.holds)]
             ports[box.name] = whole.get_output_port()
     units = [_all_in_one(wiring, fused)] if fused else _each_by_itself(wiring)

@@ -149,7 +149,8 @@ def WiredSystem_(T: type) -> type:
             if T is float:
                 self._compiled[what](memory.N, S, memory.W, Y, memory.T, memory.seeds, k)
             else:
-                self._plain.make(self._calls[what], memory, S, Y, k)
+                with np.errstate(invalid="ignore"):  # Drake's symbols leave floating-point flags raised
+                    self._plain.make(self._calls[what], memory, S, Y, k)
                 for array in (S, Y):
                     for i, value in enumerate(array):
                         if not isinstance(value, T):

@@ -5,10 +5,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from numpy.linalg import matrix_power
+from drake_box import PlayedBox
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from pydrake.systems.primitives import IsObservable, LinearSystem
 from scipy.linalg import block_diag, solve_discrete_are
 
+from ortilo_drake.loop.element import Given
 from ortilo_drake.model.equations import rotation, translational_acceleration
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.measurement import PAPER, Measurement
@@ -27,9 +29,9 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
 )
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
-from ortilo_drake.scenario import Biases, DiagonalW, IntermittentFilter, LqServo, Walks
+from ortilo_drake.scenario import Biases, DiagonalW, Imu, IntermittentFilter, LqServo, Walks
 from ortilo_drake.theory.modes.staircase import rescale, tick_scaling
-from ortilo_drake.world.sensors.imu import imu_message
+from ortilo_drake.world.sensors.imu import imu_box
 
 H = 1.0 / 30.0
 M = M100.mass
@@ -339,13 +341,21 @@ def test_a_wrong_mass_is_a_vertical_force_whatever_the_tilt() -> None:
         np.testing.assert_allclose(hover + tilted_lift(xbar, u, M, yaw), true, atol=1e-12)
 
 
+def imu_message(x: np.ndarray, u: np.ndarray, d: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Return what an imu without noise says."""
+    box = imu_box(Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0), H, whole=True, mass=M)
+    imu = PlayedBox(box, H, sent=np.zeros(1), state=x, felt=u, disturbance=d)
+    imu.system.give(imu.context, {"imu": Given(tables={"bias": bias})})
+    return imu.say(15)
+
+
 def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
     rng, zero = np.random.default_rng(23), np.zeros(3)
     for tilt in (1e-3, 1e-2, 1e-1):
         x = np.concatenate([rng.normal(size=3), tilt * rng.normal(size=2), rng.normal(size=7)])
         force, b = 0.5 * rng.normal(size=3), 0.1 * rng.normal(size=3)
         u, bias = np.array([27.5, 0.0, 0.0, 0.0]), np.concatenate([np.zeros(6), b])
-        imu = imu_message(x, u, np.concatenate([force, zero]), M, bias, zero, 0, np.uint64(1), 0.5, H)
+        imu = imu_message(x, u, np.concatenate([force, zero]), bias)
         y, delta, V2 = np.arange(9.0), np.array([0.0, 0.0, 1.0]), np.arange(27.0)
         y_all, delta_all, V2_all = with_imu_rows(y, delta, V2, imu, 2, np.array([1.0, 2.0, 3.0]))
         f = force + [0.0, 0.0, u[0] - M * GRAVITY]
@@ -362,14 +372,14 @@ def test_the_accelerometers_rows_are_the_force_less_the_hover_lift() -> None:
 
 def test_the_gyroscopes_rows_are_the_euler_rates_at_any_attitude() -> None:
     """R_WB' = R_WB [w]_x, by central differences of the rotation along the angles' motion; biases add as body rates."""
-    rng, zero = np.random.default_rng(29), np.zeros(3)
+    rng = np.random.default_rng(29)
     for _ in range(20):
         x = np.concatenate([rng.normal(size=3), rng.uniform(-1.2, 1.2, 3), rng.normal(size=6)])
         step = 1e-6
         R_dot = (rotation(x[3:6] + step * x[9:12]) - rotation(x[3:6] - step * x[9:12])) / (2.0 * step)
         cross = rotation(x[3:6]).T @ R_dot
         w = np.array([cross[2, 1], cross[0, 2], cross[1, 0]])
-        imu = imu_message(x, HOVER, np.zeros(6), M, np.zeros(9), zero, 0, np.uint64(1), 0.5, H)
+        imu = imu_message(x, HOVER, np.zeros(6), np.zeros(9))
         np.testing.assert_allclose(imu[5:8], w, rtol=0.0, atol=1e-8)
         y, delta, V2 = np.arange(9.0), np.array([0.0, 0.0, 1.0]), np.arange(27.0)
         y_all, delta_all, V2_all = with_imu_rows(y, delta, V2, imu, 2, np.arange(1.0, 7.0))

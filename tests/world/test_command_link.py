@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import yaml
+from drake_box import PlayedBox
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 from pydrake.systems.primitives import VectorLogSink
 
 from ortilo_drake.diagrams.world import make_world
@@ -12,7 +13,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import BernoulliLoss, GilbertElliottLoss, load_scenario
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
-from ortilo_drake.world.radio.command_link import CommandLink_
+from ortilo_drake.world.radio.command_link import command_link_box
 
 H = 1.0 / 30.0
 HOVER = np.array([2.7 * 9.81, 0.0, 0.0, 0.0])
@@ -34,20 +35,25 @@ def command(k: int) -> np.ndarray:
     return np.array([100.0 + k, k, -k, 2 * k])
 
 
-def make(link: CommandLinkSettings, seed: int) -> Diagram:
+def radio_of(link: CommandLinkSettings) -> System:
+    return PlayedBox(command_link_box(link, M100.hover_thrust, H), H, control=HOVER).system
+
+
+def make(link: CommandLinkSettings, seed: int) -> tuple[Diagram, Simulator]:
     builder = DiagramBuilder()
     commands = builder.AddSystem(Commands())
-    radio = builder.AddSystem(CommandLink_[float](link, M100, seed, H))
+    radio = builder.AddSystem(radio_of(link))
     log = builder.AddNamedSystem("log", VectorLogSink(4, H))
     builder.Connect(commands.get_output_port(), radio.get_input_port())
-    builder.Connect(radio.get_output_port(), log.get_input_port())
-    return builder.Build()
+    builder.Connect(radio.GetOutputPort("applied"), log.get_input_port())
+    simulator = Simulator(builder.Build())
+    radio.set_seed_in(radio.GetMyMutableContextFromRoot(simulator.get_mutable_context()), seed)
+    return simulator.get_system(), simulator
 
 
 def fly(ticks: int, seed: int = 1, **settings) -> np.ndarray:
     """What acts on the rotors at each tick (ticks, 4)."""
-    diagram = make(CommandLinkSettings(**settings), seed)
-    simulator = Simulator(diagram)
+    diagram, simulator = make(CommandLinkSettings(**settings), seed)
     simulator.AdvanceTo((ticks - 0.5) * H)
     return diagram.GetSubsystemByName("log").FindLog(simulator.get_context()).data().T
 
@@ -119,9 +125,8 @@ def test_the_seed_decides_and_repeats() -> None:
 
 def test_the_whole_state_is_in_the_context() -> None:
     loss = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.3, bad_to_good=0.3)
-    diagram = make(CommandLinkSettings(loss=loss, delay=2), 5)
+    diagram, first = make(CommandLinkSettings(loss=loss, delay=2), 5)
     radio = diagram.GetSubsystemByName("command_link")
-    first = Simulator(diagram)
     first.AdvanceTo(20.5 * H)
     kept = first.get_context().Clone()
     first.AdvanceTo(60 * H)
@@ -134,8 +139,8 @@ def test_the_whole_state_is_in_the_context() -> None:
 
 
 def test_only_a_link_without_delay_passes_commands_straight_on() -> None:
-    assert CommandLink_[float](CommandLinkSettings(loss=HALF), M100, 0, H).HasAnyDirectFeedthrough()
-    assert not CommandLink_[float](CommandLinkSettings(delay=1), M100, 0, H).HasAnyDirectFeedthrough()
+    assert radio_of(CommandLinkSettings(loss=HALF)).HasAnyDirectFeedthrough()
+    assert not radio_of(CommandLinkSettings(delay=1)).HasAnyDirectFeedthrough()
 
 
 # --- the scenario ------------------------------------------------------------------------------------------------

@@ -8,11 +8,14 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.systems.sensors import ImageRgba8U
 
+from ortilo_drake.loop.diagram import add_wiring
+from ortilo_drake.loop.element import outside
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import ARRIVED, N_X, SHUTTER_SIZE, STAMP
 from ortilo_drake.scenario import BernoulliLoss, Link
 from ortilo_drake.world.radio.image_delay import ImageDelay
-from ortilo_drake.world.radio.link import SensorLink_
-from ortilo_drake.world.sensors.shutter import Shutter
+from ortilo_drake.world.radio.link import delivery_box, link_box
+from ortilo_drake.world.sensors.shutter import shutter_box
 
 H = 1.0 / 30.0
 
@@ -59,27 +62,29 @@ class Onboard(LeafSystem):
         output.SetFromVector(context.get_discrete_state(self._rows).value())
 
 
-def diagram_of(link: Link, seed: int, ticks: int) -> Diagram:
+def flight_of(link: Link, seed: int, ticks: int) -> tuple[Diagram, Simulator]:
     builder = DiagramBuilder()
-    camera, shutter = builder.AddSystem(Clock()), builder.AddSystem(Shutter())
-    radio = builder.AddSystem(SensorLink_[float]("camera", SHUTTER_SIZE, link, seed, H))
+    camera = builder.AddSystem(Clock())
     kept = builder.AddSystem(ImageDelay(link.every(H), link.delay + link.random_delay, H))
     onboard = builder.AddSystem(Onboard(ticks))
     state = builder.AddSystem(ConstantVectorSource(np.zeros(N_X)))
-    builder.Connect(shutter.get_output_port(), radio.GetInputPort("message"))
-    builder.Connect(state.get_output_port(), radio.GetInputPort("state"))
+    shutter, decides = shutter_box(H).reading(sent="camera_link"), link_box("camera", link, link.every(H), H)
+    boxes = [outside("state", N_X), decides, shutter, delivery_box("camera", shutter, link)]
+    sources = {"state": state.get_output_port()}
+    radio = add_wiring(builder, Wiring(boxes), {"shutter": "camera_delivered"}, H, sources)
     builder.Connect(camera.get_output_port(), kept.GetInputPort("color_image"))
-    builder.Connect(radio.get_output_port(), kept.GetInputPort("shutter"))
+    builder.Connect(radio.outputs["shutter"], kept.GetInputPort("shutter"))
     builder.Connect(kept.get_output_port(), onboard.GetInputPort("image"))
-    builder.Connect(radio.get_output_port(), onboard.GetInputPort("shutter"))
+    builder.Connect(radio.outputs["shutter"], onboard.GetInputPort("shutter"))
     builder.ExportOutput(onboard.get_output_port(), "rows")
-    return builder.Build()
+    simulator = Simulator(builder.Build())
+    radio.set_seed(simulator.get_mutable_context(), seed)
+    return simulator.get_system(), simulator
 
 
 def received(link: Link, seed: int = 0, ticks: int = 300) -> np.ndarray:
     """Return rows (tick, tick of the stamp, tick of the picture) of what arrived."""
-    diagram = diagram_of(link, seed, ticks)
-    simulator = Simulator(diagram)
+    diagram, simulator = flight_of(link, seed, ticks)
     simulator.AdvanceTo((ticks + 0.5) * H)
     rows = diagram.get_output_port().Eval(simulator.get_context()).reshape(ticks, 3)
     there = np.flatnonzero(rows[:, 0] == 1.0)
@@ -113,8 +118,7 @@ def test_under_random_delay_and_loss_as_well(link: Link, seed: int) -> None:
 
 
 def test_no_more_pictures_are_kept_than_may_still_be_asked_for() -> None:
-    diagram = diagram_of(Link(rate=10.0, delay=4, random_delay=5), 0, 60)
-    simulator = Simulator(diagram)
+    diagram, simulator = flight_of(Link(rate=10.0, delay=4, random_delay=5), 0, 60)
     kept = diagram.GetSubsystemByName("image_delay")
     for k in range(60):
         simulator.AdvanceTo((k + 0.5) * H)
@@ -124,8 +128,7 @@ def test_no_more_pictures_are_kept_than_may_still_be_asked_for() -> None:
 
 
 def test_a_copied_context_flies_on_alike_and_apart() -> None:
-    diagram = diagram_of(Link(delay=3), 0, 60)
-    simulator = Simulator(diagram)
+    diagram, simulator = flight_of(Link(delay=3), 0, 60)
     simulator.AdvanceTo(20.5 * H)
     copy = Simulator(diagram, simulator.get_context().Clone())
     for flight in (simulator, copy):

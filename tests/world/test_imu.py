@@ -5,22 +5,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from drake_box import PlayedBox
 from pydrake.math import RollPitchYaw
 from scipy import stats
 
 from ortilo_drake.model.equations import rigid_body_dynamics
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Imu as Settings
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.sensors.imu import Imu_, imu_message
+from ortilo_drake.world.sensors.imu import imu_box
 
 H = 1.0 / 30.0
 HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
-STREAM = stream_id("imu")
+ONE_SECOND = 30
+
+
+def imu(settings: Settings, seed: int = 0) -> PlayedBox:
+    inputs = {"sent": np.zeros(1), "state": np.zeros(12), "felt": HOVER, "disturbance": np.zeros(6)}
+    return PlayedBox(imu_box(settings, H, whole=True, mass=M100.mass), H, seed, **inputs)
+
+
+EXACT = imu(Settings(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0))
 
 
 def exact(x: np.ndarray, u: np.ndarray, d: np.ndarray) -> np.ndarray:
-    return imu_message(x, u, d, M100.mass, np.zeros(9), np.zeros(3), 0, STREAM, 1.0, H)
+    return EXACT.say(ONE_SECOND, state=x, felt=u, disturbance=d)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, -2.0])
@@ -50,14 +58,9 @@ def test_in_motion_it_measures_rates_by_drake_and_acceleration_less_gravity(
 
 def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
     n = 6000
-    imu = Imu_[float](Settings(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05), M100.mass, 7, H)
-    context = imu.CreateDefaultContext()
-    for port, value in (("state", np.zeros(12)), ("control", HOVER), ("disturbance", np.zeros(6))):
-        imu.GetInputPort(port).FixValue(context, value)
-    noise = np.empty((n, 9))
+    noisy, noise = imu(Settings(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05), seed=7), np.empty((n, 9))
     for k in range(n):
-        context.SetTime(k * H)
-        message = imu.get_output_port().Eval(context)
+        message = noisy.say(k)
         assert message[0] == 1.0
         assert message[1] == k * H
         noise[k] = message[2:]
@@ -71,9 +74,6 @@ def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
 
 
 def test_noise_belongs_to_the_seed() -> None:
-    messages = [
-        imu_message(np.zeros(12), HOVER, np.zeros(6), M100.mass, np.zeros(9), np.ones(3), seed, STREAM, 2.0, H)
-        for seed in (1, 1, 2)
-    ]
+    messages = [imu(Settings(angle_sd=1.0, rate_sd=1.0, specific_force_sd=1.0), seed).say(60) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(messages[0], messages[1])
     assert np.all(messages[0][2:] != messages[2][2:])

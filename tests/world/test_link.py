@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from drake_box import PlayedBox
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from scipy import stats
 
+from ortilo_drake.loop.diagram import add_wiring
+from ortilo_drake.loop.element import Box, outside
+from ortilo_drake.loop.shell import WiredSystem_
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import (
     BernoulliLoss,
     BurstLoss,
@@ -17,7 +22,7 @@ from ortilo_drake.scenario import (
     TimeBlackout,
 )
 from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.radio.link import SensorLink_
+from ortilo_drake.world.radio.link import delivery_box, link_box
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")
@@ -27,15 +32,23 @@ SIZE = 4
 
 
 class Source(LeafSystem):
-    """A sensor whose message (arrived, stamp, tick, square of the tick) is there but each silent-th tick."""
+    """A sensor whose message (arrived, stamp, tick, square of the tick) is there but each silent-th tick.
+
+    It says one where it is told that it is sent, as the elements do.
+    """
 
     def __init__(self, silent: int = 0, late: float = 0.0):
         super().__init__()
         self.silent, self.late, self.asked = silent, late, []
-        self.DeclareVectorOutputPort("message", SIZE, self._calc, prerequisites_of_calc={self.time_ticket()})
+        sent = self.DeclareVectorInputPort("sent", 1)
+        needs = {self.time_ticket(), sent.ticket()}
+        self.DeclareVectorOutputPort("message", SIZE, self._calc, prerequisites_of_calc=needs)
 
     def _calc(self, context, output) -> None:
         k = round(context.get_time() / H)
+        if self.get_input_port().Eval(context)[0] < 0.0:
+            output.SetFromVector(np.zeros(SIZE))
+            return
         self.asked.append(k)
         there = not (self.silent and k % self.silent == 0)
         output.SetFromVector([float(there), k * H - self.late, k, k * k])
@@ -66,17 +79,27 @@ class Recorder(LeafSystem):
         self.rows.append(self.get_input_port().Eval(context).copy())
 
 
+def radio_boxes(sensor: str, link: Link) -> list[Box]:
+    """Return a link and what it delivers; they read the state of a vehicle, and messages."""
+    message, vehicle = outside("message", SIZE), outside("vehicle", 12)
+    decides = link_box(sensor, link, link.every(H), H).reading(state="vehicle")
+    return [message, vehicle, decides, delivery_box(sensor, message, link)]
+
+
 def fly(link: Link, ticks: int, seed: int = 1, sensor: str = "uwb", source: Source | None = None) -> np.ndarray:
     """What arrives at each tick (ticks, SIZE)."""
     builder = DiagramBuilder()
     source = builder.AddSystem(source or Source())
     vehicle = builder.AddSystem(Vehicle())
-    radio = builder.AddSystem(SensorLink_[float](sensor, SIZE, link, seed, H))
     recorder = builder.AddSystem(Recorder())
-    builder.Connect(source.get_output_port(), radio.GetInputPort("message"))
-    builder.Connect(vehicle.get_output_port(), radio.GetInputPort("state"))
-    builder.Connect(radio.get_output_port(), recorder.get_input_port())
-    Simulator(builder.Build()).AdvanceTo((ticks - 0.5) * H)
+    sources = {"message": source.get_output_port(), "vehicle": vehicle.get_output_port()}
+    shown = {"delay": f"{sensor}_link", "delivered": f"{sensor}_delivered"}
+    radio = add_wiring(builder, Wiring(radio_boxes(sensor, link)), shown, H, sources)
+    builder.Connect(radio.outputs["delay"], source.get_input_port())
+    builder.Connect(radio.outputs["delivered"], recorder.get_input_port())
+    simulator = Simulator(builder.Build())
+    radio.set_seed(simulator.get_mutable_context(), seed)
+    simulator.AdvanceTo((ticks - 0.5) * H)
     assert len(recorder.rows) == ticks
     return np.array(recorder.rows)
 
@@ -319,40 +342,44 @@ def test_a_stamp_older_than_the_tick_is_kept() -> None:
 # --- how it sits in a diagram -------------------------------------------------------------------------------
 
 
+CHAIN = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=0.1)
+
+
 @pytest.mark.parametrize(
-    ("link", "groups"),
+    ("link", "chain", "flies"),
     [
-        (Link(rate=10.0, loss=BernoulliLoss(kind="bernoulli", probability=0.3)), 0),
-        (Link(loss=GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=0.1)), 1),
-        (Link(delay=2), 1),
-        (Link(random_delay=2), 1),
-        (Link(delay=1, loss=GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=0.1)), 2),
+        (Link(rate=10.0, loss=BernoulliLoss(kind="bernoulli", probability=0.3)), False, False),
+        (Link(loss=CHAIN), True, False),
+        (Link(delay=2), False, True),
+        (Link(random_delay=2), False, True),
+        (Link(delay=1, loss=CHAIN), True, True),
     ],
 )
-def test_has_state_only_where_it_must(link: Link, groups: int) -> None:
-    system = SensorLink_[float]("uwb", SIZE, link, 1, H)
-    assert system.CreateDefaultContext().num_discrete_state_groups() == groups
-    assert (system.GetUniquePeriodicDiscreteUpdateAttribute() is None) == (groups == 0)
-    assert system.HasAnyDirectFeedthrough() == (link.delay == 0)  # a delayed message breaks an algebraic loop
+def test_has_state_only_where_it_must(link: Link, chain: bool, flies: bool) -> None:
+    *_, decides, delivers = radio_boxes("uwb", link)
+    its_link = PlayedBox(decides, H, state=np.zeros(12))
+    delivery = PlayedBox(delivers, H, message=np.zeros(SIZE), delay=np.zeros(1))
+    for played, keeps in ((its_link, chain), (delivery, flies)):
+        assert played.context.num_discrete_state_groups() == keeps
+        assert (played.system.GetUniquePeriodicDiscreteUpdateAttribute() is None) == (not keeps)
+    assert delivery.system.HasAnyDirectFeedthrough() == (link.delay == 0)  # a delayed message breaks an algebraic loop
 
 
 def test_all_that_evolves_is_in_the_context() -> None:
     loss = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.2, bad_to_good=0.2)
-    system = SensorLink_[float]("uwb", SIZE, Link(delay=2, random_delay=2, loss=loss), 1, H)
+    boxes = radio_boxes("uwb", Link(delay=2, random_delay=2, loss=loss))
+    system = WiredSystem_[float]("radio", Wiring(boxes), {"delivered": ("uwb_delivered",)}, H)
     runs = []
     for _ in range(2):
         simulator = Simulator(system)
         context = simulator.get_mutable_context()
+        system.set_seed_in(context, 1)
         system.GetInputPort("message").FixValue(context, [1.0, 0.5, 2.0, 3.0])
-        system.GetInputPort("state").FixValue(context, np.zeros(12))
+        system.GetInputPort("vehicle").FixValue(context, np.zeros(12))
         row = []
         for k in range(100):
             simulator.AdvanceTo((k + 0.5) * H)
-            row.append(state_of(context))
+            row.append(context.get_discrete_state_vector().CopyToVector())
         runs.append(np.array(row))
     np.testing.assert_array_equal(runs[0], runs[1])
     assert len(np.unique(runs[0], axis=0)) > 50
-
-
-def state_of(context) -> np.ndarray:
-    return np.concatenate([context.get_discrete_state(i).value() for i in range(context.num_discrete_state_groups())])

@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.world import World, make_world
 from ortilo_drake.flight.simulator import fix_steps
+from ortilo_drake.loop.element import Given
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -48,8 +49,7 @@ class Flown:
         self.world.GetInputPort("control").FixValue(self.context, u)
 
     def move_to(self, x: np.ndarray) -> None:
-        plant = self.world.GetSubsystemByName("quadrotor")
-        plant.SetState(plant.GetMyMutableContextFromRoot(self.context), x)
+        self.world.Give(self.context, {"plant": Given(start={"x": x})})
 
     def fly(self, ticks: int = TICKS) -> np.ndarray:
         """Return x after that many ticks more (12)."""
@@ -85,10 +85,14 @@ def test_a_mean_force_accelerates_by_force_over_true_mass() -> None:
 def test_gusts_push_with_what_their_source_says_beside_the_white_force() -> None:
     white = "world.disturbance={force_sd: 0.2, torque_sd: 0}"
     gusty, calm = (Flown(scenario_of(white, *more)) for more in (("truth.force={gust_sd: 0.3, gust_time: 1.5}",), ()))
-    source = gusty.world.GetSubsystemByName("lasting_force")
+    sources = [gusty.world.GetSubsystemByName(name) for name in ("lasting_force", "disturbance")]
     impulse = np.zeros(3)
     for _ in range(TICKS):
-        error = source.get_output_port().Eval(source.GetMyContextFromRoot(gusty.context))
+        pushed, alone = (
+            source.GetOutputPort(source.get_name()).Eval(source.GetMyContextFromRoot(gusty.context))
+            for source in sources
+        )
+        error = pushed - alone
         assert np.all(error[0:3] != 0.0)
         assert not np.any(error[3:])
         impulse += error[0:3] * H
@@ -141,9 +145,10 @@ def test_ranges_err_by_bias_survey_and_slowly() -> None:
     assert np.all(message[n:] == 1.0)
     np.testing.assert_allclose(message[:n], 1.02 * (true + drawn["uwb.bias"]), rtol=1e-12)
     slow = Flown(scenario_of("truth.uwb={slow_sd: 0.05, slow_time: 2.0}", "uwb.max_distance=7"))
-    source = slow.world.GetSubsystemByName("uwb_slow_error")
+    source: Any = slow.world.GetSubsystemByName("uwb_error")
     message = slow.says("uwb")[PAYLOAD:]
-    error = source.get_output_port().Eval(source.GetMyContextFromRoot(slow.context))
+    error = source.state_of(source.GetMyContextFromRoot(slow.context), "uwb_error", "x")
+    assert np.all(error != 0.0)
     distances, there = np.linalg.norm(START - room.anchor_positions, axis=1), message[n:] == 1.0
     assert 0 < np.sum(there) < n
     np.testing.assert_allclose(message[:n], np.where(there, distances + error, 0.0), rtol=1e-12)
@@ -228,8 +233,7 @@ def test_a_turned_rendered_camera_draws_as_one_on_a_turned_body() -> None:
         world = make_world(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered", width, *settings)))
         context = world.CreateDefaultContext()
         world.SetSeed(context, 0)
-        plant = world.GetSubsystemByName("quadrotor")
-        plant.SetState(plant.GetMyMutableContextFromRoot(context), x)
+        world.Give(context, {"plant": Given(start={"x": x})})
         return world.GetOutputPort("label_image").Eval(context).data.copy()
 
     x = np.array([*START, *[0.0] * 9])

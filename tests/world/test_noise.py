@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
+from drake_box import PlayedBox
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
@@ -12,7 +13,7 @@ from scipy import stats
 
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import normals, philox_words, stream_id, uniforms
-from ortilo_drake.world.vehicle.disturbance import DisturbanceSource_
+from ortilo_drake.world.vehicle.disturbance import disturbance_box
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")
@@ -100,11 +101,12 @@ def test_stream_numbers_differ_and_stay() -> None:
 def held_disturbance(settings: Disturbance, seed: int, duration: float, period: float) -> np.ndarray:
     """Samples (n, 6) of a disturbance held over ticks of 1/30 s."""
     builder = DiagramBuilder()
-    source = builder.AddSystem(DisturbanceSource_[float](settings, seed, H))
+    source = builder.AddSystem(PlayedBox(disturbance_box(settings, H), H).system)
     hold = builder.AddSystem(ZeroOrderHold(H, 6))
-    builder.Connect(source.get_output_port(), hold.get_input_port())
+    builder.Connect(source.GetOutputPort("disturbance"), hold.get_input_port())
     log = LogVectorOutput(hold.get_output_port(), builder, period)
     simulator = Simulator(builder.Build())
+    source.set_seed_in(source.GetMyMutableContextFromRoot(simulator.get_mutable_context()), seed)
     simulator.AdvanceTo(duration)
     return log.FindLog(simulator.get_context()).data().T
 

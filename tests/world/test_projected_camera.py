@@ -6,6 +6,7 @@ import pytest
 import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from drake_box import PlayedBox
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +20,8 @@ from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
 from ortilo_drake.training.calibration.estimates import slow_correlation
 from ortilo_drake.world.sensors.camera_calibration import QUANTILES, load_calibration
 from ortilo_drake.world.sensors.camera_tables import look_up
-from ortilo_drake.world.sensors.projected_camera import ProjectedCamera, poisson
+from ortilo_drake.world.sensors.projected_camera import poisson
+from ortilo_drake.world.sensors.projected_camera_element import camera_box
 
 H = 1.0 / 30.0
 ROOM = load_room()
@@ -54,14 +56,10 @@ def state(p_WB, rpy=(0.0, 0.0, 0.0)) -> np.ndarray:
 
 def camera(settings: Settings, room: Room, seed: int = 1):
     """A function (state, tick) -> rows (n, 6) of the detections that are there."""
-    system = ProjectedCamera(settings, room, seed, H)
-    context = system.CreateDefaultContext()
-    port = system.GetInputPort("state")
+    played = PlayedBox(camera_box(settings, room, (), H), H, seed, sent=np.zeros(1), state=np.zeros(12))
 
     def rows(x, tick: int = 0) -> np.ndarray:
-        port.FixValue(context, x)
-        context.SetTime(tick * H)
-        message = system.GetOutputPort("detections").Eval(context)
+        message = played.say(tick, state=x)
         assert message[0] == 1.0
         assert message[1] == tick * H
         table = message[PAYLOAD:].reshape(MAX_DETECTIONS, DETECTION_SIZE)

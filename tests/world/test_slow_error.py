@@ -2,27 +2,30 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from drake_box import PlayedBox
 
-from ortilo_drake.world.seeded_system import Seeded
-from ortilo_drake.world.slow_error import SlowError_, SlowNoise, gauss_markov, random_walk
+from ortilo_drake.diagrams.wiring.truth import lasting
+from ortilo_drake.world.drawn_truth import of_seed
+from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk
+from ortilo_drake.world.vehicle.disturbance import lasting_force_box
 
 H = 1.0 / 30.0
 
 
+def source_of(noise: SlowNoise, seed: int, bias: np.ndarray) -> PlayedBox:
+    """Return what adds such an error to nothing, begun as in the world of a seed."""
+    source = PlayedBox(lasting_force_box(noise, H), H, seed, disturbance=np.zeros(len(noise.a)))
+    source.system.give(source.context, {"lasting_force": lasting("lasting_force", noise, bias, of_seed(seed))})
+    return source
+
+
 def series(noise: SlowNoise, ticks: int, seed: int = 3, bias: float = 0.0) -> np.ndarray:
     """Return e_0 .. e_ticks (ticks + 1, n) as a simulator's monitor sees them, before each tick's update."""
-    source = SlowError_[float]("some", noise, 0, H)
-    assert isinstance(source, Seeded)
-    simulator = Simulator(source)
-    context = simulator.get_mutable_context()
-    source.set_seed_in(context, seed)
-    source.start_in(context, np.full(len(noise.a), bias))
-    found = [np.array(source.get_output_port().Eval(context))]
-    for _ in range(ticks):
-        context.SetDiscreteState(source.EvalUniquePeriodicDiscreteUpdate(context).value())
-        context.SetTime(len(found) * H)
-        found.append(np.array(source.get_output_port().Eval(context)))
+    source = source_of(noise, seed, np.full(len(noise.a), bias))
+    found = [source.say(0)]
+    for k in range(ticks):
+        source.step()
+        found.append(source.say(k + 1))
     return np.array(found)
 
 
@@ -59,13 +62,9 @@ def test_it_is_the_seeds() -> None:
 
 
 def test_it_runs_on_autodiff() -> None:
-    noise = gauss_markov(np.full(3, 0.1), 2.0, H)
-    source = SlowError_[float]("some", noise, 7, H)
-    system = source.ToAutoDiffXd()
-    contexts = source.CreateDefaultContext(), system.CreateDefaultContext()
-    source.start_in(contexts[0], np.array([0.1, 0.2, 0.3]))
-    contexts[1].SetTimeStateAndParametersFrom(contexts[0])
-    after = [s.EvalUniquePeriodicDiscreteUpdate(c).value() for s, c in zip((source, system), contexts, strict=True)]
-    assert [float(v.value()) for v in after[1]] == after[0].tolist()
-    shown = [s.get_output_port().Eval(c) for s, c in zip((source, system), contexts, strict=True)]
-    assert [float(v.value()) for v in shown[1]] == shown[0].tolist()
+    source = source_of(gauss_markov(np.full(3, 0.1), 2.0, H), 7, np.array([0.1, 0.2, 0.3]))
+    other = source.on_autodiff(7)
+    other.context.SetTimeStateAndParametersFrom(source.context)
+    for one, its in ((source.say(), other.say()), (source.step(), other.step()), (source.say(1), other.say(1))):
+        assert [float(v.value()) for v in its] == one.tolist()
+        assert one.all()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from drake_box import PlayedBox
 from scipy import stats
 
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
@@ -17,7 +18,7 @@ from ortilo_drake.scenario import (
     WallsBlock,
     WallsIgnored,
 )
-from ortilo_drake.world.sensors.uwb import UwbRanging_
+from ortilo_drake.world.sensors.uwb import uwb_box
 
 settings.register_profile("compiled", deadline=None)  # the first example may wait for numba
 settings.load_profile("compiled")
@@ -30,17 +31,13 @@ SILENT = ConstantNoise(kind="constant", sd=0.0)
 BEHIND_WALLS = (12.0, -3.0, 1.5)
 
 
-def ranging(settings: Uwb, p_WB, time: float = 0.0, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def ranging(settings: Uwb, p_WB, tick: int = 0, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Ranges and flags (n each) of the system's output port."""
-    system = UwbRanging_[float](settings, ROOM, seed, H)
-    context = system.CreateDefaultContext()
     x = np.concatenate([p_WB, np.full(9, 0.3)])
-    system.GetInputPort("state").FixValue(context, x)
-    context.SetTime(time)
-    message = system.GetOutputPort("uwb").Eval(context)
+    message = PlayedBox(uwb_box(settings, ROOM, H), H, seed, sent=np.zeros(1), state=x).say(tick)
     assert message.shape == (uwb_size(N),)
     assert message[0] == 1.0
-    assert message[1] == time
+    assert message[1] == tick * H
     return message[2 : 2 + N], message[2 + N :]
 
 
@@ -87,7 +84,7 @@ def test_noise_has_the_model_s_distribution(noise, sd) -> None:
     p = np.array([5.0, 1.0, 1.5])
     d = np.linalg.norm(p - ANCHORS, axis=1)
     ticks = 1_500
-    v = np.array([(ranging(Uwb(noise=noise), p, k * H)[0] - d) / sd(d) for k in range(ticks)])
+    v = np.array([(ranging(Uwb(noise=noise), p, k)[0] - d) / sd(d) for k in range(ticks)])
     assert np.all(np.abs(v.mean(axis=0)) < 4 / np.sqrt(ticks))
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], ticks)
     assert np.all((low < np.sum(v**2, axis=0)) & (np.sum(v**2, axis=0) < high))
@@ -98,26 +95,31 @@ def test_noise_has_the_model_s_distribution(noise, sd) -> None:
 
 
 def test_a_hidden_anchor_leaves_the_others_noise() -> None:
-    all_there, _ = ranging(Uwb(walls=WallsIgnored()), BEHIND_WALLS, 2.0)
-    some, there = ranging(Uwb(walls=WallsBlock(kind="block")), BEHIND_WALLS, 2.0)
+    all_there, _ = ranging(Uwb(walls=WallsIgnored()), BEHIND_WALLS, 60)
+    some, there = ranging(Uwb(walls=WallsBlock(kind="block")), BEHIND_WALLS, 60)
     assert 0 < np.sum(there) < N
     np.testing.assert_array_equal(some[there == 1.0], all_there[there == 1.0])
 
 
 def test_a_seed_and_a_tick_make_one_message() -> None:
     p = (5.0, 1.0, 1.5)
-    once = ranging(Uwb(), p, 12 * H)[0]
-    np.testing.assert_array_equal(once, ranging(Uwb(), p, 12 * H)[0])
-    assert np.all(once != ranging(Uwb(), p, 13 * H)[0])
-    assert np.all(once != ranging(Uwb(), p, 12 * H, seed=2)[0])
+    once = ranging(Uwb(), p, 12)[0]
+    np.testing.assert_array_equal(once, ranging(Uwb(), p, 12)[0])
+    assert np.all(once != ranging(Uwb(), p, 13)[0])
+    assert np.all(once != ranging(Uwb(), p, 12, seed=2)[0])
 
 
 def test_no_range_is_negative() -> None:
     at_anchor = ANCHORS[0] + 1e-3
-    ranges = [ranging(Uwb(noise=ConstantNoise(kind="constant", sd=0.5)), at_anchor, k * H)[0][0] for k in range(50)]
+    ranges = [ranging(Uwb(noise=ConstantNoise(kind="constant", sd=0.5)), at_anchor, k)[0][0] for k in range(50)]
     assert min(ranges) == 0.0 < max(ranges)
 
 
 def test_is_memoryless() -> None:
-    system = UwbRanging_[float](Uwb(), ROOM, 1, H)
-    assert system.CreateDefaultContext().num_total_states() == 0
+    receiver = PlayedBox(uwb_box(Uwb(), ROOM, H), H, sent=np.zeros(1), state=np.zeros(12))
+    assert receiver.context.num_total_states() == 0
+
+
+def test_says_nothing_in_a_tick_in_which_nothing_is_sent() -> None:
+    receiver = PlayedBox(uwb_box(Uwb(), ROOM, H), H, sent=np.array([-1.0]), state=np.zeros(12))
+    assert not receiver.say(3).any()

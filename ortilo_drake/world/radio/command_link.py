@@ -10,6 +10,7 @@ acted is reported (world/vehicle/acted_report.py). L. Schenato,
 strategies.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,13 @@ def link_out(
     out[N_U] = sent * n.h if sent >= 0 else -1.0
 
 
+def delayed_out(n: Any, k: int, seed: int, link: np.ndarray, hover: np.ndarray, out: np.ndarray) -> None:
+    """Say what link_out says, of a link that delays: no command acts in the tick in which it is sent."""
+    put(applied_command(k, link, hover, n.loss, hover, n.holds != 0, seed, n.stream), out)
+    sent = arriving(k, link, n.loss, seed, n.stream)
+    out[N_U] = sent * n.h if sent >= 0 else -1.0
+
+
 def link_step(n: Any, k: int, seed: int, control: np.ndarray, applied: np.ndarray, link: np.ndarray) -> None:
     """Go on to tick k + 1, see link_after."""
     put(link_after(k, link, control, applied, n.loss, seed, n.stream), link)
@@ -124,6 +132,7 @@ LINK = Element(
     state=(Array("link"),),
     allocates=True,
 )
+DELAYED = replace(LINK, name="delayed_command_link", out=delayed_out)
 
 
 def first_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarray:
@@ -143,4 +152,5 @@ def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: floa
     tables = {"hover": np.array([hover_thrust, 0.0, 0.0, 0.0])}
     given = Given(numbers, start={"link": first_state(settings, hover_thrust)}, tables=tables)
     parts = {"applied": (0, N_U), "stamp": (N_U, 1)}
-    return Box("command_link", LINK, N_U + 1, given, reads={"applied": "command_link.applied"}, parts=parts)
+    element = DELAYED if settings.delay else LINK
+    return Box("command_link", element, N_U + 1, given, reads={"applied": "command_link.applied"}, parts=parts)

@@ -15,6 +15,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.scenario import Link
 from ortilo_drake.scenario.loss_chain import loss_parameters
@@ -177,20 +178,29 @@ def late_out(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray,
         put(message, out)
 
 
+def delayed_out(k: int, flying: np.ndarray, out: np.ndarray) -> None:
+    """Say the message that lands in tick k, zeros if none does, where none lands in the tick in which it is sent."""
+    fill(out, 0.0)
+    landed = landing_row(flying, k, -np.inf)
+    if landed != NOT_SENT:
+        put(flying[landed, 1:], out)
+
+
 def late_step(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray) -> None:
     """Put the message of tick k in flight, if it is late."""
     if delay[0] > 0.0 and message[ARRIVED] != 0.0:
-        put_in_flight(flying, k + int(delay[0]), message)
+        put_in_flight(flying, k + int(values_of(delay)[0]), message)
 
 
 def sent_out(message: np.ndarray, delay: np.ndarray, out: np.ndarray) -> None:
-    """Say the message of this tick where it is sent, else zeros."""
+    """Say the message of this tick where there is one and it is sent, else zeros."""
     fill(out, 0.0)
-    if delay[0] == 0.0:
+    if delay[0] == 0.0 and message[ARRIVED] != 0.0:
         put(message, out)
 
 
 LATE = Element("late", out=late_out, step=late_step, state=(Array("flying", 2),))
+DELAYED = Element("delayed", out=delayed_out, step=late_step, state=(Array("flying", 2),))
 SENT = Element("sent", out=sent_out)
 
 
@@ -225,4 +235,5 @@ def delivery_box(sensor: str, message: Box, settings: Link) -> Box:
     if not most:
         return Box(f"{sensor}_delivered", SENT, message.size, reads=reads)
     flying = np.tile(np.concatenate(([-1.0], np.zeros(message.size))), (most, 1))
-    return Box(f"{sensor}_delivered", LATE, message.size, Given(start={"flying": flying}), reads=reads)
+    element = DELAYED if settings.delay else LATE
+    return Box(f"{sensor}_delivered", element, message.size, Given(start={"flying": flying}), reads=reads)

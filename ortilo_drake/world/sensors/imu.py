@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
@@ -13,7 +12,7 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, STAMP, size_of_samples
 from ortilo_drake.model.triples import Four
 from ortilo_drake.scenario import Imu as ImuSettings
-from ortilo_drake.world.noise import four_normals, normals, put_normals, stream_id
+from ortilo_drake.world.noise import four_normals, put_normals, stream_id
 from ortilo_drake.world.sensors.sample_collector import sample_of
 from ortilo_drake.world.vehicle.continuous import PASSED
 
@@ -53,38 +52,6 @@ def put_imu_message(
         message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
     for i in range(9):
         message[2 + i] += bias[i] + sd[i // 3] * v[i]
-
-
-@njit(cache=True)
-def imu_message(
-    x: np.ndarray,
-    u: np.ndarray,
-    d: np.ndarray,
-    mass: float,
-    bias: np.ndarray,
-    sd: np.ndarray,
-    seed: int,
-    stream: np.uint64,
-    time: float,
-    h: float,
-) -> np.ndarray:
-    """Return the imu message (11), see put_imu_message.
-
-    Args:
-        x: state (12).
-        u: control as it acts on the body (4).
-        d: disturbance (6).
-        mass: m [kg].
-        bias: b (9).
-        sd: standard deviations for the angles, rates and specific force (3).
-        seed: seed of all noise.
-        stream: number of this noise stream.
-        time: t_k [s].
-        h: tick [s].
-    """
-    message = np.empty(11, x.dtype)
-    put_imu_message(message, normals(seed, stream, tick_of(time, h), 9), x, u, d, mass, bias, sd, time)
-    return message
 
 
 @register_jitable

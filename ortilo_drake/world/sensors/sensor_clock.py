@@ -10,7 +10,6 @@ shows what is yet to come: as if the onboard computer, and all else, were that m
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box, Element, Given, Number
@@ -23,14 +22,6 @@ def take_back(before: np.ndarray, x: np.ndarray, delta: float) -> None:
     """Change x (12), written to `before`, to what it was delta [s] before."""
     for i in range(6):
         before[i] -= delta * x[6 + i]
-
-
-@njit(cache=True)
-def state_before(x: np.ndarray, delta: float) -> np.ndarray:
-    """Return x (12) as it was delta [s] before, its velocities as they are."""
-    before = x.copy()
-    take_back(before, x, delta)
-    return before
 
 
 def seen_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:

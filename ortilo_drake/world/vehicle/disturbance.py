@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
@@ -23,16 +22,6 @@ def put_disturbance(
     for i in range(3):
         d[i] *= force_sd
         d[3 + i] *= torque_sd
-
-
-@njit(cache=True)
-def disturbance_at(
-    force_sd: float, torque_sd: float, seed: int, stream: np.uint64, time: float, h: float
-) -> np.ndarray:
-    """Return d of put_disturbance (6)."""
-    d = np.empty(6)
-    put_disturbance(d, force_sd, torque_sd, seed, stream, time, h)
-    return d
 
 
 def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
@@ -82,6 +71,6 @@ LASTING = Element(
 
 def lasting_force_box(noise: SlowNoise, h: float) -> Box:
     """Return what adds a force that lasts to the disturbance: none, unless it is drawn."""
-    numbers = {"stream": stream_id("slow error/lasting_force"), "h": h}
-    tables = {"bias": np.zeros(6), "a": noise.a, "q": noise.q}
-    return Box("lasting_force", LASTING, 6, Given(numbers, start={"x": np.zeros(6)}, tables=tables))
+    numbers, nothing = {"stream": stream_id("slow error/lasting_force"), "h": h}, np.zeros(len(noise.a))
+    tables = {"bias": nothing, "a": noise.a, "q": noise.q}
+    return Box("lasting_force", LASTING, len(nothing), Given(numbers, start={"x": nothing}, tables=tables))

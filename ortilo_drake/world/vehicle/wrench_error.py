@@ -1,13 +1,10 @@
 """The wrench that the rotors really make: their lift and the centre of gravity are not what the mixing believes."""
 
 import numpy as np
-from numba import njit
 
 from ortilo_drake.loop.element import Array, Box, Element, Given
 from ortilo_drake.model.signals import N_U
-from ortilo_drake.world.vehicle.rotors import put_times, times
-
-product = njit(cache=True)(times)
+from ortilo_drake.world.vehicle.rotors import put_times
 
 
 def wrench_matrix(thrust_factor: float, center_of_gravity: np.ndarray) -> np.ndarray:
