@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.flight.players import player_of
 from ortilo_drake.scenario import Truth, load_scenario, scenario_names
 
 FILE: Final = Path(__file__).parent / "data" / "flight_tracks.json"
@@ -25,16 +25,18 @@ SEEDS: Final = {"projected": range(5), "rendered": range(2)}  # drawing takes mi
 TRACK_EVERY: Final = 600  # ticks
 
 
-def fly_ready_made(name: str, camera: str, seeds: Iterable[int]) -> Iterator[tuple[int, xr.Dataset]]:
+def fly_ready_made(
+    name: str, camera: str, seeds: Iterable[int], player: str = "drake"
+) -> Iterator[tuple[int, xr.Dataset]]:
     """Fly a ready-made scenario whole, but on a short path with the rendered camera or with a truth of its own.
 
     Both are slow: pictures are drawn, or rotors, gusts and clocks integrated.
     """
     is_slow = camera == "rendered" or load_scenario(name).truth != Truth()
     changes = (f"camera.kind={camera}", *((SHORT,) if is_slow else ()))
-    simulator = FlightSimulator(load_scenario(name, changes))
+    flies = player_of(load_scenario(name, changes), player)
     for seed in seeds:
-        yield seed, simulator.fly(seed)
+        yield seed, flies.fly(seed)
 
 
 def digest(flight: xr.Dataset) -> str:

@@ -31,5 +31,6 @@ def made_up_summary(
         fix_errors={},
         nees=3.0,
         nis={"uwb": 3.0},
+        player="engine",
         real_time_factor=100.0,
     )

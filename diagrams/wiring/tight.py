@@ -34,6 +34,7 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     silent = [constant(f"no_{name}", np.zeros(size)) for name, size in _NOTHING.items() if name not in messages]
     said = {name: messages[name].name if name in messages else f"no_{name}" for name in _NOTHING}
     fixes = bundle("fixes", [box for box in solving if box.name in {f"{name}_fix" for name in own}])
+    fixes = fixes if own else constant("fixes", np.zeros(1))  # a system of its own reads a port, which is never empty
     return [heard.reading(**said), kalman.reading(**said, control="servo"), *silent, *solving, fixes]
 
 

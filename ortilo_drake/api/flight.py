@@ -14,7 +14,7 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.onboard import Parts
-from ortilo_drake.flight import flight, metrics, saved_flight
+from ortilo_drake.flight import flight, metrics, players, saved_flight
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.flight_table import flight_table
 from ortilo_drake.interop.log.writer import LogWriter
@@ -56,6 +56,12 @@ class Flight:
     def seed(self) -> int:
         """The seed of all noise."""
         return int(self.data.attrs["seed"])
+
+    @property
+    def player(self) -> str | None:
+        """Who flew it: 'engine', 'drake' or 'drake-elements'; None where it is not known, as of a log."""
+        found: str | None = self.data.attrs.get("player")
+        return found
 
     @property
     def lost(self) -> dict[str, Any] | None:
@@ -175,6 +181,7 @@ def fly(
     estimator: Callable[[Belief, np.ndarray], System] | Mapping[str, Any] | None = None,
     servo: Callable[[Belief], System] | Mapping[str, Any] | None = None,
     planner: Callable[[Belief], Planned] | Mapping[str, Any] | None = None,
+    player: str = "fastest",
     **changes: Any,
 ) -> Flight:
     """Fly a scenario once, with parts of one's own where they are given.
@@ -195,12 +202,14 @@ def fly(
         estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py; or its settings.
         servo: makes the servo; or its settings.
         planner: makes the path, or the System that gives the reference; or its settings.
+        player: 'engine' flies compiled code, 'drake' a Drake Diagram whose halves are compiled, 'drake-elements' one
+            with a system for each element; 'fastest' takes the engine where it can. The flight is the same.
         changes: as load_scenario.
 
     Raises:
-        InputError: if the scenario is wrong or cannot be flown.
+        InputError: if the scenario is wrong, or the player cannot fly it.
     """
     parts: dict[str, Any] = {"estimator": estimator, "servo": servo, "planner": planner}
     changes |= {role: part for role, part in parts.items() if part is not None and not callable(part)}
     chosen = Parts(**{role: part if callable(part) else None for role, part in parts.items()})
-    return Flight(flight.fly(load_scenario(scenario, settings, seed, **changes), progress, parts=chosen))
+    return Flight(players.fly(load_scenario(scenario, settings, seed, **changes), progress, player, chosen))

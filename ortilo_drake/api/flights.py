@@ -66,6 +66,7 @@ def fly_many(
     out: str | Path | None = None,
     workers: int = 1,
     progress: Callable[[dict[str, Any]], None] | None = None,
+    player: str = "fastest",
     **changes: Any,
 ) -> Flights:
     """Fly a scenario once for each seed. Flights that are in the folder already are not flown again.
@@ -77,10 +78,11 @@ def fly_many(
         out: folder for the flights; by default one that goes with the object returned.
         workers: worker processes; 1 flies in this process. The flights do not depend on it.
         progress: called with each summary as it comes in.
+        player: as fly; each summary says who flew.
         changes: as load_scenario.
 
     Raises:
-        InputError: if the scenario is wrong, or a flight cannot be flown or written.
+        InputError: if the scenario is wrong, the player cannot fly it, or a flight cannot be flown or written.
     """
 
     def tell(summary: Summary) -> None:
@@ -90,7 +92,7 @@ def fly_many(
     chosen, seeds = load_scenario(scenario, settings, **changes), [plain_value("seeds", seed) for seed in seeds]
     where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
     try:
-        summaries = ensemble.fly_many(chosen, seeds, where, workers, tell)
+        summaries = ensemble.fly_many(chosen, seeds, where, workers, tell, player)
         flights = Flights(chosen, seeds, where, [asdict(summary) for summary in summaries])
     except BaseException:
         if out is None:
@@ -118,13 +120,14 @@ def compare(
     out: str | Path | None = None,
     workers: int = 1,
     settings: Settings = (),
+    player: str = "fastest",
     **changes: Any,
 ) -> Comparison:
     """Fly scenarios with the same seeds and the same settings; return a row for each, named after it.
 
     The rows stand in the order of the scenarios; two of one name have a row each.
     Columns: flights, lost; medians over the flights that were not lost of the mean squared errors in x, y, z and of the
-    path error [m^2], and of the NEES of the position (3 if consistent); NaN where all were lost.
+    path error [m^2], and of the NEES of the position (3 if consistent), NaN where all were lost; player, who flew.
 
     Args:
         scenarios: each as load_scenario.
@@ -132,6 +135,7 @@ def compare(
         out: as fly_many.
         workers: as fly_many.
         settings: of all of them, as load_scenario.
+        player: as fly.
         changes: of all of them, as load_scenario.
 
     Raises:
@@ -141,9 +145,11 @@ def compare(
     laid_over = as_settings(settings, changes)  # once: an iterator has no second turn
     with kept_workers():
         for scenario in scenarios:
-            flights = fly_many(scenario, seeds, laid_over, out=out, workers=workers)
+            flights = fly_many(scenario, seeds, laid_over, out=out, workers=workers, player=player)
             table = flights.table()
             medians = table[~table["lost"]].drop(columns="lost").astype(float).median()
-            rows.append({"flights": len(table), "lost": int(table["lost"].sum())} | medians.to_dict())
+            flown_by = ", ".join(sorted({summary["player"] for summary in flights.summaries}))
+            counted = {"flights": len(table), "lost": int(table["lost"].sum())}
+            rows.append(counted | medians.to_dict() | {"player": flown_by})
             names.append(flights.scenario.name)
     return Comparison(rows, index=names)

@@ -142,6 +142,7 @@ def tables(
     out: str | Path | None = None,
     workers: int = 1,
     progress: Callable[[str], None] = lambda name: None,
+    player: str = "fastest",
     **changes: Any,
 ) -> Study:
     """Fly both of the paper's scenarios as `ortilo tables` does, and set the paper's tables I and II beside ours.
@@ -156,6 +157,7 @@ def tables(
         out: folder of the flights; those that are there are not flown again. By default nothing is kept.
         workers: worker processes; 1 flies in this one. The flights do not depend on it.
         progress: called with the name of a scenario for each flight that came in.
+        player: as fly; the report says who flew.
         changes: of all scenarios, as load_scenario.
 
     Returns:
@@ -169,7 +171,7 @@ def tables(
         raise InputError(f"flights: {flights}: must be 1 or more")
     scenarios = scenarios_of_tables(preset, as_settings(settings, changes), beside=beside)
     with _folder(out) as folder:
-        found = make_tables(preset, fly_tables(scenarios, flights, folder / "flights", workers, progress))
+        found = make_tables(preset, fly_tables(scenarios, flights, folder / "flights", workers, progress, player))
     return Study(table_text(found), _statistics(found), as_data(found))
 
 

@@ -11,6 +11,8 @@ from ortilo_drake.commands.options import (
     CameraOption,
     DetectorOption,
     JsonOption,
+    PlayerName,
+    PlayerOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
@@ -37,10 +39,10 @@ from ortilo_drake.scenario import load_scenario
 LOST = 3  # exit code of a flight that was lost
 
 
-def _print_flight(result: Summary, said: str, blackout: float) -> None:
+def _print_flight(result: Summary, said: str, blackout: float, by_drake: str | None) -> None:
     say_heading(result.scenario, f", seed {result.seed}")
     out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
-    show_rows(_rows(result))
+    show_rows(_rows(result) | {"flown by": f"{result.player}{f' ({by_drake})' if by_drake else ''}"})
     if result.contacts:
         out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
 
@@ -76,6 +78,7 @@ def fly(
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
+    player: PlayerOption = PlayerName.fastest,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw path, errors and arrivals to this file.")] = None,
@@ -99,19 +102,24 @@ def fly(
     for option, path in (("--log", log), ("--rerun", rerun)):
         if meshcat and path:
             raise InputError(f"{option}: is written by a flight that is not shown live; leave --meshcat out")
+    for option, asked in (("--meshcat", meshcat), ("--log", log), ("--rerun", rerun)):
+        if asked and player not in (PlayerName.fastest, PlayerName.drake):
+            raise InputError(f"--player: {player}: does not take {option}, for which 'drake' flies")
     check_writable(html, png, video, out_file, rerun, json_file)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.blackouts import in_blackout
     from ortilo_drake.flight.cautions import cautions
-    from ortilo_drake.flight.flight import fly as fly_once
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary
+    from ortilo_drake.flight.players import choose, why_not_engine
+    from ortilo_drake.flight.players import fly as fly_once
     from ortilo_drake.flight.verdict import verdict
 
     if video:
         from ortilo_drake.views.video import check_video, flight_video
 
         check_video(video)
+    choose(chosen, player)
     recorder = None
     if rerun:
         from ortilo_drake.interop.rerun.recording import check_recording, save_recording
@@ -138,7 +146,7 @@ def fly(
 
             flight = fly_live(chosen, say_error, show)
         else:
-            flight = fly_once(chosen, show)
+            flight = fly_once(chosen, show, player)
     result = summary(flight)
     if out_file:
         from ortilo_drake.flight.saved_flight import save_flight
@@ -160,7 +168,8 @@ def fly(
         save_recording(flight, recorder.sightings, rerun)
     write_json(json_file, result)
     blackout = in_blackout(flight["truth"].values, chosen).mean() if "uwb" in chosen.sensors else 0.0
-    _print_flight(result, verdict(flight), float(blackout))
+    by_drake = why_not_engine(chosen) if player is PlayerName.fastest else None
+    _print_flight(result, verdict(flight), float(blackout), by_drake)
     say_written(html, png, video, out_file, log, rerun, json_file)
     if result.lost:
         raise typer.Exit(LOST)

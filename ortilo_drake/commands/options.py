@@ -49,6 +49,23 @@ class Camera(StrEnum):
     projected = "projected"
 
 
+class PlayerName(StrEnum):
+    """Who may fly a scenario, see flight/players.py."""
+
+    fastest = "fastest"
+    engine = "engine"
+    drake = "drake"
+    drake_elements = "drake-elements"
+
+
+PlayerOption = Annotated[
+    PlayerName,
+    typer.Option(
+        "--player",
+        help="Who flies it, the same flight bit for bit: compiled code (engine); a Drake Diagram, its halves compiled "
+        "(drake) or a system for each element (drake-elements); or the fastest that can.",
+    ),
+]
 CameraOption = Annotated[
     Camera | None, typer.Option(help="Draw pictures, or only the boxes; if not as the scenario has it.")
 ]

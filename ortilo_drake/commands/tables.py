@@ -11,6 +11,8 @@ from ortilo_drake.commands.options import (
     CameraOption,
     DetectorOption,
     JsonOption,
+    PlayerName,
+    PlayerOption,
     SetOption,
     WorkersOption,
     scenarios_from,
@@ -45,6 +47,7 @@ def tables(
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
+    player: PlayerOption = PlayerName.fastest,
     beside: Annotated[
         list[str] | None,
         typer.Option(
@@ -73,17 +76,19 @@ def tables(
     say_if_compiling()
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.flight.ensemble import flight_file
+    from ortilo_drake.flight.players import choose
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.paper_tables.error_figure import error_figure
     from ortilo_drake.views.figures import DRAWN, arrival_figure, trajectory_figure
 
     for flown in chosen.values():
+        choose(flown, player)
         make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
     count = workers or os.cpu_count() or 1
     with progress_bar() as progress:
         tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}
         summaries = fly_tables(
-            chosen, flights, out_folder / "flights", count, lambda name: progress.advance(tasks[name])
+            chosen, flights, out_folder / "flights", count, lambda name: progress.advance(tasks[name]), player
         )
     result = make_tables(preset.value, summaries)
     text = table_text(result)

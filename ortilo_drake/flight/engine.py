@@ -1,8 +1,9 @@
 """The engine: a scenario's flights, compiled, any number of them on any number of threads."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import xarray as xr
@@ -51,8 +52,12 @@ class Engine:
     def _flying(self) -> list[str]:
         return [sensor for sensor in self._sensors if sensor in self._scenario.sensors]
 
-    def fly(self, seed: int) -> xr.Dataset:
-        """Fly one seed; return its Dataset over ticks, see flight.flight.flight_dataset.
+    def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
+        """Fly one seed; return its Dataset over ticks, see flight.flight.FlightSimulator.fly.
+
+        Args:
+            seed: of all noise.
+            progress: called with the number of ticks flown, once it is flown.
 
         Raises:
             InputError: if a scenario allows no such seed.
@@ -61,10 +66,15 @@ class Engine:
         log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
         trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
         seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
+        self._flights.compile_logged()
+        started = time.perf_counter()
         last, cause = self._flights.fly(seeds, of_seed(seed), trace, arrived, log)
+        wall = time.perf_counter() - started
+        if progress:
+            progress(last)
         lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
         flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
-        flight.attrs["real_time_factor"] = float("nan")
+        flight.attrs |= {"player": "engine", "real_time_factor": last * scenario.h / wall}
         return flight
 
     def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
@@ -161,10 +171,3 @@ class Engine:
 def _among(parts: dict[str, np.ndarray]) -> AtStart:
     """Return what is drawn at the start where it is given."""
     return lambda name, n: parts[name]
-
-
-@lru_cache(maxsize=1)
-def engine_of(scenario_json: str) -> Engine | None:
-    """Return the engine of a scenario, None where Drake flies it; the last one is kept."""
-    scenario = Scenario.model_validate_json(scenario_json)
-    return None if why_not(scenario) else Engine(scenario)

@@ -4,14 +4,13 @@ import gc
 import hashlib
 import json
 from collections.abc import Callable, Iterable
-from functools import lru_cache
 from pathlib import Path
 
 import xarray as xr
 
 from ortilo_drake.flight.files import remove_stale
-from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.flight.players import choose, kept_player
 from ortilo_drake.flight.processes.program import program_digest
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import FLIGHT, load_flight, save_flight, summary_in
@@ -60,15 +59,9 @@ def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
     return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
 
 
-@lru_cache(maxsize=1)
-def simulator_of(scenario_json: str, folder: str) -> FlightSimulator:
-    """Return a simulator of a scenario. The last one is kept while the folder is the same: its name has the digest."""
-    return FlightSimulator(Scenario.model_validate_json(scenario_json))
-
-
-def fly_and_save(scenario_json: str, seed: int, file: str) -> Summary:
+def fly_and_save(scenario_json: str, seed: int, file: str, player: str = "fastest") -> Summary:
     """Fly one seed, save it and return its summary. Runs in a worker: the arguments are plain data."""
-    flight = simulator_of(scenario_json, Path(file).parent.name).fly(seed)
+    flight = kept_player(scenario_json, Path(file).parent.name, player).fly(seed)
     found = summary(flight)
     flight.attrs["summary"] = summary_text(found)
     save_flight(flight, Path(file))
@@ -93,6 +86,7 @@ def fly_many(
     out: Path,
     workers: int = 1,
     progress: Callable[[Summary], None] | None = None,
+    player: str = "fastest",
 ) -> list[Summary]:
     """Fly a scenario once for each seed and return the summaries in the order of the seeds.
 
@@ -106,11 +100,12 @@ def fly_many(
         out: folder for the flights.
         workers: worker processes; 1 flies in this process.
         progress: called with each summary as it comes in.
+        player: as players.choose; what is already in the folder stays, whoever flew it.
 
     Raises:
-        InputError: if a flight cannot be flown or written.
+        InputError: if the player cannot fly the scenario, or a flight cannot be flown or written.
     """
-    seeds = list(seeds)
+    seeds, player = list(seeds), choose(scenario, player)
     summaries: dict[int, Summary] = {}
 
     def take(seed: int, result: Summary) -> None:
@@ -125,11 +120,11 @@ def fly_many(
             take(seed, done)
     missing = [seed for seed in seeds if seed not in summaries]
     text = scenario.model_dump_json()
-    jobs = [(text, seed, str(flight_file(out, scenario, seed))) for seed in missing]
+    jobs = [(text, seed, str(flight_file(out, scenario, seed)), player) for seed in missing]
     try:
         run_all(fly_and_save, jobs, workers, lambda number, result: take(missing[number], result))
     finally:
-        simulator_of.cache_clear()  # the files that a scenario names may have changed by the next call
+        kept_player.cache_clear()  # the files that a scenario names may have changed by the next call
         if scenario.is_rendered:
             gc.collect()  # frees a renderer in the thread that drew with it; EGL complains in any other
     return [summaries[seed] for seed in seeds]

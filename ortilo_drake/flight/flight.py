@@ -44,17 +44,19 @@ class FlightSimulator:
         scenario: the scenario; its own seed is not used.
         meshcat: shows each flight live; it is then paced by the wall clock.
         parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
+        fused: whether all elements of a half are one system, which is faster, or a system each.
 
     Raises:
         InputError: if the scenario cannot be flown, see check_flyable.
     """
 
-    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS):
+    def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS, fused: bool = True):
         self._scenario, self._is_live = scenario, meshcat is not None
+        self._name = "drake" if fused else "drake-elements"
         plan = planned(scenario, parts.planner)
         self._ticks = check_flyable(scenario, plan)
         path = plan if isinstance(plan, Trajectory) else None
-        self._diagram = ClosedLoop(scenario, path, meshcat, parts, fused=True)
+        self._diagram = ClosedLoop(scenario, path, meshcat, parts, fused)
         # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
         # scene differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
@@ -67,8 +69,8 @@ class FlightSimulator:
             progress: called with the number of ticks flown.
 
         Returns:
-            A Dataset over ticks; see flight_dataset. The same seed gives the same numbers bit for bit; only the
-            attribute real_time_factor differs.
+            A Dataset over ticks; see flight_dataset. The same seed gives the same numbers bit for bit, whichever
+            player flies it (players.py); only the attributes `player` and `real_time_factor` differ.
 
         Raises:
             InputError: if a scenario allows no such seed.
@@ -87,7 +89,7 @@ class FlightSimulator:
         log = self._diagram.FindLog(simulator.get_context())
         end = lost.tick + 1 if lost else self._ticks + 1
         dataset = flight_dataset(scenario, log.sample_times()[:end], log.data().T[:end], lost)
-        dataset.attrs["real_time_factor"] = simulator.get_context().get_time() / wall
+        dataset.attrs |= {"player": self._name, "real_time_factor": simulator.get_context().get_time() / wall}
         return dataset
 
 
@@ -97,7 +99,7 @@ def fly(
     meshcat: Meshcat | None = None,
     parts: Parts = NO_PARTS,
 ) -> xr.Dataset:
-    """Fly one scenario, its seed included; for many seeds of it make one FlightSimulator.
+    """Fly one scenario by Drake, its seed included; for many seeds of it make one FlightSimulator.
 
     Args:
         scenario: the scenario.

@@ -74,4 +74,5 @@ def fly_lockstep(
     logged = np.array(rows)
     lost = find_loss(logged[:, :N_X], scenario.h, room, scenario.vehicle)
     end = lost.tick + 1 if lost else len(rows)
-    return flight_dataset(scenario, np.arange(end) * scenario.h, logged[:end], lost)
+    flight = flight_dataset(scenario, np.arange(end) * scenario.h, logged[:end], lost)
+    return flight.assign_attrs(player="drake")

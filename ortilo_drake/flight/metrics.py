@@ -146,5 +146,6 @@ def summary(flight: xr.Dataset) -> Summary:
         fix_errors=fix_errors(flight),
         nees=float(np.mean(position_nees(flight))),
         nis={sensor: float(np.mean(nis(flight, sensor))) for sensor in used},
+        player=flight.attrs.get("player"),
         real_time_factor=float(flight.attrs["real_time_factor"]),
     )

@@ -8,7 +8,7 @@ from ortilo_drake.diagrams.wiring.truth import drawn_of, normals_at_start
 from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of
 from ortilo_drake.flight.figures import TRACE_SIZE
 from ortilo_drake.flight.figures_element import figures_box
-from ortilo_drake.flight.flyable import flight_ticks
+from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import bounds_of
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
@@ -26,10 +26,13 @@ class Played:
 
     Attributes:
         ticks: of a flight, but for the first.
+
+    Raises:
+        InputError: if the scenario cannot be flown, see check_flyable.
     """
 
     def __init__(self, scenario: Scenario):
-        self._scenario, self._room, self.ticks = scenario, scenario.load_room(), flight_ticks(scenario)
+        self._scenario, self._room, self.ticks = scenario, scenario.load_room(), check_flyable(scenario)
         boxes = boxes_of(scenario, self.ticks)
         self._signals = signals_of(boxes)
         figures = figures_box(bounds_of(self._room, scenario.vehicle))
@@ -46,7 +49,13 @@ class Played:
     @cached_property
     def _logger(self) -> Player:
         names = ("delta", *_LOGGED)
-        return Player(self.wiring, ("figures", *(self._signals[name] for name in names)), "figures")
+        player = Player(self.wiring, ("figures", *(self._signals[name] for name in names)), "figures")
+        player.fly(np.zeros(1, dtype=np.int64), np.empty((1, player.width)))  # compiles
+        return player
+
+    def compile_logged(self) -> None:
+        """Compile what flies with a log, so that compilation is not taken for flying time."""
+        _ = self._logger
 
     def fly(
         self, seeds: np.ndarray, draw: AtStart, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-SAME: float = 1e-9  # largest difference of position [m] and of everything else, in its own unit
-
 
 @dataclass(frozen=True)
 class Apart:
@@ -24,8 +22,8 @@ class Apart:
 
     @property
     def same(self) -> bool:
-        """Whether they are the same flight."""
-        return self.arrivals and self.position <= SAME and self.others <= SAME
+        """Whether they are the same flight, to the last bit."""
+        return self.arrivals and self.position == 0.0 and self.others == 0.0
 
 
 def apart(one: xr.Dataset, other: xr.Dataset) -> Apart:

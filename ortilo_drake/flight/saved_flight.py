@@ -136,6 +136,8 @@ def _scenario_in(attributes: dict[Any, Any]) -> Scenario:
     lost = json.loads(attributes["lost"])
     if lost is not None and not (isinstance(lost["time"], float) and isinstance(lost["cause"], str)):
         raise InputError("lost: must be null, or a time and a cause")
+    if not isinstance(attributes.get("player", ""), str):
+        raise InputError("player: must be text")
     if not isinstance(attributes.get("real_time_factor", 1.0), float):
         raise InputError("real_time_factor: must be a number")
     return scenario

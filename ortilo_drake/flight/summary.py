@@ -1,6 +1,7 @@
 """The summary of a flight."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Annotated, Final
 
@@ -53,6 +54,7 @@ class Summary:
         fix_errors: errors of the position fixes by sensor.
         nees: mean of metrics.position_nees, 3 if the filter is consistent.
         nis: mean of metrics.nis by sensor.
+        player: who flew it, see players.py; None where it is not known, as of a log.
         real_time_factor: simulated over wall time; NaN where time was not measured.
     """
 
@@ -72,7 +74,13 @@ class Summary:
     fix_errors: dict[str, FixError]
     nees: float
     nis: dict[str, float]
+    player: str | None
     real_time_factor: Error
+
+
+def players_of(summaries: Iterable[Summary]) -> str:
+    """Return who flew flights, in words."""
+    return ", ".join(sorted({summary.player or "unknown" for summary in summaries}))
 
 
 _SUMMARY: Final = TypeAdapter(Summary)

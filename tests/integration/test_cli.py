@@ -24,7 +24,7 @@ from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
-ASKED_FOR = {"scenario", "seed", "lost", "mse", "path_mse", "arrivals", "nees", "real_time_factor"}
+ASKED_FOR = {"scenario", "seed", "lost", "mse", "path_mse", "arrivals", "nees", "player", "real_time_factor"}
 BESIDE = {"fix_errors", "contacts", "path_distance_mse", "max_path_distance", "max_reference_distance", "nis"}
 BESIDE |= {"floor", "efficiency", "tick_efficiency"}
 STATISTICS = {"mean", "median", "p75", "p25"}
@@ -82,6 +82,7 @@ def test_fly_prints_and_writes_what_a_flight_in_this_process_gives(flown: Any) -
     assert scenario_of(written) == scenario
     here, there = as_data(summary(fly(scenario))), json.loads((folder / "new/flight.json").read_text(encoding="utf-8"))
     assert as_data(summary(written)) == there
+    assert (here.pop("player"), there.pop("player")) == ("drake", "engine")
     del here["real_time_factor"], there["real_time_factor"]
     assert here == there
     assert done.stdout.startswith("nominal_imu_uwb_yolo, seed 3\n")

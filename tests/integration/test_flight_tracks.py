@@ -11,18 +11,19 @@ ONE, OTHERS = SEEDS["projected"][:1], SEEDS["projected"][1:]
 QUICK = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb", "tight_imu_uwb", "realistic", "flow")
 
 
-def check(name: str, camera: str, seeds: range, tolerance: float) -> None:
-    for seed, flight in fly_ready_made(name, camera, seeds):
+def check(name: str, camera: str, seeds: range, tolerance: float, player: str = "drake") -> None:
+    for seed, flight in fly_ready_made(name, camera, seeds, player):
         key = f"{name} {camera} {seed}"
         np.testing.assert_allclose(track(flight), KEPT[key], rtol=0.0, atol=tolerance, err_msg=key)
 
 
+@pytest.mark.parametrize("player", ["engine", "drake"])
 @pytest.mark.parametrize("seeds", [ONE, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["one", "others"])
 @pytest.mark.parametrize(
     ("name", "camera"), [pytest.param(*pair, marks=[pytest.mark.long] * (pair[0] not in QUICK)) for pair in PROJECTED]
 )
-def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: range) -> None:
-    check(name, camera, seeds, 1e-9)
+def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: range, player: str) -> None:
+    check(name, camera, seeds, 1e-9, player)
 
 
 @pytest.mark.long

@@ -47,7 +47,7 @@ def folder(tmp_path_factory):
 
 def without_speed(data):
     data = data.copy()
-    del data.attrs["real_time_factor"]
+    del data.attrs["real_time_factor"], data.attrs["player"]
     return data
 
 

@@ -150,7 +150,7 @@ def _check_extent(file: Path, k: int, there: int, row: int) -> None:
 
 
 def read_log(path: Path) -> xr.Dataset:
-    """Return a log as the Dataset that flight.fly returns of the same flight, except for real_time_factor.
+    """Return a log as the Dataset that flight.fly returns of the same flight, but for `player` and `real_time_factor`.
 
     A log that a kill cut short gives the ticks before the cut. Ticks that are not in the log are NaN; so is the truth
     in the log of an onboard half, which does not know it. A loss is found from the true states that are there.

@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.diagrams.wiring.whole import why_not
-from ortilo_drake.flight.engine import Engine, engine_of
-from ortilo_drake.flight.ensemble import simulator_of
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.figures import ESTIMATED, NEES, TRUE, nees_of_ticks
 from ortilo_drake.flight.kept import AT_ONCE, fly_kept
 from ortilo_drake.flight.metrics import loss_of
+from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.store import Amount, Count, Error
 from ortilo_drake.scenario import Scenario
 
@@ -82,11 +82,10 @@ def _means(bins: np.ndarray, values: np.ndarray) -> list[float]:
 
 def fly_courses_of(scenario_json: str, seeds: list[int], folder: str) -> list[Course]:
     """Fly some seeds and return their courses. Runs in a worker: the arguments are plain data."""
-    engine = engine_of(scenario_json)
-    if engine is not None:
-        return [compiled_course(engine, seed) for seed in seeds]
-    simulator = simulator_of(scenario_json, folder)
-    return [course(simulator.fly(seed)) for seed in seeds]
+    player = kept_player(scenario_json, folder)
+    if isinstance(player, Engine):
+        return [compiled_course(player, seed) for seed in seeds]
+    return [course(player.fly(seed)) for seed in seeds]
 
 
 def fly_courses(

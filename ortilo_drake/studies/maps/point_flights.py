@@ -3,12 +3,12 @@
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.engine import engine_of
-from ortilo_drake.flight.ensemble import simulator_of
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.figures import ESTIMATED, FIGURES, NEES, TRACE_SIZE, TRUE, figures_of
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST
 from ortilo_drake.flight.metrics import loss_of, position_nees
+from ortilo_drake.flight.players import kept_player
 from ortilo_drake.scenario import Scenario
 
 
@@ -20,11 +20,10 @@ def columns_of(scenario: Scenario) -> tuple[str, ...]:
 
 def fly_figures(scenario_json: str, seeds: range, folder: str) -> np.ndarray:
     """Fly seeds and return the figures of each (n, columns). Runs in a worker: the arguments are plain data."""
-    engine = engine_of(scenario_json)
-    if engine is not None:
-        return engine.figures(seeds)
-    simulator = simulator_of(scenario_json, folder)
-    return np.array([drake_figures(simulator.fly(seed)) for seed in seeds])
+    player = kept_player(scenario_json, folder)
+    if isinstance(player, Engine):
+        return player.figures(seeds)
+    return np.array([drake_figures(player.fly(seed)) for seed in seeds])
 
 
 def drake_figures(flight: xr.Dataset) -> list[float]:

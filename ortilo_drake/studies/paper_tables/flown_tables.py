@@ -44,7 +44,12 @@ def scenarios_of_tables(
 
 
 def fly_tables(
-    scenarios: Mapping[str, Scenario], flights: int, out: Path, workers: int, progress: Callable[[str], None]
+    scenarios: Mapping[str, Scenario],
+    flights: int,
+    out: Path,
+    workers: int,
+    progress: Callable[[str], None],
+    player: str = "fastest",
 ) -> dict[str, list[Summary]]:
     """Fly each scenario on the same seeds, from 0, and return the summaries; what is kept is not flown again.
 
@@ -54,6 +59,10 @@ def fly_tables(
         out: folder of the flights.
         workers: worker processes; 1 flies in this one.
         progress: called with the name of a scenario for each of its flights.
+        player: as players.choose.
+
+    Raises:
+        InputError: as fly_many.
     """
     found = {}
     with kept_workers():
@@ -62,5 +71,5 @@ def fly_tables(
             def tell(_: Summary, name: str = name) -> None:
                 progress(name)
 
-            found[name] = fly_many(flown, range(flights), out, workers, tell)
+            found[name] = fly_many(flown, range(flights), out, workers, tell, player)
     return found

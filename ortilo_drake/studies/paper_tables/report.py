@@ -131,6 +131,6 @@ def table_text(tables: Tables) -> str:
             f"- {_title(scenario)}: {tables.lost[scenario]} of {tables.flights} flights lost, "
             f"{tables.touched[scenario]} touched furniture; fixes used of due: {', '.join(rates) or 'none'}; "
             f"mean position NEES {'none' if nees is None else format(nees, '.2f')} (3 if consistent); "
-            f"median squared distance to the path {_cell(distance, None, '')} m²."
+            f"median squared distance to the path {_cell(distance, None, '')} m²; flown by {tables.players[scenario]}."
         )
     return "\n".join(lines) + "\n"

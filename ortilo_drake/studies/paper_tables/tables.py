@@ -9,7 +9,7 @@ import scipy  # not scipy.stats: that takes a second to import, and loads by its
 
 from ortilo_drake.flight.efficiency import Ratio, ratio_of_means
 from ortilo_drake.flight.flight import AXES
-from ortilo_drake.flight.summary import Summary
+from ortilo_drake.flight.summary import Summary, players_of
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
 PRESETS = ("tuned", "nominal", "paper")
@@ -66,6 +66,7 @@ class Tables:
         drop_in_x: of both scenarios together.
         nees: mean NEES of the position.
         arrivals: mean rate of arrivals by sensor.
+        players: who flew.
         paper: the paper's own tables.
     """
 
@@ -81,6 +82,7 @@ class Tables:
     drop_in_x: Drop | None
     nees: dict[str, float | None]
     arrivals: dict[str, dict[str, float | None]]
+    players: dict[str, str]
     paper: PaperTables
 
 
@@ -220,5 +222,6 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
             }
             for name, rows in kept.items()
         },
+        players={name: players_of(rows) for name, rows in summaries.items()},
         paper=PAPER,
     )

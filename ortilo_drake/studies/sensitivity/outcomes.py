@@ -12,12 +12,12 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.diagrams.wiring.whole import why_not
-from ortilo_drake.flight.engine import Engine, engine_of
-from ortilo_drake.flight.ensemble import simulator_of
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.kept import AT_ONCE, fly_kept
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.metrics import estimation_mse, loss_of, position_nees
+from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.store import Count, Error
 from ortilo_drake.scenario import Scenario
 
@@ -59,11 +59,10 @@ def compiled_outcome(engine: Engine, seed: int) -> Outcome:
 
 def fly_outcomes_of(scenario_json: str, seeds: list[int], folder: str) -> list[Outcome]:
     """Fly some seeds and return their outcomes. Runs in a worker: the arguments are plain data."""
-    engine = engine_of(scenario_json)
-    if engine is not None:
-        return [compiled_outcome(engine, seed) for seed in seeds]
-    simulator = simulator_of(scenario_json, folder)
-    return [outcome(simulator.fly(seed)) for seed in seeds]
+    player = kept_player(scenario_json, folder)
+    if isinstance(player, Engine):
+        return [compiled_outcome(player, seed) for seed in seeds]
+    return [outcome(player.fly(seed)) for seed in seeds]
 
 
 def fly_outcomes(

@@ -26,9 +26,10 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.diagrams.wiring.whole import why_not
-from ortilo_drake.flight.engine import engine_of
-from ortilo_drake.flight.ensemble import flight_file, fly_many
+from ortilo_drake.flight.engine import Engine
+from ortilo_drake.flight.ensemble import flight_file, flight_folder, fly_many
 from ortilo_drake.flight.figures import REFERENCE, TRUE
+from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.typed_yaml import InputError
@@ -139,10 +140,10 @@ def at_burst(scenario: Scenario, point: Point) -> Scenario:
     return with_losses(scenario, loss, loss)
 
 
-def fly_compiled(scenario_json: str, seeds: list[int]) -> list[Flown]:
+def fly_compiled(scenario_json: str, seeds: list[int], folder: str) -> list[Flown]:
     """Return flights of the engine. Runs in a worker: the arguments are plain data."""
-    engine, found = engine_of(scenario_json), []
-    assert engine is not None
+    engine, found = kept_player(scenario_json, folder), []
+    assert isinstance(engine, Engine)
     for seed in seeds:
         trace, lost = engine.trace(seed)
         deviation = trace[:, TRUE] - trace[:, REFERENCE]
@@ -158,8 +159,8 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
     """
     seeds = list(seeds)
     if why_not(lossy) is None:
-        text, found = lossy.model_dump_json(), dict[int, list[Flown]]()
-        jobs = [(text, seeds[at : at + COMPILED_AT_ONCE]) for at in range(0, len(seeds), COMPILED_AT_ONCE)]
+        text, found, folder = lossy.model_dump_json(), dict[int, list[Flown]](), flight_folder(out, lossy).name
+        jobs = [(text, seeds[at : at + COMPILED_AT_ONCE], folder) for at in range(0, len(seeds), COMPILED_AT_ONCE)]
         run_all(fly_compiled, jobs, workers, found.__setitem__)
         return [one for number in sorted(found) for one in found[number]]
     fly_many(lossy, seeds, out, workers)

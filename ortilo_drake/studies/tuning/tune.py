@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import estimation_mse, position_nees
+from ortilo_drake.flight.players import player_of
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_X
@@ -194,9 +194,9 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
     seeds = list(range(first, first + count))
     flights: dict[str, list[xr.Dataset]] = {"before": [], "after": []}
     for name, scenario in (("before", before), ("after", tuning.fit.scenario)):
-        simulator = FlightSimulator(scenario)
+        player = player_of(scenario)
         for seed in seeds:
-            flights[name].append(finite_part(simulator.fly(seed)))
+            flights[name].append(finite_part(player.fly(seed)))
             progress()
     lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
     both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]
