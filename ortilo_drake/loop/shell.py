@@ -37,7 +37,8 @@ def WiredSystem_(T: type) -> type:
             <input>: what a box of OUTSIDE stands for, by its name.
             <output> (outputs): what is asked for, by the names that are given.
 
-        State (discrete, updated every h): the states of all boxes, one after the other.
+        State (discrete, updated every h): the states of all boxes, one after the other; none where no box has a step,
+        as they are constants then.
 
         Parameter of the Context, abstract (player.Memory): the seed of all noise, and the boxes' numbers and tables,
         which a world that differs sets anew.
@@ -72,7 +73,7 @@ def WiredSystem_(T: type) -> type:
             self._ports = {i: self.DeclareVectorInputPort(i, box.size) for i, box in reading.inputs.items()}
             self._at = {i: (self._places.said[i], box.size) for i, box in reading.inputs.items()}
             self._state = None
-            if memory.S.size:
+            if reading.steps and memory.S.size:
                 self._state = self.DeclareDiscreteState(BasicVector_[T](memory.S))
             self._calls = {f"said_{i}": calls for i, calls in enumerate(reading.groups.values())}
             self._calls["step"] = reading.steps
@@ -112,7 +113,7 @@ def WiredSystem_(T: type) -> type:
 
         def _declare_output(self, name: str, wires: list[Wire], reading: Reading) -> None:
             size, places = sum(wire.size for wire in wires), [place_of(self._wiring, self._places, w) for w in wires]
-            if len(wires) == 1 and places[0][0] == "S" and size == self._places.sizes[1]:
+            if self._state is not None and len(wires) == 1 and places[0][0] == "S" and size == self._places.sizes[1]:
                 self.DeclareStateOutputPort(name, self._state)
                 return
             needs = frozenset().union(*(reading.of(wire.box) for wire in wires))
@@ -127,12 +128,14 @@ def WiredSystem_(T: type) -> type:
                 shown = [(S if letter == "S" else Y)[start:end] for letter, start, end in ranges]
                 output.SetFromVector(shown[0] if len(shown) == 1 else np.concatenate(shown))
 
-            tickets = self._tickets(needs) if "Y" in letters else {self.xd_ticket()}
+            kept = self.all_parameters_ticket() if self._state is None else self.xd_ticket()
+            tickets = self._tickets(needs) if "Y" in letters else {kept}
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=tickets)
 
         def _state_in(self, context: Any) -> Any:
             if self._state is None:
-                return _NOTHING
+                constants = context.get_abstract_parameter(self._given).get_value().S
+                return constants if T is float else np.array([T(value) for value in constants], dtype=object)
             state = context.get_discrete_state_vector()
             return state.value() if T is float else state.CopyToVector()
 
@@ -191,13 +194,18 @@ def WiredSystem_(T: type) -> type:
         def state_of(self, context: Any, box: str, state: str) -> Any:
             """Return a box's state in a context of this system, in its shape."""
             at, shape = self._places.state[box, state]
-            return context.get_discrete_state(self._state).CopyToVector()[at : at + int(np.prod(shape))].reshape(shape)
+            return self._state_in(context)[at : at + int(np.prod(shape))].reshape(shape).copy()
 
         def set_state(self, context: Any, box: str, state: str, values: np.ndarray) -> None:
             """Set a box's state in a context of this system."""
             at, shape = self._places.state[box, state]
             if np.shape(values) != shape:
                 raise ValueError(f"{box}: {state}: has the shape {np.shape(values)}, must have {shape}")
+            if self._state is None:
+                memory = context.get_abstract_parameter(self._given).get_value().copy()
+                memory.put(box, Given(start={state: values}))
+                context.get_mutable_abstract_parameter(self._given).set_value(memory)
+                return
             whole = context.get_discrete_state(self._state).CopyToVector()
             whole[at : at + int(np.prod(shape))] = np.ravel(values)
             context.SetDiscreteState(whole)

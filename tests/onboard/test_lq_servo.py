@@ -90,6 +90,7 @@ def test_the_system_flies_its_settings(form: str, velocities: str) -> None:
     settings = f"servo={{form: {form}, velocities: {velocities}, yaw: {yaw}}}"
     servo = make_lq_servo(load_scenario("imu_uwb", (settings,)))
     context = servo.CreateDefaultContext()
+    assert context.is_stateless()
     servo.GetInputPort("estimate").FixValue(context, xbar)
     servo.GetInputPort("reference").FixValue(context, reference)
     known = xbar.copy()
