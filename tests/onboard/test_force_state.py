@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from numpy.linalg import matrix_power
 from drake_box import PlayedBox
+from numpy.linalg import matrix_power
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from pydrake.systems.primitives import IsObservable, LinearSystem
 from scipy.linalg import block_diag, solve_discrete_are

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from drake_box import PlayedBox
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from drake_box import PlayedBox
 from pydrake.math import RollPitchYaw
 from scipy import stats
 

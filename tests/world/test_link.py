@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from drake_box import PlayedBox
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from drake_box import PlayedBox
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from scipy import stats

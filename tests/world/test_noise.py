@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from drake_box import PlayedBox
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
-from drake_box import PlayedBox
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold

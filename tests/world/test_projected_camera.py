@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from drake_box import PlayedBox
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from drake_box import PlayedBox
 from scipy import stats
 from scipy.spatial.transform import Rotation
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from drake_box import PlayedBox
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from drake_box import PlayedBox
 from scipy import stats
 
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
