@@ -95,7 +95,7 @@ def test_flights_are_those_of_the_diagram_and_their_arrivals_the_expected_ones(t
 
 def test_what_the_engine_does_not_fly_drake_does_and_keeps(tmp_path: Path) -> None:
     scenario, _ = short()
-    lossy = load_scenario(at_burst(scenario, (0.5, 0.3)), ("commands.servo=predicted",))
+    lossy = load_scenario(at_burst(scenario, (0.5, 0.3)), ("imu.link.rate=60",))
     flights = fly_point(lossy, [4], tmp_path)
     (file,) = tmp_path.rglob("*.nc")
     before = file.stat().st_mtime_ns
