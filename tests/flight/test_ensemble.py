@@ -37,9 +37,9 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the seeds that are flown in this process, as they are."""
     seeds: list[int] = []
 
-    def recorded(text: str, seed: int, out: str) -> Summary:
+    def recorded(text: str, seed: int, out: str, player: str) -> Summary:
         seeds.append(seed)
-        return original(text, seed, out)
+        return original(text, seed, out, player)
 
     original = ensemble.fly_and_save
     monkeypatch.setattr(ensemble, "fly_and_save", recorded)

@@ -74,9 +74,9 @@ def test_many_seeds_are_flown_with_one_diagram(tmp_path: Path, monkeypatch: pyte
     original = flight_module.ClosedLoop
     monkeypatch.setattr(flight_module, "ClosedLoop", make)
     scenario = load_scenario("nominal_imu_uwb", HOVER)
-    fly_many(scenario, range(4), tmp_path)
+    fly_many(scenario, range(4), tmp_path, player="drake")
     assert len(built) == 1
-    fly_many(scenario, range(4), tmp_path)  # all there
+    fly_many(scenario, range(4), tmp_path, player="drake")  # all there
     assert len(built) == 1
 
 
@@ -96,7 +96,8 @@ def note(summary):
     if summary.seed == 4:
         before = resident()
 
-fly_many(load_scenario("nominal_imu_uwb_yolo", tuple(sys.argv[2:])), range(20), Path(sys.argv[1]), progress=note)
+scenario = load_scenario("nominal_imu_uwb_yolo", tuple(sys.argv[2:]))
+fly_many(scenario, range(20), Path(sys.argv[1]), progress=note, player="drake")
 print(resident() - before)
 """
 

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ortilo_drake.world.truth import set_vehicle
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
@@ -35,27 +34,22 @@ def hovering(force: str, *settings: str) -> Scenario:
 def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_counters(
     force: str, settings: tuple[str, ...]
 ) -> None:
-    scenario = hovering(force, *settings)
-    diagram = make_closed_loop(scenario)
-    simulator = make_simulator(diagram, scenario)
-    context = simulator.get_mutable_context()
-    vehicle = scenario.vehicle
-    heavier = vehicle.model_copy(update={"mass": 1.1 * vehicle.mass})
     level = 0.01  # the imu is turned about x and y: its angles, and gravity in its specific force
-    bias = np.array([level, level, 0.0, 0.0, 0.0, 0.0, -9.81 * level, 9.81 * level, 0.0])
-    set_vehicle(diagram.GetSubsystemByName("world"), context, heavier, bias)
+    turned = f"truth.imu={{level: [{level}, {level}], specific_force: [{-9.81 * level}, {9.81 * level}, 0.0]}}"
+    scenario = hovering(force, "truth.vehicle.mass_factor=1.1", turned, *settings)
+    diagram = make_closed_loop(scenario, fused=True)
+    simulator = make_simulator(diagram, scenario)
     simulator.AdvanceTo(8.0)
-    estimator = diagram.GetSubsystemByName("onboard").GetSubsystemByName("estimator")
-    its = estimator.GetMyContextFromRoot(context)
-    extra = estimator.GetOutputPort("extra").Eval(its)
-    value, sd = np.split(extra, 2)
+    context, onboard = simulator.get_context(), diagram.GetSubsystemByName("onboard")
+    its = onboard.GetMyContextFromRoot(context)
+    value, sd = np.split(onboard.GetOutputPort("extra").Eval(its), 2)
     # d_z = f_T (m / m_true - 1) at hover; roll and pitch that read too large look like a force of m g each.
-    weight = vehicle.mass * 9.81
+    weight = scenario.vehicle.mass * 9.81
     expected = np.array([-weight * level, weight * level, -0.1 * weight])
     np.testing.assert_allclose(value[:3], expected, rtol=0.0, atol=0.15)
     assert np.all(np.abs(value[:3] - expected) < 4.0 * sd[:3])
     assert np.all(sd[:3] < 0.1)
-    np.testing.assert_array_equal(estimator.GetOutputPort("force").Eval(its), value[:3])
+    np.testing.assert_array_equal(onboard.GetOutputPort("force").Eval(its), value[:3])
     if force == "measured":  # the whole imu is turned: its specific force fits its angles, and has no bias beside
         assert np.all(np.abs(value[6:9]) < 4.0 * sd[6:9])
         assert np.all(sd[6:9] < 0.1)
@@ -92,10 +86,7 @@ def test_a_checkpoint_holds_the_force() -> None:
         old.advance()
         world.advance(u)
     new.resume(60, old.state(), 0.0)
-    kept = []
-    for half in (old, new):
-        estimator = half.diagram.GetSubsystemByName("estimator")
-        kept.append(estimator.GetOutputPort("extra").Eval(estimator.GetMyContextFromRoot(half.context)))
+    kept = [half.diagram.GetOutputPort("extra").Eval(half.context) for half in (old, new)]
     np.testing.assert_array_equal(*kept)
     assert np.all(kept[0] != 0.0)
 
@@ -120,11 +111,11 @@ def test_a_centre_of_gravity_that_is_off_is_a_torque_that_the_filter_learns(forc
     r = np.array([0.01, -0.004])
     torque = "estimator.walks.torque_sd=0.3"
     scenario = hovering(force, f"truth.vehicle.center_of_gravity={r.tolist()}", torque)
-    diagram = make_closed_loop(scenario)
+    diagram = make_closed_loop(scenario, fused=True)
     simulator = make_simulator(diagram, scenario)
     simulator.AdvanceTo(8.0)
-    context, estimator = simulator.get_context(), diagram.GetSubsystemByName("onboard").GetSubsystemByName("estimator")
-    value, sd = np.split(estimator.GetOutputPort("extra").Eval(estimator.GetMyContextFromRoot(context)), 2)
+    onboard = diagram.GetSubsystemByName("onboard")
+    value, sd = np.split(onboard.GetOutputPort("extra").Eval(onboard.GetMyContextFromRoot(simulator.get_context())), 2)
     first = 9 if force == "measured" else 3
     found, expected = value[first : first + 3], scenario.vehicle.hover_thrust * np.array([-r[1], r[0], 0.0])
     assert np.all(np.abs(found - expected) < 4.0 * sd[first : first + 3])
