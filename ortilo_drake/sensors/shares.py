@@ -1,7 +1,6 @@
 """Sensors beside uwb, camera and imu, by the compiled share of their description (model/parts.py, Compiled)."""
 
 from ortilo_drake.model.parts import Compiled
-from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.sensors.described import described
 
 
@@ -15,9 +14,3 @@ def share_of(sensor: str) -> Compiled:
     if share is None:
         raise ValueError(f"sensors: {sensor}: has no compiled form")
     return share
-
-
-def handed_size(sensor: str) -> int:
-    """Return the size of what the handler takes of a sensor of one's own: of its fix, or of its message."""
-    m, share = len(described(sensor).rows), share_of(sensor)
-    return PAYLOAD + (share.payload if share.solve is None else m + m * m)

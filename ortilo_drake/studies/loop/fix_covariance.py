@@ -174,29 +174,6 @@ def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
     return FixNoise(V, there)
 
 
-def uwb_covariance(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray | None:
-    """Return the covariance (3 x 3) [m^2] of a UWB fix at p_WB (3), None where there is none."""
-    noise = fix_noise(scenario.model_copy(update={"sensors": ("uwb",)}), _hovering_at(scenario, p_WB))
-    return noise.V["uwb"] if noise.there["uwb"] else None
-
-
-def camera_covariance(scenario: Scenario, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance (3 x 3) [m^2] of a landmark fix at state x (12, or the first six), None without one."""
-    state = np.zeros(N_X)
-    state[: len(x)] = x
-    noise = fix_noise(scenario, state)
-    return noise.V["camera"] if noise.there["camera"] else None
-
-
-def V_at(scenario: Scenario, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return V (p x p) at state x (12) and which sensors are there (s), both in the order of the measurement.
-
-    The rows of a sensor that is not there hold the identity.
-    """
-    noise = fix_noise(scenario, x)
-    return block_diag(*noise.V.values()), np.array(list(noise.there.values()))
-
-
 def _hovering_at(scenario: Scenario, p_WB: np.ndarray) -> np.ndarray:
     x = np.zeros(N_X)
     x[:3], x[5] = p_WB, scenario.yaw
