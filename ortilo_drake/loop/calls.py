@@ -56,22 +56,29 @@ class Reading:
 
 
 def compiled_calls(wiring: Wiring, parts: dict[str, Calls]) -> dict[str, Callable[..., None]]:
-    """Return functions (N, S, W, Y, T, seeds, k) of compiled code, by name, that make calls one after the other."""
+    """Return functions (memory, S, Y, k) of compiled code, by name, that make calls one after the other."""
     places, boxes = places_of(wiring), [box for box in wiring.boxes.values() if box.element.functions]
     if len(boxes) == 1:
         return {name: _single(wiring, calls) for name, calls in parts.items()}
     text = part_text(wiring, places, parts)
     module = load(f"part_{digest_of(text)}", text, {})
-    return {name: getattr(module, name) for name in parts}
+    return {name: _of_memory(getattr(module, name)) for name in parts}
+
+
+def _of_memory(function: Callable[..., None]) -> Callable[..., None]:
+    def call(memory: Memory, S: np.ndarray, Y: np.ndarray, k: int) -> None:
+        function(memory.N, S, memory.W, Y, memory.T, memory.seeds, k)
+
+    return call
 
 
 def _single(wiring: Wiring, calls: Calls) -> Callable[..., None]:
     """Return likewise a function that makes the call of one box by itself: nothing is compiled but the element."""
     places = places_of(wiring)
     lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls) or "    pass"
-    text = f"""def call(N_, S_, W_, Y_, T, seeds, k):
-    N, S, W, Y = (array.__array_interface__["data"][0] for array in (N_, S_, W_, Y_))
-    seed = int(seeds[0])
+    text = f"""def call(memory, S_, Y_, k):
+    N, W, T, seeds, seed = memory.known
+    S, Y = S_.__array_interface__["data"][0], Y_.__array_interface__["data"][0]
 {lines}
 """
     made: dict[str, Any] = {f"{box.name}_{what}": _entry(box, what) for box, what in calls}

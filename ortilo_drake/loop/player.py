@@ -65,6 +65,8 @@ class Memory:
         seeds: of all noise, for a player that flies one seed.
     """
 
+    _known: tuple[int, int, list[int], np.ndarray, int] | None
+
     def __init__(self, wiring: Wiring, places: Places):
         self.seeds = np.zeros(1, dtype=np.int64)
         self._wiring, self._places = wiring, places
@@ -81,8 +83,16 @@ class Memory:
         other.__dict__.update(self.__dict__)
         other.N, other.S, other.T = self.N.copy(), self.S.copy(), self.T.copy()
         other.W, other.Y = np.zeros(self._sizes[0]), np.zeros(self._sizes[1])
-        other._kept = dict(self._kept)
+        other._kept, other._known = dict(self._kept), None
         return other
+
+    @property
+    def known(self) -> tuple[int, int, list[int], np.ndarray, int]:
+        """Addresses of N and W, T as a list, and the seeds with the first of them; for calls of single functions."""
+        if self._known is None:
+            addresses = self.N.ctypes.data, self.W.ctypes.data
+            self._known = (*addresses, self.T.tolist(), self.seeds, int(self.seeds[0]))
+        return self._known
 
     def __deepcopy__(self, memo: Any) -> "Memory":
         """Return itself: Drake copies what a Context holds, and nothing here changes once a Context has it."""
@@ -99,6 +109,7 @@ class Memory:
 
     def put(self, name: str, given: Given) -> None:
         """Put in what a box is given."""
+        self._known = None
         box, at = self._wiring.boxes[name], self._places.numbers[name]
         dtype = box.element.dtype
         record = self.N[at : at + dtype.itemsize].view(dtype)

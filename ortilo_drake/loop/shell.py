@@ -150,7 +150,7 @@ def WiredSystem_(T: type) -> type:
             t = context.get_time()
             k = int((t if T is float else _value_of(t)) / self._h + 0.5)
             if T is float:
-                self._compiled[what](memory.N, S, memory.W, Y, memory.T, memory.seeds, k)
+                self._compiled[what](memory, S, Y, k)
             else:
                 with np.errstate(invalid="ignore"):  # Drake's symbols leave floating-point flags raised
                     self._plain.make(self._calls[what], memory, S, Y, k)
