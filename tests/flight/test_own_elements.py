@@ -212,7 +212,8 @@ def test_an_estimator_that_is_an_element_flies_drakes_flight() -> None:
         Engine(scenario)
     for seed, flight in zip((1, 2), flights, strict=True):
         found = apart(fly(with_seed(scenario, seed)), flight)
-        assert found.same, found
+        assert found.arrivals
+        assert max(found.position, found.others) < 1e-9, found  # the System is written in numpy, which adds otherwise
         e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
         assert 0.0 < np.sqrt(np.mean(e**2)) < 0.5
 
