@@ -65,7 +65,10 @@ def test_heads_and_boxes_are_opencvs(name: str, tmp_path: Path) -> None:
     # Each has its own order: pair them by class and left edge.
     ours, theirs = np.lexsort((boxes[:, 0], labels)), np.lexsort((expected_boxes[:, 0], expected_labels))
     np.testing.assert_array_equal(labels[ours], expected_labels[theirs])
-    np.testing.assert_allclose(scores[ours], expected_scores[theirs], rtol=2e-6)
+    # A score is the product of two logistic functions of numbers that were held to 2e-5 rms above; each grows by no
+    # more than its argument does. How single precision rounds depends on the processor: 2.3e-6 was found.
+    largest = max(head["norm"] / np.prod(head["shape"]) ** 0.5 for head in reference["heads"])
+    np.testing.assert_allclose(scores[ours], expected_scores[theirs], rtol=2 * 2e-5 * largest)
     spans = np.abs(expected_boxes).max(axis=1)[theirs, np.newaxis]
     assert np.all(np.abs(boxes[ours] - expected_boxes[theirs]) < 2e-5 * spans + 1e-3)
 
