@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, belief_in, measured_in
+from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, measured_in, shown_box
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.loop.diagram import Added, add_wiring
 from ortilo_drake.loop.element import Box, outside
@@ -15,7 +15,7 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_U, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import with_known_part
-from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box
+from ortilo_drake.onboard.estimator.filter_element import extra_box
 from ortilo_drake.scenario import Belief, IntermittentFilter
 
 
@@ -74,9 +74,11 @@ class Estimator(Diagram):
 
 
 def shown_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
-    """Return boxes that show what an estimator of ours says, for the ports of a Diagram."""
-    shown = [parts_box("shown").reading(belief=belief_in(boxes))]
-    if any(box.name == "known" for box in boxes):
+    """Return boxes that show what an estimator says, for the ports of a Diagram; those that are there are left out."""
+    named, shown = {box.name for box in boxes}, list[Box]()
+    if "shown" not in named:
+        shown.append(shown_box(boxes))
+    if "known" in named:
         its = filtering_of(belief)
         shown.append(extra_box("extra", its.n).reading(belief=its.belief))
     return shown

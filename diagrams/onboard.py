@@ -20,8 +20,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import has_history, set_belief, settable
-from ortilo_drake.diagrams.wiring.intermittent import filtering_of
+from ortilo_drake.diagrams.estimator import has_history, set_belief, settable, shown_boxes
 from ortilo_drake.diagrams.wiring.messages import message_boxes
 from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measured_in, onboard_boxes
 from ortilo_drake.diagrams.wiring.pictures import detected
@@ -30,7 +29,6 @@ from ortilo_drake.loop.element import outside
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.filter_element import extra_box
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Belief
 
@@ -90,9 +88,7 @@ class Onboard(Diagram):
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)
         ticks = int(plan.end_time() * belief.control_rate) + 2 if isinstance(plan, Trajectory) else 0
         boxes = onboard_boxes(belief, room, plan, ticks, messages, parts, takes_paths)
-        if any(box.name == "known" for box in boxes):
-            its = filtering_of(belief)
-            boxes.append(extra_box("extra", its.n).reading(belief=its.belief))
+        boxes += shown_boxes(belief, boxes)
         wiring = Wiring([*around, *seeing, *boxes])
         self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
         signals: dict[str, Any] = {"control": "servo", "estimate": "shown.estimate", "covariance": "shown.covariance"}

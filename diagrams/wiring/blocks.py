@@ -86,8 +86,7 @@ def signals_between(wiring: Wiring, blocks: dict[str, Block]) -> dict[tuple[str,
 
 def system_of(box: Box) -> str | None:
     """Return the type of the Drake System that stands in a box; None where it is an element."""
-    system = getattr(box, "system", None)
-    return None if system is None else type(system).__name__
+    return None if box.system is None else type(box.system).__name__
 
 
 def _only_holds(wiring: Wiring, name: str) -> bool:

@@ -78,7 +78,7 @@ def onboard_boxes(
     else:
         estimator = ESTIMATORS.get(belief.estimator.kind, own_estimator_boxes)(belief, room, xbar_0, messages)
     force = force_in(estimator)
-    boxes = [*estimator, parts_box("shown").reading(belief=belief_in(estimator))]
+    boxes = list(estimator)
     if force is None:
         boxes.append(constant(force := "no_force", np.zeros(3)))
     signals |= {"estimate": ("shown.estimate", N_XBAR), "covariance": ("shown.covariance", N_XBAR**2)}
@@ -89,7 +89,10 @@ def onboard_boxes(
         boxes.append(planner_box(plan, ticks, belief.h, takes_paths, signals))
     make_servo = parts.servo or system_of(belief, "servo")
     own_servo = None if make_servo is None else make_servo(belief)
-    return [*boxes, *servo_boxes(belief, belief_in(estimator), force, messages, own_servo, signals)]
+    boxes += servo_boxes(belief, belief_in(estimator), force, messages, own_servo, signals)
+    if any(said.startswith("shown.") for box in boxes for said in box.reads.values()):
+        boxes.append(shown_box(boxes))
+    return boxes
 
 
 def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
@@ -106,6 +109,11 @@ def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
 def port_of(sensor: str) -> str:
     """Return the name of a sensor's messages at the ports of Drake's diagrams."""
     return "detections" if sensor == "camera" else sensor
+
+
+def shown_box(boxes: list[Box]) -> Box:
+    """Return what shows `estimate` (15) and `covariance` (225) of a belief apart, for Drake's ports."""
+    return parts_box("shown").reading(belief=belief_in(boxes))
 
 
 def belief_in(boxes: list[Box]) -> str:

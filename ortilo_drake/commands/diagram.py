@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
-from ortilo_drake.commands.terminal import check_writable, out, say_error, say_heading, say_written
+from ortilo_drake.commands.terminal import check_writable, out, say_heading, say_written
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import load_scenario
 
@@ -27,7 +27,7 @@ def diagram(
     check_writable(svg, html, drake)
     from ortilo_drake.views.graphviz import drake_svg
     from ortilo_drake.views.page.diagram_page import diagram_page
-    from ortilo_drake.views.scenario_wiring import unlike_flown, wiring_of
+    from ortilo_drake.views.scenario_wiring import wiring_of
     from ortilo_drake.views.wiring_picture import wiring_picture
     from ortilo_drake.views.wiring_text import wiring_text
 
@@ -35,8 +35,6 @@ def diagram(
         write_text(drake, drake_svg(chosen))
     if svg or html or not drake:
         wiring = wiring_of(chosen)
-        if (note := unlike_flown(chosen, wiring)) is not None:
-            say_error(note)
         if svg:
             write_text(svg, wiring_picture(wiring, depth))
         if html:

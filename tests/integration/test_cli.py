@@ -256,16 +256,17 @@ def test_the_diagram_is_printed(capsys: pytest.CaptureFixture[str], depth: str, 
     assert run("diagram", "paper_imu_uwb", "--set", SHORT, "--depth", depth) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert printed.out.startswith("paper_imu_uwb: 15 boxes, 30 ticks a second\n")
+    assert printed.out.startswith("paper_imu_uwb: 16 boxes, 30 ticks a second\n")
     assert named in printed.out
 
 
-def test_a_diagram_says_which_part_flies_otherwise(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_diagram_names_the_system_that_is_no_element(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("diagram", "imu_uwb_yolo", "--set", SHORT) == 0
     printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 1
-    assert "camera.kind: rendered" in printed.err
+    assert printed.err == ""
     assert "camera fix" in printed.out
+    assert run("diagram", "imu_uwb_yolo", "--set", SHORT, "--depth", "3") == 0
+    assert "Detector" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz's dot is not installed")
