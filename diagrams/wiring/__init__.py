@@ -9,6 +9,9 @@ onboard.py         an estimator, the servo and the planner
 intermittent.py    the paper's estimator
 fixes.py           what makes fixes of messages
 tight.py           the tight filter
-servo.py           the servo and what it reckons with
+messages.py        what an onboard half that is alone hears
+pictures.py        what looks at a rendered camera's pictures
+systems.py         boxes that Drake Systems play, where no element can
+servo.py           the servo, and what it knows of the way of its commands
 own_part.py        an estimator, a servo or a planner of one's own
 """
