@@ -78,10 +78,17 @@ class Wiring:
 
 
 def _sorted(graph: dict[str, list[str]]) -> list[str]:
+    """Return names, each after those that it needs; of several that could be next by the alphabet."""
+    sorter, found = TopologicalSorter(graph), list[str]()
     try:
-        return list(TopologicalSorter(dict(sorted(graph.items()))).static_order())
+        sorter.prepare()
     except CycleError as error:
         raise ValueError(f"wiring: {' reads '.join(error.args[1])}: must not read each other in a tick") from None
+    while sorter.is_active():
+        ready = sorted(sorter.get_ready())
+        found += ready
+        sorter.done(*ready)
+    return found
 
 
 def check_values(box: Box) -> None:

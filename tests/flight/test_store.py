@@ -340,7 +340,7 @@ def test_a_damaged_piece_of_a_rare_event_is_flown_again(
         caplog.clear()
         flip(file, share)
         assert rare_flights.rare_flights(*asked) == before
-        assert ran == [next(n for n in ("count", "climb", "plan") if n in file.stem.replace("_seed_", "_climb_"))]
+        assert ran == [next(n for n in ("count", "climb", "plan") if n in file.stem.replace("_repetition_", "_climb_"))]
         assert len(caplog.records) == 1
 
 

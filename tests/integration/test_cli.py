@@ -247,7 +247,7 @@ def test_drakes_diagram_is_svg_that_names_every_subsystem(capsys: pytest.Capture
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     texts = {"".join(node.itertext()).strip() for node in root.iter("{http://www.w3.org/2000/svg}text")}
     names = subsystem_names(make_closed_loop(load_scenario("nominal_imu_uwb_yolo", (SHORT, "camera.kind=projected"))))
-    assert {"world", "onboard", "quadrotor", "uwb", "imu", "kalman_filter", "lq_servo", "planner"} <= names
+    assert {"world", "onboard", "plant", "uwb", "imu", "filter", "servo", "reference"} <= names
     assert {name for name in names if not any(name in text for text in texts)} == set()
 
 
@@ -315,12 +315,12 @@ def test_bad_input_ends_the_process_with_code_two_and_one_line(tmp_path: Path) -
 def test_control_c_ends_with_code_130_and_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    from ortilo_drake.flight import flight
+    from ortilo_drake.flight import players
 
     def press_control_c(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(flight, "fly", press_control_c)
+    monkeypatch.setattr(players, "fly", press_control_c)
     assert run("fly", "nominal_imu_uwb", "--set", HOVER, "--out", str(tmp_path / "flight.nc")) == 130
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

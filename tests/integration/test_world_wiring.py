@@ -11,7 +11,7 @@ from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
-from ortilo_drake.onboard.planner.planned import path_of
+from ortilo_drake.onboard.planner.planned import path_of, start_of
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.drawn_truth import of_seed
 
@@ -56,7 +56,7 @@ TOLD = Element("told", out=tell, tables=(Array("path", 2),))
 def played(scenario: Scenario) -> dict[str, np.ndarray]:
     """State and messages of each tick under these commands."""
     room = scenario.load_room()
-    world, messages = world_boxes(scenario, room, path_of(scenario))
+    world, messages = world_boxes(scenario, room, start_of(path_of(scenario)), whole_imu=True)
     servo = Box("servo", TOLD, N_U, Given(tables={"path": commands(TICKS)}))
     wiring = Wiring([*world, servo, constant("end", [-1.0])])
     said = {"state": "plant", **{name: box.name for name, box in messages.items()}}
