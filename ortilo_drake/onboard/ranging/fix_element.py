@@ -5,17 +5,10 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.loop.plain import instead_of
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency, consistency_of
-from ortilo_drake.onboard.ranging.multilateration import (
-    believed_noise,
-    differentiable_fix_message,
-    differentiable_tested_fix_message,
-    fix_message,
-    tested_fix_message,
-)
+from ortilo_drake.onboard.ranging.multilateration import believed_noise, fix_message, tested_fix_message
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 
@@ -24,16 +17,6 @@ def fix_out(n: Any, message: np.ndarray, belief: np.ndarray, anchors: np.ndarray
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
         put(fix_message(message, anchors, n.noise, belief[:N_XBAR], n.three != 0), out)
-
-
-@instead_of(fix_out)
-def differentiable_fix_out(
-    n: Any, message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, out: np.ndarray
-) -> None:
-    """Say the same of AutoDiffXd, see differentiable_fix_message."""
-    fill(out, 0.0)
-    if message[ARRIVED] != 0.0:
-        put(differentiable_fix_message(message, anchors, n.noise, belief[:N_XBAR], n.three != 0), out)
 
 
 FIX = Element(
@@ -60,27 +43,6 @@ def tested_out(
     if message[ARRIVED] != 0.0:
         consistency = Consistency(quantiles, n.least, n.share, n.clock != 0)
         fix, after = tested_fix_message(message, anchors, n.noise, belief[:N_XBAR], clock, consistency)
-        put(fix, out)
-        put(after, out, FIX_SIZE)
-
-
-@instead_of(tested_out)
-def differentiable_tested_out(
-    n: Any,
-    message: np.ndarray,
-    belief: np.ndarray,
-    anchors: np.ndarray,
-    quantiles: np.ndarray,
-    clock: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Say the same of AutoDiffXd, see differentiable_tested_fix_message."""
-    fill(out, 0.0)
-    put(clock, out, FIX_SIZE)
-    if message[ARRIVED] != 0.0:
-        consistency = Consistency(quantiles, n.least, n.share, n.clock != 0)
-        known = message, anchors, n.noise, belief[:N_XBAR], clock, consistency
-        fix, after = differentiable_tested_fix_message(*known)
         put(fix, out)
         put(after, out, FIX_SIZE)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.loop.plain import instead_of
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.onboard.ranging.clock_offset import differentiable_offset_fix
@@ -71,6 +72,7 @@ def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
     return used
 
 
+@instead_of(tested_fix_message)
 def differentiable_tested_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,
@@ -90,6 +92,7 @@ def differentiable_tested_fix_message(
     return np.concatenate(([1.0 + 0.0 * uwb[1], uwb[1]], p, C.ravel())), fix.clock
 
 
+@instead_of(fix_message)
 def differentiable_fix_message(
     uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool
 ) -> np.ndarray:
