@@ -1,4 +1,4 @@
-"""Faults of the sensors' messages in the world: each a system between a sensor and its link."""
+"""Faults of what is not there: a scenario held against its room and its vehicle."""
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
