@@ -81,7 +81,7 @@ def WiredSystem_(T: type) -> type:
                 self._compiled = compiled_calls(wiring, self._calls)
             else:
                 self._plain = PlainCalls(wiring, T)
-            self._all = reading.all
+            self._all, self._unsaid = reading.all, [name for name in reading.inputs if name not in reading.all]
             self._groups: dict[frozenset[str], Any] = {}
             if self._places.sizes[3]:
                 for i, needs in enumerate(reading.groups):
@@ -119,17 +119,21 @@ def WiredSystem_(T: type) -> type:
             needs = frozenset().union(*(reading.of(wire.box) for wire in wires))
             needs = needs if needs in self._groups else self._all
             source: Any = self._groups.get(needs)
-            ranges = [(letter, at, at + wire.size) for (letter, at), wire in zip(places, wires, strict=True)]
-            letters = {letter for letter, _, _ in ranges}
+            ranges = [(letter == "S", at, at + wire.size) for (letter, at), wire in zip(places, wires, strict=True)]
+            of_state = {is_state for is_state, _, _ in ranges}
 
-            def calc(context: Any, output: Any) -> None:
-                Y = source.Eval(context) if "Y" in letters else _NOTHING
-                S = self._state_in(context) if "S" in letters else _NOTHING
-                shown = [(S if letter == "S" else Y)[start:end] for letter, start, end in ranges]
-                output.SetFromVector(shown[0] if len(shown) == 1 else np.concatenate(shown))
+            def calc_several(context: Any, output: Any) -> None:
+                Y = source.Eval(context) if False in of_state else _NOTHING
+                S = self._state_in(context) if True in of_state else _NOTHING
+                output.SetFromVector(np.concatenate([(S if of_S else Y)[start:end] for of_S, start, end in ranges]))
 
+            def calc_one(context: Any, output: Any) -> None:
+                is_state, start, end = ranges[0]
+                output.SetFromVector((self._state_in(context) if is_state else source.Eval(context))[start:end])
+
+            calc = calc_one if len(ranges) == 1 else calc_several
             kept = self.all_parameters_ticket() if self._state is None else self.xd_ticket()
-            tickets = self._tickets(needs) if "Y" in letters else {kept}
+            tickets = self._tickets(needs) if False in of_state else {kept}
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=tickets)
 
         def _state_in(self, context: Any) -> Any:
@@ -160,10 +164,9 @@ def WiredSystem_(T: type) -> type:
                             array[i] = T(value)
 
         def _update(self, context: Any, values: Any) -> None:
-            inputs = {name: port.Eval(context) for name, port in self._ports.items()}
             said = self._groups.get(self._all)
-            Y = np.zeros(0) if said is None else said.Eval(context).copy()
-            self._put(inputs, Y)
+            Y = np.zeros(0) if said is None else said.Eval(context).copy()  # with the inputs that it was made of
+            self._put({name: self._ports[name].Eval(context) for name in self._unsaid}, Y)
             S = context.get_discrete_state(self._state).CopyToVector()
             self._make("step", context, S, Y)
             values.set_value(self._state, S)
