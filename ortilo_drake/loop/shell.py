@@ -108,7 +108,7 @@ def WiredSystem_(T: type) -> type:
                 self._make(f"said_{i}", context, self._state_in(context), Y)
                 cached.set_value(Y)
 
-            made = ValueProducer(lambda: Value[object](None), calc)
+            made = ValueProducer(lambda: Value[object](_NOTHING), calc)
             self._groups[needs] = self.DeclareCacheEntry(f"said_{i}", made, self._tickets(needs))
 
         def _declare_output(self, name: str, wires: list[Wire], reading: Reading) -> None:
