@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 
 import ortilo_drake as od
-from ortilo_drake.flight.engine import Engine
 
 
 class Cascade(od.Frozen):
@@ -49,7 +48,7 @@ od.register_servo("cascade", Cascade, box=make)
 
 def main(**settings: Any) -> Any:
     """Fly scenario 1 with it; print where it ends."""
-    flight = Engine(od.load_scenario("imu_uwb", servo={"kind": "cascade"}, **settings)).fly(1)
+    flight = od.fly("imu_uwb", seed=1, servo={"kind": "cascade"}, **settings).data
     print("cascade: ends at", flight["truth"].values[-1, :3], "lost:", flight.attrs["lost"])
     return flight
 

@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 
 import ortilo_drake as od
-from ortilo_drake.flight.engine import Engine
 
 
 class Circle(od.Frozen):
@@ -52,7 +51,7 @@ od.register_planner("circle", Circle, box=make)
 
 def main(**settings: Any) -> Any:
     """Fly scenario 1's vehicle along it; print how far from the circle it came."""
-    flight = Engine(od.load_scenario("imu_uwb", **({"planner": {"kind": "circle"}} | settings))).fly(1)
+    flight = od.fly("imu_uwb", seed=1, **({"planner": {"kind": "circle"}} | settings)).data
     away = np.linalg.norm(flight["truth"].values[:, :3] - flight["reference"].values, axis=1)
     print(f"circle: largest distance from the reference {away.max():.2f} m")
     return flight

@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 
 import ortilo_drake as od
-from ortilo_drake.flight.engine import Engine
 
 
 class LongerRanges(od.Fault):
@@ -51,7 +50,7 @@ def main(**settings: Any) -> Any:
     """Fly scenario 1 with it; print the error of the position with and without."""
     faults = [{"kind": "longer_ranges", "start": 5.0}]
     for name, wrong in (("without", []), ("with   ", faults)):
-        flight = Engine(od.load_scenario("imu_uwb", faults=wrong, **settings)).fly(1)
+        flight = od.fly("imu_uwb", seed=1, faults=wrong, **settings).data
         e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
         print(f"{name} longer ranges: RMS error {np.sqrt(np.mean(np.sum(e**2, axis=1))):.3f} m")
     return flight

@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 
 import ortilo_drake as od
-from ortilo_drake.flight.engine import Engine
 from ortilo_drake.model.equations import euler_rates, rotation
 
 
@@ -71,7 +70,7 @@ od.register_estimator("range_follower", RangeFollower, box=make)
 def main(**settings: Any) -> Any:
     """Fly scenario 1 without its blackouts; print where it ends."""
     scenario = od.load_scenario("imu_uwb", estimator={"kind": "range_follower"}, uwb__link__blackouts=[], **settings)
-    flight = Engine(scenario).fly(1)
+    flight = od.fly(scenario, seed=1).data
     print("range follower: ends at", flight["truth"].values[-1, :3], "lost:", flight.attrs["lost"])
     return flight
 

@@ -33,7 +33,6 @@ from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.integral_element import integral_box
 from ortilo_drake.onboard.estimator.whole_belief import together_box, widened_box
 from ortilo_drake.scenario import Belief
 
@@ -53,7 +52,8 @@ def own_estimator_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages
     says = {"reference": "reference", "control": "servo"}
     if made.size == BELIEF:
         return [silent_handler(belief), *wired("estimator", "filter", belief, made, says, messages)]
-    whole = integral_box("filter").reading(belief="own_filter")
+    made = replace(made, parts={"estimate": (0, N_X), "covariance": (N_X, N_X * N_X)})
+    whole = widened_box().reading(estimate="own_filter.estimate", covariance="own_filter.covariance")
     return [silent_handler(belief), whole, *wired("estimator", "own_filter", belief, made, says, messages)]
 
 

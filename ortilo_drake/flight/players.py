@@ -19,8 +19,8 @@ CHOICES: Final = ("fastest", "engine", "drake", "drake-elements")
 def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS) -> str:
     """Return who flies a scenario: 'engine', 'drake' or 'drake-elements'.
 
-    The engine is the fastest of a single flight, too, even of a scenario never flown before: both compile the same
-    elements, and beside them the engine one function of a flight, 'drake' several of each half.
+    Of a single flight of a scenario never flown before, engine and 'drake' take about as long: both compile the same
+    elements, which takes longer than the flight.
 
     Args:
         scenario: the scenario.

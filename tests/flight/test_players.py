@@ -1,5 +1,6 @@
 """Whoever flies a scenario, the same seed gives the same bits; and who flies is chosen and told."""
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from ortilo_drake.commands.options import PlayerName
 from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.players import CHOICES, choose, fly, player_of
+from ortilo_drake.model import parts
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Belief, Scenario, load_scenario, scenario_names
 
@@ -21,6 +23,7 @@ HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 3}", "settle=0.0")
 MOVING = ("planner={kind: waypoints, points: [[7.0, 1.0, 1.5], [8.2, 1.6, 1.5]]}", "settle=1.0")
 RENDERED = "camera.kind: rendered: has no compiled form"
 OTHERS = ("drake", "drake-elements")
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def assert_same_bits(one: xr.Dataset, other: xr.Dataset) -> None:
@@ -135,3 +138,22 @@ def test_the_engine_tells_its_progress_and_its_speed() -> None:
     flight = player.fly(0, told.append)
     assert told == [flight.sizes["tick"] - 1]
     assert 0.0 < flight.attrs["real_time_factor"] < np.inf
+
+
+OF_ONES_OWN = {
+    "estimator": ("range_follower", "imu_uwb", (*HOVER, "estimator={kind: range_follower}")),
+    "servo": ("cascade_servo", "imu_uwb", (*HOVER, "servo={kind: cascade}")),
+    "planner": ("circle_planner", "imu_uwb", ("planner={kind: circle, duration: 3}", "settle=0.0")),
+    "fault": ("longer_ranges", "imu_uwb", (*HOVER, "faults=[{kind: longer_ranges, sensor: uwb, start: 1.0}]")),
+    "sensor": ("magnetometer", "imu_uwb", (*HOVER, "sensors=[uwb, imu, magnetometer]")),
+    "sensor of the tight filter": ("magnetometer", "tight_imu_uwb", (*HOVER, "sensors=[uwb, imu, magnetometer]")),
+}
+
+
+@pytest.mark.parametrize("part", OF_ONES_OWN)
+def test_all_players_fly_the_same_bits_of_a_part_of_ones_own(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for register in ("_SENSORS", "_PARTS"):
+        monkeypatch.setattr(parts, register, dict(getattr(parts, register)))
+    file, name, changes = OF_ONES_OWN[part]
+    runpy.run_path(str(EXAMPLES / f"{file}.py"))
+    check_players(load_scenario(name, changes), range(1))
