@@ -60,7 +60,7 @@ def flying(tab: Page) -> Iterator[Flying]:
     flying.start()
     assert flying.is_ready.wait(PATIENCE)
     tab.errors.clear()
-    tab.open(flying.url)
+    tab.open(flying.url, 480, 320)
     tab.until(f"document.body.innerText.includes({LOST.format('uwb')!r})")
     yield flying
     click(tab, STOP)
@@ -118,7 +118,7 @@ def test_a_page_of_elsewhere_is_refused_though_it_knows_the_address(tab: Page, f
     assert tab.run(f"fetch({flying.url!r}).then(() => 'read', () => 'refused')") == "refused"
     assert flying.refused == [f"Origin {elsewhere.rstrip('/')!r}: another page's"]
     assert flying.is_alive()
-    tab.open(flying.url)  # for the end, by its own page
+    tab.open(flying.url, 480, 320)  # for the end, by its own page
     tab.until(f"document.body.innerText.includes({LOST.format('uwb')!r})")
 
 

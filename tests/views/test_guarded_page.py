@@ -1,6 +1,7 @@
 """The guard before Meshcat: who comes in, what is taken of what they say, and what it costs when they do not read."""
 
 import asyncio
+import itertools
 import math
 import socket
 from collections.abc import Callable, Coroutine, Iterator
@@ -301,12 +302,36 @@ def test_a_page_that_does_not_read_is_closed_and_the_others_stay() -> None:
             assert not done.done()
             done.cancel()
 
+        things = itertools.count()
+
         def draw() -> None:
-            it.meshcat.SetProperty("/big", "color", [0.5] * 10_000)
+            it.meshcat.SetProperty(f"/big/{next(things)}", "color", [0.5] * 10_000)
 
         soon(read(draw))
         (line,) = it.lines
         assert line.startswith("a page that left 0.")
+
+
+def test_a_page_that_draws_slower_than_the_flight_gets_how_things_are_and_not_how_they_were() -> None:
+    with guarded(most_waiting=300_000) as it:
+
+        async def read() -> tuple[int, object]:
+            slow = await it.connect()
+            for i in range(1000):
+                it.meshcat.SetProperty("/big", "color", [float(i)] * 10_000)
+                await asyncio.sleep(0.001)
+            got = 0
+            while message := await slow.read_message():
+                told = msgpack.unpackb(message, strict_map_key=False)  # type: ignore[arg-type]
+                if str(told.get("path")).endswith("/big"):
+                    got += 1
+                    if told["value"][0] == 999.0:
+                        break
+            return got, it.lines
+
+        got, lines = soon(read())
+        assert lines == []
+        assert 1 <= got < 500
 
 
 def test_one_page_more_than_may_be_open_is_closed() -> None:

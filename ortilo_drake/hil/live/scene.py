@@ -18,6 +18,7 @@ GOAL: Final = "/flight/goal"
 LAMPS: Final = "/flight/lamps"
 LIT_FOR: Final = 0.2  # a lamp stays lit after a message [s]
 TRAIL: Final = 20.0  # how much of what was flown is shown [s]
+CORNER_EVERY: Final = 0.1  # a corner of the line that shows it [s]; at each tick, a page would get 3 MB/s of corners
 LIT, DARK = (0.15, 0.85, 0.25, 1.0), (0.75, 0.1, 0.1, 1.0)
 
 
@@ -43,7 +44,8 @@ class Scene:
     def begin(self, path: Trajectory | None) -> None:
         """Show a new flight."""
         self._lit, self._until = dict.fromkeys(self._sensors, False), dict.fromkeys(self._sensors, -1.0)
-        self._flown: deque[np.ndarray] = deque(maxlen=round(TRAIL / self._h))
+        self._flown: deque[np.ndarray] = deque(maxlen=round(TRAIL / CORNER_EVERY))
+        self._corner_at = 0.0
         draw_vehicle(self._meshcat, self._vehicle)
         self.show_path(path)
         for sensor in self._sensors:
@@ -73,10 +75,13 @@ class Scene:
             if lit != self._lit[sensor]:
                 self._lit[sensor] = lit
                 self._meshcat.SetProperty(f"{LAMPS}/{sensor}", "color", list(LIT if lit else DARK))
-        self._flown.append(np.concatenate([seen.x[:3], seen.xhat[:3]]))
+        now = np.concatenate([seen.x[:3], seen.xhat[:3]])
+        if seen.time >= self._corner_at:
+            self._flown.append(now)
+            self._corner_at = seen.time + CORNER_EVERY
         if seen.path is not None:
             self.show_path(seen.path)
         if draws:
             show_pose(self._meshcat, seen.x, seen.xhat, seen.P[:3, :3], np.eye(3), seen.time)
             self._meshcat.SetTransform(LAMPS, RigidTransform(seen.x[:3] + [0.0, 0.0, 0.45]))
-            draw_flown(self._meshcat, np.array(self._flown))
+            draw_flown(self._meshcat, np.array([*self._flown, now]))

@@ -110,7 +110,6 @@ class Guard:
         application = Application(
             [Rule(_Upgrades(), PageSocket, answers), (r".*", PageFile, answers)],
             websocket_max_message_size=LARGEST,
-            websocket_ping_interval=PATIENCE,
             log_function=lambda handler: None,  # _refused says it
         )
         server = HTTPServer(

@@ -1,6 +1,7 @@
 """What the guard answers: Drake's page and its files, and the page's socket."""
 
 import asyncio
+import contextlib
 import hmac
 import re
 from collections.abc import Callable
@@ -70,6 +71,22 @@ class Rules:
         return None
 
 
+def what_is_drawn(message: bytes) -> object:
+    """Return what a message of Drake's Meshcat sets; a later message of the same makes it needless.
+
+    Something that no other message equals, for messages that add and do not set.
+    """
+    try:
+        told = msgpack.unpackb(message, strict_map_key=False)
+        if told["type"] in ("set_object", "set_transform", "set_property", "delete"):
+            return told["type"], told["path"], told.get("property")
+        if told["type"] == "set_control_value":
+            return told["type"], told["name"]
+    except (ValueError, TypeError, KeyError, msgpack.UnpackException):
+        pass
+    return object()
+
+
 class _Guarded(RequestHandler):
     def initialize(self, rules: Rules) -> None:
         self.rules, self._waits = rules, 0
@@ -122,7 +139,9 @@ class PageSocket(_Guarded, WebSocketHandler):
             self._end(1013, f"a page beyond {self.rules.most_pages} open ones")
             return
         self.rules.pages.add(self)
-        self._bringing = asyncio.ensure_future(self._bring())
+        self._left: dict[object, bytes] = {}
+        self._sends = asyncio.Event()
+        self._tasks = [asyncio.ensure_future(each) for each in (self._bring(), self._send())]
 
     async def _bring(self) -> None:
         try:
@@ -136,23 +155,30 @@ class PageSocket(_Guarded, WebSocketHandler):
             self.close(1001)
 
     def bring(self, message: bytes) -> None:
-        """Send a message to the page; a page that leaves too much unread is closed."""
-        size = len(message) + PER_MESSAGE
-        self._waits += size
+        """Send a message to the page, as soon as it reads; one that leaves too much unread is closed.
+
+        A page that draws slower than the flight is told of each thing only how it is by then.
+        """
+        drawn = what_is_drawn(message)
+        self._waits += len(message) + PER_MESSAGE
+        if drawn in self._left:
+            self._waits -= len(self._left.pop(drawn)) + PER_MESSAGE
+        self._left[drawn] = message
         if self._waits > self.rules.most_waiting:
             self.rules.refused(f"a page that left {self._waits / 1e6:.1f} MB unread")
             self.drop()
-            return
+        self._sends.set()
 
-        def sent(done: "asyncio.Future[None]") -> None:
-            self._waits -= size
-            if not done.cancelled():
-                done.exception()  # the page has gone; on_close says so
-
-        try:
-            asyncio.ensure_future(self.write_message(message, binary=True)).add_done_callback(sent)
-        except WebSocketClosedError:
-            self._waits -= size
+    async def _send(self) -> None:
+        """Send what is left, oldest first; each once the page has taken the one before."""
+        with contextlib.suppress(WebSocketClosedError):  # the page has gone; on_close says so
+            while self in self.rules.pages:
+                while self._left:
+                    message = self._left.pop(next(iter(self._left)))
+                    await self.write_message(message, binary=True)
+                    self._waits -= len(message) + PER_MESSAGE
+                self._sends.clear()
+                await self._sends.wait()
 
     def on_message(self, message: str | bytes) -> None:
         """Take what the panel knows, and show it on the other pages; whoever sends anything else is closed."""
@@ -171,7 +197,9 @@ class PageSocket(_Guarded, WebSocketHandler):
 
     def on_close(self) -> None:
         """Let go of what Drake draws."""
-        self.rules.pages.discard(self)
+        if self in self.rules.pages:
+            self.rules.pages.remove(self)
+            self._sends.set()  # that it ends
         self._let_go()
 
     def _let_go(self) -> None:
