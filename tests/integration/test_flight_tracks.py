@@ -1,4 +1,4 @@
-"""The ready-made flights stay what they were: to 1e-9 m on whatever processor, rendered ones as far as rounding lets."""
+"""The ready-made flights stay what they were: to 1e-9 m on any processor, rendered ones as far as rounding lets."""
 
 import json
 
