@@ -1,5 +1,5 @@
 # make setup     a virtual environment in .venv with everything the project needs; asks before it installs system
-#                libraries, which YES=1 allows
+#                libraries, which YES=1 allows; with EXPORT=1 the compilers and emulators that test `ortilo export`, too
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
 # make test      set up, run the quick tests: the equations, every command, a flight of each kind of scenario

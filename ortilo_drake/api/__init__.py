@@ -18,6 +18,7 @@ from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
 from ortilo_drake.api.parts import register_estimator, register_fault, register_planner, register_servo
 from ortilo_drake.api.studies import Study, linearize, map, tables
+from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.own import box
@@ -51,6 +52,7 @@ __all__ = [
     "compare",
     "compiled_sensor",
     "compiled_solver",
+    "export",
     "fly",
     "fly_many",
     "linearize",

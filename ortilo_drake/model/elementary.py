@@ -1,6 +1,6 @@
 """Sine and cosine of the onboard half, of sums and products alone: the same bits on every processor.
 
-Mathematical libraries differ in the last bit. What flies here and what is exported to a vehicle (export/) must not.
+Mathematical libraries differ in the last bit. What flies here and what is exported to a vehicle (codegen/) must not.
 The argument is reduced by pi / 2 in three parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980);
 the polynomials are those of Sun's fdlibm. Errors are below 1 ulp for |x| < LARGE. Beyond, whole turns are taken off
 with the rounding of x itself, and beyond SENSELESS, where two neighbouring numbers are 0.1 rad apart, both are NaN.
