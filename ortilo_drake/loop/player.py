@@ -121,7 +121,7 @@ class Memory:
             if values.shape != shape:
                 raise ValueError(f"{name}: {state}: has the shape {values.shape}, must have {shape}")
             self.S[first : first + values.size] = values.ravel()
-        for table in box.element.tables:
+        for table in box.element.arrays:
             if table.name in given.tables:
                 values = np.ascontiguousarray(given.tables[table.name], dtype=_KINDS[table.kind])
                 first = self._places.tables[name, table.name]

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Box, Element, Given, Number
 from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
@@ -175,55 +175,22 @@ def handler_out(
     k: int,
     messages: np.ndarray,
     belief: np.ndarray,
-    start: np.ndarray,
-    V2: np.ndarray,
-    with_message: np.ndarray,
-    gates: np.ndarray,
-    C: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
+    incoming: Incoming,
+    layout: Layout,
     out: np.ndarray,
 ) -> None:
     """Say [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
     fill(out, 0.0)
-    layout, incoming = (
-        Layout(C, states, weights, first, block, is_position),
-        Incoming(start, V2, with_message, gates, n.oldest),
-    )
     judged = k if n.drops else NEVER
     put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout)
 
 
-LAYOUT = (
-    Array("C", 2),
-    Array("states", 2, "i8"),
-    Array("weights", 2),
-    Array("first", kind="i8"),
-    Array("block", kind="i8"),
-    Array("is_position", kind="b1"),
-)
-HANDLER = Element(
-    "handler",
-    allocates=True,
-    out=handler_out,
-    numbers=(Number("oldest", kind="i8"), Number("drops", kind="i8"), Number("h")),
-    tables=(
-        Array("start", kind="i8"),
-        Array("V2"),
-        Array("with_message", kind="b1"),
-        Array("gates"),
-        *LAYOUT,
-    ),
-)
+HANDLER = Element("handler", out=handler_out, numbers=(Number("drops", kind="i8"), Number("h")), allocates=True)
 
 
 def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Box:
     """Return the handler: it reads all that landed, `messages`, and the belief of this tick (240)."""
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
-    tables = incoming._asdict()
-    numbers = {"oldest": tables.pop("oldest"), "drops": drops, "h": h}
+    given = Given({"drops": drops, "h": h})
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
-    return Box("handler", HANDLER, p + 2 * s + q, Given(numbers, tables=tables | layout._asdict()), parts=parts)
+    return Box("handler", HANDLER, p + 2 * s + q, given, parts=parts).taking(incoming=incoming, layout=layout)
