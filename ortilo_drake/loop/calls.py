@@ -9,7 +9,8 @@ import numpy as np
 
 from ortilo_drake.loop.digest import digest_of
 from ortilo_drake.loop.element import OUTSIDE, Box, takes
-from ortilo_drake.loop.native import load, native_of
+from ortilo_drake.loop.generated import load
+from ortilo_drake.loop.native import native_of
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.source import line_of, part_text, place_of, places_of

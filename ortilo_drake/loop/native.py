@@ -10,21 +10,17 @@ by numba: one compiled form serves every wiring, room and size. Whoever calls it
 Addresses are not checked: wiring.py and player.py see to it that every size fits.
 """
 
-import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import llvmlite.binding as llvm
 from numba import njit
 
 from ortilo_drake.loop.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
+from ortilo_drake.loop.generated import load
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
 _WHOLE = {"k": "types.int64", "seed": "types.int64"}
@@ -43,41 +39,6 @@ class Native:
     symbol: str
     arguments: int
     address: int
-
-
-def generated_folder() -> Path:
-    """Return where generated files are kept: beside numba's cache, so that what is compiled of them is kept too."""
-    own = os.environ.get("NUMBA_CACHE_DIR")
-    beside = Path(own) if own else Path(__file__).parent / "__pycache__"
-    if not os.access(beside if beside.exists() else beside.parent, os.W_OK):
-        beside = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ortilo"
-    return beside / "generated"
-
-
-def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
-    """Write a generated module, unless it is there, and run it with names that it need not import.
-
-    numba looks for the file of what it compiles, to keep the result beside it.
-    """
-    module = ModuleType(f"ortilo_generated.{name}")
-    if module.__name__ in sys.modules:
-        return sys.modules[module.__name__]
-    folder = generated_folder()
-    file = folder / f"{name}.py"
-    if not file.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False, encoding="utf-8") as written:
-            written.write(text)
-        os.replace(written.name, file)
-    module.__file__ = str(file)
-    vars(module).update(known)
-    sys.modules[module.__name__] = module
-    try:
-        exec(compile(text, str(file), "exec"), vars(module))
-    except BaseException:
-        del sys.modules[module.__name__]
-        raise
-    return module
 
 
 def parameters(element: Element, function: Callable[..., None]) -> list[tuple[str, int, str]]:

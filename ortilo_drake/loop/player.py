@@ -6,7 +6,7 @@ import numpy as np
 
 from ortilo_drake.loop.digest import digest_of
 from ortilo_drake.loop.element import Given
-from ortilo_drake.loop.native import load
+from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.source import Places, flight_text, places_of
 from ortilo_drake.loop.wiring import Wiring
 

@@ -58,23 +58,6 @@ class FixSolver(LeafSystem):
         output.set_value(fix)
 
 
-def compiled_solver(name: str, compiled: Compiled, rows: int, scenario: Belief, room: Room) -> FixSolver:
-    """Return a solver by the function that compiled flights call as well; rows is m.
-
-    Raises:
-        ValueError: if it has none.
-    """
-    if compiled.solve is None:
-        raise ValueError(f"{name}: has no solve")
-    numbers, function = compiled.numbers(scenario, room), compiled.solve
-
-    def solve(payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        fix = function(numbers, np.ascontiguousarray(payload), np.ascontiguousarray(xhat), np.ascontiguousarray(P))
-        return (fix[:rows], fix[rows:]) if fix.size else None
-
-    return FixSolver(name, compiled.payload, rows, solve)
-
-
 @lru_cache(maxsize=64)
 def saying(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
     """Return a function that says the fix of what landed, as a share solves it."""
