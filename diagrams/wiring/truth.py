@@ -9,7 +9,7 @@ from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
 from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
-from ortilo_drake.world.faults.fault_element import FAULT
+from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
 from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
@@ -124,12 +124,12 @@ def of_sensor(
     if sensor == "uwb":
         anchors = Given(tables={"anchors": room.anchor_positions + drawn["survey.anchors"]})
         found["uwb"] = anchors.with_(Given(tables={"bias": drawn["uwb.bias"]}))
-        found |= {name: anchors for name, box in wiring.boxes.items() if box.element is FAULT}
+        found |= {name: anchors for name, box in wiring.boxes.items() if box.element.out is fault_out}
     if sensor == "camera" and not scenario.is_rendered:
-        numbers = {
-            "p_BC": np.array(room.camera.position) + drawn["camera.position"],
-            "f": wiring.boxes["camera"].given.numbers["f"] * float(drawn["camera.focal_factor"]),
-            "turned": drawn["camera.angles"],
+        f = wiring.boxes["camera"].given.numbers["camera_f"] * float(drawn["camera.focal_factor"])
+        tables = {
+            "camera_p_BC": np.array(room.camera.position) + drawn["camera.position"],
+            "room_positions": room.landmark_positions + drawn["survey.landmarks"],
         }
-        found["camera"] = Given(numbers, tables={"positions": room.landmark_positions + drawn["survey.landmarks"]})
+        found["camera"] = Given({"camera_f": f, "turned": drawn["camera.angles"]}, tables=tables)
     return found

@@ -26,11 +26,11 @@ from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
-from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
+from ortilo_drake.onboard.fix_solver import FixSolver
 from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
 from ortilo_drake.scenario.faults import Fault
 from ortilo_drake.scenario.own_parts import SensorSettings
-from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
+from ortilo_drake.world.sensors.state_sensor import StateSensor
 
 __all__ = [
     "Belief",
@@ -50,8 +50,6 @@ __all__ = [
     "Study",
     "box",
     "compare",
-    "compiled_sensor",
-    "compiled_solver",
     "export",
     "fly",
     "fly_many",

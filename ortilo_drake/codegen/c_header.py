@@ -96,9 +96,9 @@ def flown(half: Half) -> list[Box]:
 def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
     """Return what of a box never changes in flight, numbers first: its name, its kind and its values."""
     found = list[tuple[str, str, np.ndarray]]()
-    for number in box.element.numbers:
+    for number in box.element.constants:
         found.append((number.name, number.kind, np.asarray(box.given.numbers[number.name])))
-    for table in box.element.tables:
+    for table in box.element.arrays:
         found.append((table.name, table.kind, np.asarray(box.given.tables[table.name])))
     return found
 

@@ -12,7 +12,7 @@ import numpy as np
 from ortilo_drake.codegen.c_header import c_name, constants_of, flown
 from ortilo_drake.codegen.half import Half
 from ortilo_drake.codegen.ir import symbol_of
-from ortilo_drake.loop.element import Box, Element
+from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.native import parameters
 from ortilo_drake.loop.source import Places, place_of, places_of
 from ortilo_drake.loop.wiring import Wire
@@ -57,12 +57,12 @@ def first_state(half: Half, places: Places) -> np.ndarray:
     return found
 
 
-def declaration(element: Element, what: str) -> str:
-    """Return the declaration of an element's function as the object file has it."""
+def declaration(box: Box, what: str) -> str:
+    """Return the declaration of a box's function as the object file has it."""
     said = list[str]()
-    for name, dimensions, _ in parameters(element, element.functions[what]):
+    for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
         said += ["int64_t"] if name == "k" else ["const void *"] + ["int64_t"] * max(dimensions, 0)
-    return f"void {symbol_of(element, what)}({', '.join(said)});"
+    return f"void {symbol_of(box, what)}({', '.join(said)});"
 
 
 def address(half: Half, places: Places, wire: Wire) -> str:
@@ -74,10 +74,10 @@ def address(half: Half, places: Places, wire: Wire) -> str:
 def call(half: Half, places: Places, box: Box, what: str) -> str:
     """Return the call of a box's `out` or `step`."""
     element, said = box.element, list[str]()
-    tables = {table.name for table in element.tables}
+    tables = {table.name for table in element.arrays}
     for name, _, _ in parameters(element, element.functions[what]):
         if name == "n":
-            said.append(f"&n->{box.name}" if element.numbers else "n")
+            said.append(f"&n->{box.name}" if element.constants else "n")
         elif name == "k":
             said.append("k")
         elif name in tables:
@@ -89,14 +89,13 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
         else:
             wire = Wire(box.name, 0, box.size) if name == "out" else half.wiring.wires[box.name, name]
             said += [address(half, places, wire), str(wire.size)]
-    return f"    {symbol_of(element, what)}({', '.join(said)});"
+    return f"    {symbol_of(box, what)}({', '.join(said)});"
 
 
 def source_text(half: Half) -> tuple[str, dict[str, int]]:
     """Return ortilo.c, and how many numbers states, room to work in and what is said take."""
     wiring, places = half.wiring, places_of(half.wiring)
-    elements = {symbol_of(box.element, ""): box.element for box in flown(half)}
-    declared = [declaration(element, what) for element in elements.values() for what in element.functions]
+    declared = [declaration(box, what) for box in flown(half) for what in box.element.functions]
     first = first_state(half, places)
     came = [
         f"    memcpy({address(half, places, Wire(name, 0, size))}, &inputs->{c_name(name)}, {size} * sizeof(double));"

@@ -20,14 +20,14 @@ from ortilo_drake.codegen.readme import readme_text
 from ortilo_drake.codegen.targets import target_of
 from ortilo_drake.flight.files import write_bytes, write_text
 from ortilo_drake.loop.digest import digest_of
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Scenario, load_scenario
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 TICKS: Final = 300
 
 
 def export(
-    scenario: Scenario,
+    scenario: str | Path | Scenario,
     target: str,
     folder: str | Path,
     ticks: int = TICKS,
@@ -35,10 +35,12 @@ def export(
 ) -> dict[str, Any]:
     """Write the onboard half of a scenario for a processor; return the manifest.
 
+        od.export("imu_uwb", "cortex-m7", "half")
+
     All is made before anything is written.
 
     Args:
-        scenario: what flies; its seed is that of the golden vectors.
+        scenario: as load_scenario; its seed is that of the golden vectors.
         target: a processor of codegen/targets.py.
         folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, CMakeLists.txt, README.md
             and manifest.json.
@@ -48,7 +50,8 @@ def export(
     Raises:
         InputError: if a part cannot be exported, or there is no such processor.
     """
-    to, half = target_of(target), onboard_half(scenario)
+    scenario, to = load_scenario(scenario), target_of(target)
+    half = onboard_half(scenario)
     says(f"compiling {sum(len(box.element.functions) for box in half.wiring.boxes.values())} functions")
     irs = neutral_irs(scenario)
     code = object_code(irs, to)

@@ -10,17 +10,13 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType
-from typing import Any, Final
-
-from numba import njit
+from typing import Final
 
 from ortilo_drake.codegen.half import onboard_half
-from ortilo_drake.loop.digest import plain
-from ortilo_drake.loop.element import Element
-from ortilo_drake.loop.native import native_text
+from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.native import known_to, native_text
 from ortilo_drake.model.parts import load_plugin, plugin_files
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -60,26 +56,25 @@ done:
 """
 
 
-def symbol_of(element: Element, what: str) -> str:
-    """Return the name in C of an element's function."""
-    return f"ortilo_{element.name}_{what}"
+def symbol_of(box: Box, what: str) -> str:
+    """Return the name in C of a box's function."""
+    return f"ortilo_{box.name}_{what}"
 
 
-def element_ir(element: Element) -> dict[str, str]:
-    """Return the IR of an element's functions by their names in C, as numba makes it in this process.
+def box_ir(box: Box) -> dict[str, str]:
+    """Return the IR of a box's functions by their names in C, as numba makes it in this process.
 
     Raises:
         InputError: if a function calls what is not there without Python.
     """
-    compiled: Callable[..., Any] = njit(error_model="numpy", forceinline=True, _nrt=False)
-    module = ModuleType("ortilo_exported")
-    vars(module).update({f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()})
+    element, module = box.element, ModuleType("ortilo_exported")
+    vars(module).update(known_to(element))
     text = native_text(element).replace("cache=True", "cache=False")
     exec(compile(text, f"<{element.name}>", "exec"), vars(module))
     found = {}
     for what in element.functions:
         its = getattr(module, f"{what}_c")
-        symbol = symbol_of(element, what)
+        symbol = symbol_of(box, what)
         found[symbol] = neutral(its._library.get_llvm_str(), its._wrapper_name, symbol)
     return found
 
@@ -123,7 +118,7 @@ def neutral_irs(scenario: Scenario) -> dict[str, str]:
     """Return the IR of all functions of a scenario's onboard half, made in a process of its own.
 
     Raises:
-        InputError: as onboard_half and element_ir.
+        InputError: as onboard_half and box_ir.
     """
     told = json.dumps({"scenario": scenario.model_dump_json(), "plugins": plugin_files()})
     command = (sys.executable, "-m", "ortilo_drake.codegen.ir")
@@ -146,8 +141,8 @@ def main() -> int:
             load_plugin(file)
         half = onboard_half(Scenario.model_validate_json(told["scenario"]))
         found: dict[str, str] = {}
-        for element in {id(box.element): box.element for box in half.wiring.boxes.values()}.values():
-            found |= element_ir(element)
+        for box in half.wiring.boxes.values():
+            found |= box_ir(box)
     except InputError as error:
         print(error, file=sys.stderr)
         return 2

@@ -45,7 +45,7 @@ def readme_text(half: Half, scenario: Scenario, target: str, manifest: dict[str,
     return TEXT.format(
         name=scenario.name,
         target=target,
-        count=sum(len(f) for f in {id(b.element): b.element.functions for b in half.wiring.boxes.values()}.values()),
+        count=sum(len(box.element.functions) for box in half.wiring.boxes.values()),
         size=manifest["object_bytes"],
         ram=manifest["ram_bytes"],
         state=manifest["state_bytes"],

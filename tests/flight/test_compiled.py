@@ -7,12 +7,12 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from sameness import apart
 
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.figures import TRACE_SIZE, TRUE, squared_path_distances
 from ortilo_drake.flight.metrics import nis, summary
-from ortilo_drake.flight.sameness import apart
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, scenario_names
 

@@ -177,49 +177,22 @@ def handler_out(
     k: int,
     messages: np.ndarray,
     belief: np.ndarray,
-    start: np.ndarray,
-    V2: np.ndarray,
-    with_message: np.ndarray,
-    gates: np.ndarray,
-    C: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
+    incoming: Incoming,
+    layout: Layout,
     e: np.ndarray,
     S: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Say [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
     fill(out, 0.0)
-    layout, incoming = (
-        Layout(C, states, weights, first, block, is_position),
-        Incoming(start, V2, with_message, gates, n.oldest),
-    )
     judged = k if n.drops else NEVER
     put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout, e, S)
 
 
-LAYOUT = (
-    Array("C", 2),
-    Array("states", 2, "i8"),
-    Array("weights", 2),
-    Array("first", kind="i8"),
-    Array("block", kind="i8"),
-    Array("is_position", kind="b1"),
-)
 HANDLER = Element(
     "handler",
     out=handler_out,
-    numbers=(Number("oldest", kind="i8"), Number("drops", kind="i8"), Number("h")),
-    tables=(
-        Array("start", kind="i8"),
-        Array("V2"),
-        Array("with_message", kind="b1"),
-        Array("gates"),
-        *LAYOUT,
-    ),
+    numbers=(Number("drops", kind="i8"), Number("h")),
     work=(Array("e"), Array("S", 2)),
 )
 
@@ -227,14 +200,7 @@ HANDLER = Element(
 def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Box:
     """Return the handler: it reads all that landed, `messages`, and the belief of this tick (240)."""
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
-    tables = incoming._asdict()
-    numbers = {"oldest": tables.pop("oldest"), "drops": drops, "h": h}
+    given = Given({"drops": drops, "h": h})
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
-    return Box(
-        "handler",
-        HANDLER,
-        p + 2 * s + q,
-        Given(numbers, tables=tables | layout._asdict()),
-        {"e": (p,), "S": (p, p)},
-        parts=parts,
-    )
+    work = {"e": (p,), "S": (p, p)}
+    return Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts).taking(incoming=incoming, layout=layout)
