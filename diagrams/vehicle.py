@@ -33,7 +33,7 @@ class Integrated(NamedTuple):
 
     Attributes:
         plant: its System.
-        ports: state, control, disturbance and, where the scenario wants it, acted.
+        ports: state, acceleration, control, disturbance and, where the scenario wants it, acted.
         boxes: those of its elements, each with what it reads.
         systems: that play them, by name.
     """
@@ -72,6 +72,7 @@ def add_vehicle(builder: DiagramBuilder, scenario: Scenario, command_period: flo
         builder.Connect(before.get_output_port(), _control_of(after))
     ports = {
         "state": plant.GetOutputPort("state"),
+        "acceleration": plant.GetOutputPort("acceleration"),
         "control": acting[-1].get_output_port(),
         "disturbance": disturbance.get_output_port(),
     }

@@ -189,13 +189,15 @@ def _integrated(
     felt = _together(builder, vehicle["control"], vehicle["disturbance"])
     parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
     boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=parts), outside("rotors_felt", N_U)]
+    boxes.append(outside("acceleration", 3))
     sources = {"plant": vehicle["state"], "felt": felt, "rotors_felt": vehicle["control"]}
+    sources["acceleration"] = vehicle["acceleration"]
     sources |= {f"felt.{name}": vehicle[name] for name in parts}
     samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
     if samples > 1:
         size = (samples - 1) * PASSED
         passed = builder.AddSystem(Passed(PASSED, samples, scenario.h))
-        builder.Connect(_together(builder, vehicle["state"], vehicle["control"]), passed.get_input_port())
+        builder.Connect(_together(builder, vehicle["state"], vehicle["acceleration"]), passed.get_input_port())
         boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
         sources |= dict.fromkeys(("vehicle", "vehicle.passed"), passed.get_output_port())
     if "acted" in vehicle:
