@@ -68,6 +68,12 @@ class Added(NamedTuple):
         return values
 
 
+def connect_chance(builder: DiagramBuilder, chance: OutputPort | None, system: System) -> None:
+    """Connect what lets Drake draw the seed of a system, if it draws noise."""
+    if chance is not None and system.HasInputPort("chance"):
+        builder.Connect(chance, system.GetInputPort("chance"))
+
+
 class _Unit(NamedTuple):
     """Boxes that become one system.
 
@@ -111,6 +117,7 @@ def add_wiring(
     fused: str | None = None,
     inputs_named: Mapping[str, str] = AS_THEIR_BOXES,
     seed: int = 0,
+    chance: OutputPort | None = None,
 ) -> Added:
     """Add a wiring to a Diagram that is being built.
 
@@ -126,6 +133,7 @@ def add_wiring(
         fused: name of the one system that all elements become; None for a system each.
         inputs_named: names of the Diagram's inputs, where they are not those of the boxes of OUTSIDE.
         seed: of all noise in a default Context.
+        chance: of seeds.add_chance, by which Drake may draw another seed.
     """
     shows = {
         name: [_said(wiring, one) for one in ([said] if isinstance(said, str) else said)]
@@ -157,6 +165,7 @@ def add_wiring(
         ports |= {said: system.GetOutputPort(port) for port, (said,) in own.items()}
         outputs |= {port: system.GetOutputPort(port) for port in joined}
         readers += [(system.GetInputPort(port), said) for port, said in unit.reads.items()]
+        connect_chance(builder, chance, system)
     inputs: dict[str, InputPortIndex] = {}
     for port, said in readers:
         if said in ports:

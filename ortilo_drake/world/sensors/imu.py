@@ -129,14 +129,15 @@ SAMPLES = Element(
 )
 
 
-def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1) -> Box:
-    """Return the imu: it reads `sent` (1), not negative where its message is sent, and the true state (12).
+def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stream: str = "imu") -> Box:
+    """Return the imu, with noise of a stream.
 
+    It reads `sent` (1), not negative where its message is sent, and the true state (12).
     Where more than its angles is read it also reads the acceleration of B's origin in W (3) up to this tick; where it
     is faster than the tick also what was `passed` inside the tick before, see vehicle/continuous.py.
     """
     sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-    given = Given({"sd": sd, "stream": stream_id("imu"), "h": h}, tables={"bias": np.zeros(9)})
+    given = Given({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})
     if not whole:
         return Box("imu", ANGLES, IMU_SIZE, given)
     if samples > 1:

@@ -88,6 +88,8 @@ def QuadrotorPlant_(T: type) -> type:
         instant, held over the step, by one step of the classical Runge-Kutta method; of the linearised model, whose A
         is nilpotent, that is the exact x_{k+1} = Phi x_k + Gamma u_k.
 
+        Its default state is ``x_0``, by default zeros.
+
         Parameters of the Context:
             body (4): mass [kg] and moments of inertia I_x, I_y, I_z [kg m^2]; the vehicle's by default.
         """
@@ -97,11 +99,13 @@ def QuadrotorPlant_(T: type) -> type:
             vehicle: Vehicle = M100,
             kinematics: str = "small_angle",
             time_step: float = 0.0,
+            x_0: np.ndarray | None = None,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("quadrotor")
-            self._vehicle, self._kinematics, self._time_step = vehicle, kinematics, time_step
+            self._vehicle, self._kinematics, self._time_step, self._x_0 = vehicle, kinematics, time_step, x_0
+            start = BasicVector_[T](np.zeros(N_X) if x_0 is None else x_0)
             dynamics, self._kind = DYNAMICS[kinematics], KINEMATICS.index(kinematics)
             self._dynamics, self._step = (dynamics, step) if T is float else (dynamics.py_func, step.py_func)
             self._body = self.DeclareNumericParameter(BasicVector_[T](_body_of(vehicle)))
@@ -109,17 +113,17 @@ def QuadrotorPlant_(T: type) -> type:
             self._control = self.DeclareVectorInputPort("control", N_U)
             self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
             if time_step:
-                state = self.DeclareDiscreteState(N_X)
+                state = self.DeclareDiscreteState(start)
                 update = self._update if T is float else self._update_symbols
                 self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, update)
             else:
-                state = self.DeclareContinuousState(6, 6, 0)
+                state = self.DeclareContinuousState(start, 6, 6, 0)
             self.DeclareStateOutputPort("state", state)
             needs = {self.all_sources_ticket()}
             self.DeclareVectorOutputPort("acceleration", 3, self._calc_acceleration, prerequisites_of_calc=needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, other._vehicle, other._kinematics, other._time_step, converter=converter)
+            Impl._construct(self, other._vehicle, other._kinematics, other._time_step, other._x_0, converter=converter)
 
         def SetState(self, context: Any, x: np.ndarray) -> None:
             """Set x (12) in a context of this plant."""
