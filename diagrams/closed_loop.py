@@ -27,6 +27,9 @@ class ClosedLoop(Diagram):
     signals of measurement.logged_sizes(), each as the filter consumed it: Drake publishes at t_k before it updates. So
     the logged control is the commanded one, whatever a lossy command link made of it.
 
+    A default Context hovers where the reference starts, truth and belief together, with noise of the scenario's seed;
+    Drake's SetRandomContext and MonteCarloSimulation draw other noise, see diagrams/world.py.
+
     Args:
         scenario: the scenario.
         trajectory: the path to fly; by default what the scenario's planner plans.
@@ -48,9 +51,10 @@ class ClosedLoop(Diagram):
     ):
         super().__init__()
         builder = DiagramBuilder()
-        self._world = world = builder.AddSystem(World(scenario, fused=fused))
-        onboard = builder.AddSystem(Onboard(scenario, trajectory, parts=parts, fused=fused))
-        self._onboard, self._yaw = onboard, scenario.yaw
+        self._onboard = onboard = Onboard(scenario, trajectory, parts=parts, fused=fused)
+        self._world = world = builder.AddSystem(World(scenario, fused=fused, r_0=onboard.r_0))
+        builder.AddSystem(onboard)
+        self._yaw = scenario.yaw
         for k in range(onboard.num_input_ports()):
             port = onboard.get_input_port(k)
             if not world.HasOutputPort(port.get_name()):

@@ -6,11 +6,12 @@ Else the vehicle is made of elements: wiring/vehicle.py.
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import ZeroOrderHold
 
 from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes
-from ortilo_drake.loop.diagram import add_wiring, system_of
+from ortilo_drake.loop.diagram import add_wiring, connect_chance, system_of
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_U
@@ -33,7 +34,7 @@ class Integrated(NamedTuple):
 
     Attributes:
         plant: its System.
-        ports: state, control, disturbance and, where the scenario wants it, acted.
+        ports: state, acceleration, control, disturbance and, where the scenario wants it, acted.
         boxes: those of its elements, each with what it reads.
         systems: that play them, by name.
     """
@@ -44,7 +45,9 @@ class Integrated(NamedTuple):
     systems: dict[str, System]
 
 
-def add_vehicle(builder: DiagramBuilder, scenario: Scenario, command_period: float | None) -> Integrated:
+def add_vehicle(
+    builder: DiagramBuilder, scenario: Scenario, command_period: float | None, x_0: np.ndarray, chance: OutputPort
+) -> Integrated:
     """Add the plant with what commands and pushes it.
 
     The Diagram gets the inputs control or, with a command_period, command and command_stamp.
@@ -53,12 +56,16 @@ def add_vehicle(builder: DiagramBuilder, scenario: Scenario, command_period: flo
         builder: of the world.
         scenario: the scenario.
         command_period: see diagrams/world.py.
+        x_0: state at the start (12).
+        chance: of loop/seeds.py.
     """
     h, vehicle = scenario.h, scenario.vehicle
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or h, N_U))
-    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, scenario.world.kinematics))
+    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, scenario.world.kinematics, x_0=x_0))
     pushing = disturbance_boxes(scenario)
-    pushes = add_wiring(builder, Wiring(pushing), {"disturbance": pushing[-1].name}, h, seed=scenario.seed)
+    pushes = add_wiring(
+        builder, Wiring(pushing), {"disturbance": pushing[-1].name}, h, seed=scenario.seed, chance=chance
+    )
     disturbance = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     builder.Connect(pushes.outputs["disturbance"], disturbance.get_input_port())
     builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
@@ -72,6 +79,7 @@ def add_vehicle(builder: DiagramBuilder, scenario: Scenario, command_period: flo
         builder.Connect(before.get_output_port(), _control_of(after))
     ports = {
         "state": plant.GetOutputPort("state"),
+        "acceleration": plant.GetOutputPort("acceleration"),
         "control": acting[-1].get_output_port(),
         "disturbance": disturbance.get_output_port(),
     }
@@ -81,6 +89,8 @@ def add_vehicle(builder: DiagramBuilder, scenario: Scenario, command_period: flo
         report = ActedReport(vehicle, h, command_period or h, is_late, command_period is not None)
         ports["acted"] = builder.AddSystem(report).get_output_port()
     link = _command(builder, scenario, _control_of(acting[0]), plant, report, command_period)
+    for system in (*changing, *([link] if link else [])):
+        connect_chance(builder, chance, system)
     boxes = [*pushing, *changes.values(), outside("control", N_U)]
     return Integrated(plant, ports, boxes, pushes.systems | made | ({"command_link": link} if link else {}))
 

@@ -12,6 +12,7 @@ from ortilo_drake.diagrams.wiring.truth import drawn_of, of_body, payloads_of
 from ortilo_drake.diagrams.wiring.world import is_system, report_link_boxes, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import OUTSIDE, Box, Given, outside
+from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
@@ -53,30 +54,43 @@ class World(Diagram):
         scenario: the scenario.
         command_period: how often to look for a command [s]; by default there is one every tick.
         fused: whether all elements are one system, which is faster, or a system each.
+        r_0: where the vehicle hovers in a default Context, p_WB (3) [m]; the origin where it is not given.
+
+    A default Context hovers there, with noise of the scenario's seed, in the world as it is believed to be; SetSeed
+    draws how it differs (scenario/truth.py). A Context of Drake's SetRandomContext, as MonteCarloSimulation makes it,
+    is the same with noise of a seed that Drake's generator drew.
 
     Raises:
         InputError: if there is a command_period and a command link that is not perfect: whatever carries the commands
             to this world loses and delays them. If a fault names an anchor, a landmark or a rotor that is not there.
     """
 
-    def __init__(self, scenario: Scenario, command_period: float | None = None, fused: bool = False):
+    def __init__(
+        self,
+        scenario: Scenario,
+        command_period: float | None = None,
+        fused: bool = False,
+        r_0: np.ndarray | None = None,
+    ):
         super().__init__()
         if command_period is not None and scenario.command_link != CommandLinkSettings():
             raise InputError("command_link: must be left as it is where commands come from outside, in real time")
         room, builder = scenario.load_room(), DiagramBuilder()
         check_room(scenario, room)
         self._scenario, self._room = scenario, room
+        r_0, chance = np.zeros(3) if r_0 is None else r_0, add_chance(builder, scenario.h)
         self._plant, sources = None, dict[str, OutputPort]()
         beside, systems = list[Box](), dict[str, System]()  # of a vehicle that Drake integrates
         own = [name for name in scenario.sensors if is_system(scenario, name)]
         if command_period is not None or any(scenario.samples(name) > 1 for name in own):
-            vehicle = add_vehicle(builder, scenario, command_period)
+            x_0 = np.concatenate([r_0, [0.0, 0.0, scenario.yaw], np.zeros(6)])
+            vehicle = add_vehicle(builder, scenario, command_period, x_0, chance)
             self._plant, beside, systems = vehicle.plant, vehicle.boxes, vehicle.systems
             boxes, sources = _integrated(builder, scenario, vehicle.ports)
             sensing, messages = sensors_boxes(scenario, room, whole_imu=True)
             boxes += sensing
         else:
-            boxes, messages = world_boxes(scenario, room, np.zeros(3), whole_imu=True)
+            boxes, messages = world_boxes(scenario, room, r_0, whole_imu=True)
             boxes.append(outside("servo", N_U))
         wiring, self._wiring = Wiring(boxes), Wiring([*boxes, *beside])
         names = {"state": "plant"} | {_port_of(scenario, sensor): box.name for sensor, box in messages.items()}
@@ -86,7 +100,7 @@ class World(Diagram):
             names["seen"] = _seen(wiring)
         grain = "elements" if fused else None
         self._added = add_wiring(
-            builder, wiring, names, scenario.h, sources, grain, {"servo": "control"}, scenario.seed
+            builder, wiring, names, scenario.h, sources, grain, {"servo": "control"}, scenario.seed, chance
         )
         self._added.systems.update(systems)
         outputs = self._added.outputs
@@ -189,13 +203,15 @@ def _integrated(
     felt = _together(builder, vehicle["control"], vehicle["disturbance"])
     parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
     boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=parts), outside("rotors_felt", N_U)]
+    boxes.append(outside("acceleration", 3))
     sources = {"plant": vehicle["state"], "felt": felt, "rotors_felt": vehicle["control"]}
+    sources["acceleration"] = vehicle["acceleration"]
     sources |= {f"felt.{name}": vehicle[name] for name in parts}
     samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
     if samples > 1:
         size = (samples - 1) * PASSED
         passed = builder.AddSystem(Passed(PASSED, samples, scenario.h))
-        builder.Connect(_together(builder, vehicle["state"], vehicle["control"]), passed.get_input_port())
+        builder.Connect(_together(builder, vehicle["state"], vehicle["acceleration"]), passed.get_input_port())
         boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
         sources |= dict.fromkeys(("vehicle", "vehicle.passed"), passed.get_output_port())
     if "acted" in vehicle:
@@ -243,6 +259,8 @@ def _add_rendered_camera(
         builder.ExportOutput(rendered.GetOutputPort(name), name)
 
 
-def make_world(scenario: Scenario, command_period: float | None = None, fused: bool = False) -> World:
+def make_world(
+    scenario: Scenario, command_period: float | None = None, fused: bool = False, r_0: np.ndarray | None = None
+) -> World:
     """Return the world of a scenario; arguments and errors as World's."""
-    return World(scenario, command_period, fused)
+    return World(scenario, command_period, fused, r_0)

@@ -24,7 +24,7 @@ _ONBOARD_OF_SENSOR = ("heard", "past", "about", "fix")
 _SIGNALS = {
     "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P", "known": "x̂, P",
     "belief": "x̂, P", "delta": "Δ", "V2": "V₂", "rotors_felt": "felt", "felt.control": "felt",
-    "felt.disturbance": "felt", "vehicle.passed": "felt",
+    "felt.disturbance": "felt", "vehicle.passed": "felt", "acceleration": "v̇",
 }  # fmt: skip
 
 

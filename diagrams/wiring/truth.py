@@ -83,7 +83,7 @@ def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given
     inertia = np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia])
     numbers = {"mass": mass, "inertia": inertia}
     found = {}
-    for name in ("vehicle", "plant", "imu"):
+    for name in ("vehicle", "plant", "acceleration"):
         told = {number for number in numbers if name in boxes and number in boxes[name].given.numbers}
         if told:
             found[name] = Given({number: numbers[number] for number in told})

@@ -10,7 +10,7 @@ from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_tab
 from ortilo_drake.world.slow_error import gauss_markov
 from ortilo_drake.world.vehicle.continuous_element import continuous_boxes
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, lasting_force_box
-from ortilo_drake.world.vehicle.quadrotor import felt_box, plant_box
+from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
 
@@ -21,7 +21,7 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool
         scenario: the scenario.
         r_0: where it hovers at first, p_WB (3) [m].
         control: the box that says the control as it reaches the rotors.
-        feels: whether a sensor asks for what the body felt up to this tick, `felt`.
+        feels: whether a sensor asks for what the body felt up to this tick, `felt`, and its `acceleration` by that.
     """
     x_0 = np.zeros(N_X)
     x_0[0:3], x_0[5] = r_0, scenario.yaw
@@ -32,8 +32,25 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool
     else:
         plant = continuous_boxes(scenario, x_0, scenario.samples("imu"), feels)
     moving = plant[0].reading(control=acts, disturbance=pushes)
-    felt = [felt_box(scenario.vehicle).reading(control=acts, disturbance=pushes)] if feels else []
-    return [*pushing, *acting, moving, *plant[1:], *felt]
+    return [*pushing, *acting, moving, *plant[1:], *(felt_boxes(scenario, acts, pushes) if feels else [])]
+
+
+def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:
+    """Return what says which control, disturbance and acceleration there were up to this tick.
+
+    Args:
+        scenario: the scenario.
+        acts: the box that says the control as it acts on the body.
+        pushes: the box that says the disturbance.
+    """
+    felt = felt_box(scenario.vehicle).reading(control=acts, disturbance=pushes)
+    moved = acceleration_box(scenario.vehicle, scenario.world.kinematics)
+    return [felt, moved.reading(state="plant", control=felt_control(scenario), disturbance="felt.disturbance")]
+
+
+def felt_control(scenario: Scenario) -> str:
+    """Return what says the control as it acted on the body up to this tick."""
+    return "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
 
 
 def disturbance_boxes(scenario: Scenario) -> list[Box]:

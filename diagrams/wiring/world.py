@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import system_box
-from ortilo_drake.diagrams.wiring.vehicle import vehicle_boxes
+from ortilo_drake.diagrams.wiring.vehicle import felt_control, vehicle_boxes
 from ortilo_drake.loop.element import Box, constant, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
@@ -190,11 +190,6 @@ def feels(scenario: Scenario, whole_imu: bool) -> bool:
     return imu or any(is_system(scenario, name) for name in scenario.sensors)
 
 
-def felt_control(scenario: Scenario) -> str:
-    """Return what says the control as it acted on the body up to this tick."""
-    return "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
-
-
 def reads_whole_imu(scenario: Scenario) -> bool:
     """Return whether more of the imu than its angles may be read."""
     own = not isinstance(scenario.servo, LqServo) or not isinstance(scenario.planner, BUILT_IN)
@@ -204,5 +199,4 @@ def reads_whole_imu(scenario: Scenario) -> bool:
 def inertial_box(scenario: Scenario, whole: bool) -> Box:
     """Return the imu."""
     whole, samples = whole or reads_whole_imu(scenario), scenario.samples("imu")
-    imu = imu_box(scenario.imu, scenario.h, whole, scenario.vehicle.mass, samples)
-    return imu.reading(felt=felt_control(scenario), disturbance="felt.disturbance", passed="vehicle.passed")
+    return imu_box(scenario.imu, scenario.h, whole, samples).reading(passed="vehicle.passed")

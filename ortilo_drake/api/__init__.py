@@ -20,6 +20,7 @@ from ortilo_drake.api.parts import register_estimator, register_fault, register_
 from ortilo_drake.api.studies import Study, linearize, map, tables
 from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.diagrams.imu import make_imu
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.own import box
 from ortilo_drake.model.measurement import row
@@ -56,6 +57,7 @@ __all__ = [
     "linearize",
     "load_scenario",
     "make_closed_loop",
+    "make_imu",
     "map",
     "register_estimator",
     "register_fault",

@@ -51,6 +51,12 @@ class Reading:
         return self.reads.get(name, frozenset()).union(*(self.of(one) for one in held))
 
     @property
+    def draws(self) -> bool:
+        """Whether any box takes numbers of a seed."""
+        functions = [f for box in self._wiring.boxes.values() for f in box.element.functions.values()]
+        return any({"seed", "seeds"} & set(takes(f)) for f in functions)
+
+    @property
     def all(self) -> frozenset[str]:
         """The inputs that anything that is said depends on within a tick."""
         return frozenset().union(*(self.of(name) for name in self._wiring.boxes if name not in self.inputs))

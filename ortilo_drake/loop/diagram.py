@@ -68,6 +68,18 @@ class Added(NamedTuple):
         return values
 
 
+def connect_chance(builder: DiagramBuilder, chance: OutputPort | None, system: System) -> None:
+    """Connect what lets Drake draw the seed of a system, if it draws noise."""
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())] if chance is not None else []
+    for port in ports:
+        if _is_chance(system, port):
+            builder.Connect(chance, port)
+
+
+def _is_chance(system: System, port: InputPort) -> bool:
+    return port.get_name() == "chance" and hasattr(system, "set_seed_in")
+
+
 class _Unit(NamedTuple):
     """Boxes that become one system.
 
@@ -111,6 +123,7 @@ def add_wiring(
     fused: str | None = None,
     inputs_named: Mapping[str, str] = AS_THEIR_BOXES,
     seed: int = 0,
+    chance: OutputPort | None = None,
 ) -> Added:
     """Add a wiring to a Diagram that is being built.
 
@@ -126,6 +139,7 @@ def add_wiring(
         fused: name of the one system that all elements become; None for a system each.
         inputs_named: names of the Diagram's inputs, where they are not those of the boxes of OUTSIDE.
         seed: of all noise in a default Context.
+        chance: of seeds.add_chance, by which Drake may draw another seed.
     """
     shows = {
         name: [_said(wiring, one) for one in ([said] if isinstance(said, str) else said)]
@@ -135,6 +149,7 @@ def add_wiring(
     for box in wiring.boxes.values():
         if box.system is not None:
             systems[box.name] = builder.AddSystem(box.system)
+            connect_chance(builder, chance, box.system)
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
             ports[box.name] = _together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
@@ -157,6 +172,7 @@ def add_wiring(
         ports |= {said: system.GetOutputPort(port) for port, (said,) in own.items()}
         outputs |= {port: system.GetOutputPort(port) for port in joined}
         readers += [(system.GetInputPort(port), said) for port, said in unit.reads.items()]
+        connect_chance(builder, chance, system)
     inputs: dict[str, InputPortIndex] = {}
     for port, said in readers:
         if said in ports:
@@ -216,11 +232,11 @@ def _reads(wiring: Wiring, box: Box) -> dict[str, str]:
 
 
 def _unread(box: Box) -> list[InputPort]:
-    """Return the inputs of a box's System that no other box says."""
+    """Return the inputs of a box's System that no other box says, but for chance, which need not be connected."""
     if box.system is None:
         return []
     ports = [box.system.get_input_port(i) for i in range(box.system.num_input_ports())]
-    return [port for port in ports if port.get_name() not in box.element.reads]
+    return [port for port in ports if port.get_name() not in box.element.reads and not _is_chance(box.system, port)]
 
 
 def _together(builder: DiagramBuilder, ports: list[OutputPort]) -> OutputPort:

@@ -17,6 +17,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from ortilo_drake.loop.calls import PlainCalls, Reading, compiled_calls
 from ortilo_drake.loop.element import OUTSIDE, Given, outside
 from ortilo_drake.loop.player import Memory
+from ortilo_drake.loop.seeds import seed_of
 from ortilo_drake.loop.source import place_of, places_of
 from ortilo_drake.loop.wiring import Wire, Wiring
 
@@ -35,13 +36,15 @@ def WiredSystem_(T: type) -> type:
 
         Ports:
             <input>: what a box of OUTSIDE stands for, by its name.
+            chance (1): only where a box draws noise; not connected or 0, the seed is the Context's, else another one.
             <output> (outputs): what is asked for, by the names that are given.
 
         State (discrete, updated every h): the states of all boxes, one after the other; none where no box has a step,
         as they are constants then.
 
         Parameter of the Context, abstract (player.Memory): the seed of all noise, and the boxes' numbers and tables,
-        which a world that differs sets anew.
+        which a world that differs sets anew. A system that has another name in its Diagram than it was made with, such
+        as a second one of its kind, has other noise (seeds.py).
 
         Within a tick an output depends on the inputs that what it shows is made of. What is said is computed once a
         tick: other outputs and the update read it from the cache.
@@ -70,8 +73,14 @@ def WiredSystem_(T: type) -> type:
             reading, memory = Reading(wiring), Memory(wiring, self._places)
             memory.seeds = np.array([seed])
             self._given = self.DeclareAbstractParameter(Value[object](memory))
+            self._chance: Any = None
             self._ports = {i: self.DeclareVectorInputPort(i, box.size) for i, box in reading.inputs.items()}
             self._at = {i: (self._places.said[i], box.size) for i, box in reading.inputs.items()}
+            if reading.draws:
+                self._chance = self.DeclareVectorInputPort("chance", 1)
+                made = ValueProducer(lambda: Value[object](memory), self._calc_seeded)
+                tickets = {self.all_parameters_ticket(), self._chance.ticket()}
+                self._seeded = self.DeclareCacheEntry("seeded", made, tickets)
             self._state = None
             if reading.steps and memory.S.size:
                 self._state = self.DeclareDiscreteState(BasicVector_[T](memory.S))
@@ -96,7 +105,25 @@ def WiredSystem_(T: type) -> type:
 
         def _tickets(self, needs: frozenset[str]) -> set[Any]:
             tickets = {self._ports[i].ticket() for i in needs} | {self.time_ticket(), self.all_parameters_ticket()}
+            tickets |= set() if self._chance is None else {self._chance.ticket()}
             return tickets if self._state is None else tickets | {self.xd_ticket()}
+
+        def _place(self) -> str:
+            """Return its name in its Diagram, or nothing where that is the name it was made with."""
+            name = self.get_name()
+            if name == "wrapped":  # Clone puts it into a Diagram that has its name
+                name = self.GetSystemPathname().split("::")[-2]
+            return "" if name == self._arguments["name"] else name
+
+        def _calc_seeded(self, context: Any, cached: Any) -> None:
+            memory = context.get_abstract_parameter(self._given).get_value()
+            chance = _value_of(self._chance.Eval(context)[0]) if self._chance.HasValue(context) else 0.0
+            own = int(memory.seeds[0])
+            seed = seed_of(own, chance, self._place())
+            if seed != own:
+                memory = memory.copy()
+                memory.seeds = np.array([seed])
+            cached.set_value(memory)
 
         def _declare_group(self, i: int, needs: frozenset[str]) -> None:
             size = self._places.sizes[3]
@@ -150,9 +177,9 @@ def WiredSystem_(T: type) -> type:
 
         def _make(self, what: str, context: Any, S: Any, Y: Any) -> None:
             """Make the calls of one kind, on states and on what is said."""
-            memory = context.get_abstract_parameter(self._given).get_value()
-            t = context.get_time()
-            k = int((t if T is float else _value_of(t)) / self._h + 0.5)
+            drawn = self._chance is not None
+            memory = self._seeded.Eval(context) if drawn else context.get_abstract_parameter(self._given).get_value()
+            k = int(_value_of(context.get_time()) / self._h + 0.5)
             if T is float:
                 self._compiled[what](memory, S, Y, k)
             else:

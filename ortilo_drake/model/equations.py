@@ -62,6 +62,20 @@ def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass
 
 
 @register_jitable(error_model="numpy")
+def linear_translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> Triple:
+    """Return the same, linearised at hover."""
+    return GRAVITY * x[4] + d[0] / mass, -GRAVITY * x[3] + d[1] / mass, u[0] / mass - GRAVITY + d[2] / mass
+
+
+@register_jitable
+def velocity_rate(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, kinematics: int) -> Triple:
+    """Return v_dot of the dynamics with that index in KINEMATICS."""
+    if kinematics == 0:
+        return linear_translational_acceleration(x, u, d, mass)
+    return translational_acceleration(x, u, d, mass)
+
+
+@register_jitable(error_model="numpy")
 def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: np.ndarray) -> Triple:
     """Return Euler's equations about the principal axes for body rates w: the paper's rotational equations."""
     I_x, I_y, I_z = inertia[0], inertia[1], inertia[2]
@@ -147,14 +161,8 @@ def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: 
 @register_jitable(error_model="numpy")
 def linear_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
     """Return v_dot and rpy_ddot of the paper's equations linearised at hover; see small_angle_accelerations."""
-    return (
-        GRAVITY * x[4] + d[0] / mass,
-        -GRAVITY * x[3] + d[1] / mass,
-        u[0] / mass - GRAVITY + d[2] / mass,
-        (u[1] + d[3]) / inertia[0],
-        (u[2] + d[4]) / inertia[1],
-        (u[3] + d[5]) / inertia[2],
-    )
+    turning = ((u[1] + d[3]) / inertia[0], (u[2] + d[4]) / inertia[1], (u[3] + d[5]) / inertia[2])
+    return linear_translational_acceleration(x, u, d, mass) + turning
 
 
 @register_jitable

@@ -1,4 +1,6 @@
-"""The IMU: rest, Drake's body rates, the specific force of Newton's law, and the noise's statistics."""
+"""The IMU: rest, Drake's own sensors and body rates, Newton's law, and the noise's statistics."""
+
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,29 +8,37 @@ from drake_box import PlayedBox
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pydrake.math import RollPitchYaw
+from pydrake.geometry import Box, HalfSpace
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction, ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.sensors import Accelerometer, Gyroscope
 from scipy import stats
 
-from ortilo_drake.model.equations import rigid_body_dynamics
+from ortilo_drake.diagrams.imu import make_imu
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Imu as Settings
 from ortilo_drake.world.sensors.imu import imu_box
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
 H = 1.0 / 30.0
-HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
 ONE_SECOND = 30
 
 
 def imu(settings: Settings, seed: int = 0) -> PlayedBox:
-    inputs = {"sent": np.zeros(1), "state": np.zeros(12), "felt": HOVER, "disturbance": np.zeros(6)}
-    return PlayedBox(imu_box(settings, H, whole=True, mass=M100.mass), H, seed, **inputs)
+    inputs = {"sent": np.zeros(1), "state": np.zeros(12), "acceleration": np.zeros(3)}
+    return PlayedBox(imu_box(settings, H, whole=True), H, seed, **inputs)
 
 
-EXACT = imu(Settings(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0))
+NO_NOISE = Settings(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0)
+EXACT = imu(NO_NOISE)
 
 
-def exact(x: np.ndarray, u: np.ndarray, d: np.ndarray) -> np.ndarray:
-    return EXACT.say(ONE_SECOND, state=x, felt=u, disturbance=d)
+def exact(x: np.ndarray, v_dot: np.ndarray) -> np.ndarray:
+    return EXACT.say(ONE_SECOND, state=x, acceleration=v_dot)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, -2.0])
@@ -36,7 +46,11 @@ def test_at_rest_it_feels_gravity_upwards_and_no_rotation(yaw: float) -> None:
     x = np.zeros(12)
     x[5] = yaw
     expected = [1.0, 1.0, 0.0, 0.0, yaw, 0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY]
-    np.testing.assert_allclose(exact(x, HOVER, np.zeros(6)), expected, atol=1e-14)
+    np.testing.assert_allclose(exact(x, np.zeros(3)), expected, atol=1e-14)
+
+
+def test_in_free_fall_it_feels_nothing() -> None:
+    np.testing.assert_array_equal(exact(np.zeros(12), np.array([0.0, 0.0, -GRAVITY]))[8:], np.zeros(3))
 
 
 @given(
@@ -44,16 +58,88 @@ def test_at_rest_it_feels_gravity_upwards_and_no_rotation(yaw: float) -> None:
     arrays(float, 4, elements=st.floats(-40.0, 40.0)),
     arrays(float, 6, elements=st.floats(-3.0, 3.0)),
 )
-def test_in_motion_it_measures_rates_by_drake_and_acceleration_less_gravity(
+def test_in_flight_it_measures_rates_by_drake_and_newtons_force_over_mass(
     x: np.ndarray, u: np.ndarray, d: np.ndarray
 ) -> None:
-    message = exact(x, u, d)
+    plant = QuadrotorPlant_[float](M100, "rigid_body")
+    context = plant.CreateDefaultContext()
+    plant.SetState(context, x)
+    plant.GetInputPort("control").FixValue(context, u)
+    plant.GetInputPort("disturbance").FixValue(context, d)
+    message = exact(x, plant.GetOutputPort("acceleration").Eval(context))
     attitude = RollPitchYaw(x[3:6])
     np.testing.assert_array_equal(message[2:5], x[3:6])
     np.testing.assert_allclose(message[5:8], attitude.CalcAngularVelocityInChildFromRpyDt(x[9:12]), atol=1e-13)
-    a_W = rigid_body_dynamics(x, u, d, M100.mass, np.array(M100.inertia))[6:9]
-    f_B = attitude.ToRotationMatrix().matrix().T @ (a_W + [0.0, 0.0, GRAVITY])
+    f_B = ([0.0, 0.0, u[0]] + attitude.ToRotationMatrix().matrix().T @ d[:3]) / M100.mass
     np.testing.assert_allclose(message[8:11], f_B, atol=1e-12)
+
+
+def a_body_with_drakes_sensors(time_step: float, floor: bool) -> tuple[Any, Any, Any, Any]:
+    """Return a Diagram of a free body, a box, with Drake's accelerometer and gyroscope; its plant, and the two."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step)
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
+    inertia = UnitInertia(*(np.array(M100.inertia) / M100.mass))
+    body = plant.AddRigidBody("body", SpatialInertia(M100.mass, np.zeros(3), inertia))
+    if floor:
+        friction = CoulombFriction(0.9, 0.8)
+        plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "floor", friction)
+        plant.RegisterCollisionGeometry(body, RigidTransform(), Box(0.6, 0.6, 0.2), "feet", friction)
+    plant.Finalize()
+    sensors = []
+    for Sensor in (Accelerometer, Gyroscope):
+        given_too = [plant.gravity_field().gravity_vector()] if Sensor is Accelerometer else []
+        sensor = builder.AddSystem(Sensor(body, RigidTransform(), *given_too))
+        builder.Connect(plant.get_body_poses_output_port(), sensor.get_body_poses_input_port())
+        builder.Connect(plant.get_body_spatial_velocities_output_port(), sensor.get_body_velocities_input_port())
+        if Sensor is Accelerometer:
+            builder.Connect(
+                plant.get_body_spatial_accelerations_output_port(), sensor.get_body_accelerations_input_port()
+            )
+        sensors.append(sensor)
+    return builder.Build(), plant, *sensors
+
+
+def said_beside_drakes(diagram: Any, plant: Any, accelerometer: Any, gyroscope: Any, context: Any) -> tuple[Any, Any]:
+    """Return w_WB_B and f_B by an IMU that is given the body's motion, and by Drake's sensors."""
+    body, its = plant.GetBodyByName("body"), plant.GetMyContextFromRoot(context)
+    X_WB, V_WB = plant.EvalBodyPoseInWorld(its, body), plant.EvalBodySpatialVelocityInWorld(its, body)
+    attitude = RollPitchYaw(X_WB.rotation())
+    rates = attitude.CalcRpyDtFromAngularVelocityInParent(V_WB.rotational())
+    x = np.concatenate([X_WB.translation(), attitude.vector(), V_WB.translational(), rates])
+    v_dot = plant.get_body_spatial_accelerations_output_port().Eval(its)[int(body.index())].translational()
+    imu = make_imu(NO_NOISE)
+    own = imu.CreateDefaultContext()
+    imu.GetInputPort("state").FixValue(own, x)
+    imu.GetInputPort("acceleration").FixValue(own, v_dot)
+    drakes = [its.get_output_port().Eval(its.GetMyContextFromRoot(context)) for its in (gyroscope, accelerometer)]
+    return imu.get_output_port().Eval(own)[5:], np.concatenate(drakes)
+
+
+def test_a_body_that_is_pushed_and_turns_is_measured_as_by_drakes_sensors() -> None:
+    diagram, plant, *sensors = a_body_with_drakes_sensors(time_step=0.0, floor=False)
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        context = diagram.CreateDefaultContext()
+        its, body = plant.GetMyMutableContextFromRoot(context), plant.GetBodyByName("body")
+        attitude = RollPitchYaw(rng.uniform(-1.2, 1.2, 3)).ToRotationMatrix()
+        plant.SetFloatingBaseBodyPoseInWorldFrame(its, body, RigidTransform(attitude, rng.normal(size=3)))
+        plant.SetVelocities(its, rng.normal(size=6))
+        push = ExternallyAppliedSpatialForce()
+        push.body_index, push.F_Bq_W = body.index(), SpatialForce(rng.normal(size=3), 20.0 * rng.normal(size=3))
+        plant.get_applied_spatial_force_input_port().FixValue(its, [push])
+        np.testing.assert_allclose(*said_beside_drakes(diagram, plant, *sensors, context), rtol=0.0, atol=1e-12)
+
+
+def test_on_the_floor_with_its_rotors_off_it_feels_the_floor_as_drakes_accelerometer_does() -> None:
+    diagram, plant, *sensors = a_body_with_drakes_sensors(time_step=0.001, floor=True)
+    simulator = Simulator(diagram)
+    its, body = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()), plant.GetBodyByName("body")
+    plant.SetFloatingBaseBodyPoseInWorldFrame(its, body, RigidTransform([0.3, 0.2, 0.11]))
+    simulator.AdvanceTo(2.0)
+    said, drakes = said_beside_drakes(diagram, plant, *sensors, simulator.get_context())
+    np.testing.assert_allclose(said, drakes, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(said, [0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY], rtol=0.0, atol=1e-3)
 
 
 def test_noise_is_white_gaussian_of_the_given_deviations() -> None:

@@ -26,7 +26,7 @@ from ortilo_drake.world.vehicle.wrench_error import wrench_error_box, wrench_mat
 H = 1.0 / 30.0
 ROOM = load_scenario("nominal_imu_uwb").load_room()
 X = np.array([4.0, -1.0, 1.4, 0.1, -0.2, 0.6, 0.3, -0.4, 0.2, 0.5, -0.3, 0.4])
-U, D = np.array([27.0, 0.1, -0.2, 0.05]), np.array([0.3, -0.2, 0.1, 0.01, 0.02, -0.03])
+U, V_DOT = np.array([27.0, 0.1, -0.2, 0.05]), np.array([0.3, -0.2, 0.1])
 NOISY_IMU = Imu(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05)
 MESSAGE = np.array([1.0, 0.1, 3.0, 2.0])
 WALLS = {"kind": "bias", "per_wall": 0.2}
@@ -41,7 +41,7 @@ def with_given(box: Box, given: Given) -> Box:
 
 
 BOXES = {
-    "imu": (imu_box(NOISY_IMU, H, True, M100.mass), SENT | {"state": X, "felt": U, "disturbance": D}),
+    "imu": (imu_box(NOISY_IMU, H, True), SENT | {"state": X, "acceleration": V_DOT}),
     "uwb": (uwb_box(Uwb.model_validate({"walls": WALLS}), ROOM, H), SENT | {"state": X}),
     "velocity": (velocity_box(H), {"state": X}),
     "sent": (delivery_box("uwb", outside("message", 4), Link()), {"delay": np.zeros(1), "message": MESSAGE}),

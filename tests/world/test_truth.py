@@ -47,7 +47,7 @@ def world_of(*settings: str, vehicle: Vehicle = M100) -> Scenario:
 def built_as(scenario: Scenario) -> dict[str, Given]:
     """Return the constants of a scenario's vehicle, and its state at the start, which has its rotors' speeds."""
     boxes, _ = world_boxes(scenario, scenario.load_room(), START, whole_imu=True)
-    of_vehicle = [box for box in boxes if box.name in ("plant", "vehicle", "rotors_felt", "felt", "imu")]
+    of_vehicle = [box for box in boxes if box.name in ("plant", "vehicle", "rotors_felt", "felt", "acceleration")]
     return {box.name: box.given for box in of_vehicle}
 
 

@@ -11,6 +11,7 @@ from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, STAMP, size_of_samples
 from ortilo_drake.model.triples import Four
+from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import four_normals, put_normals, stream_id
 from ortilo_drake.world.sensors.sample_collector import sample_of
@@ -22,22 +23,20 @@ def put_imu_message(
     message: np.ndarray,
     v: np.ndarray,
     x: np.ndarray,
-    u: np.ndarray,
-    d: np.ndarray,
-    mass: float,
+    v_dot: np.ndarray,
     bias: np.ndarray,
     sd: np.ndarray,
     time: float,
 ) -> None:
-    """Write the imu message: [rpy, w_WB_B, f_B] + b + sd v, with f_B = (f_T e_z + R_WB^T force_W) / m.
+    """Write the imu message: [rpy, w_WB_B, f_B] + b + sd v, with f_B = R_WB^T (v_dot + g e_z).
+
+    Whatever makes the body accelerate is in v_dot: rotors, wind and the floor. At rest f_B is gravity's reaction.
 
     Args:
         message: to write to (11).
         v: standard normal numbers (9).
         x: state (12).
-        u: control as it acts on the body (4).
-        d: disturbance (6).
-        mass: m [kg].
+        v_dot: acceleration of B's origin in W (3) [m/s^2].
         bias: b (9).
         sd: standard deviations for the angles, rates and specific force (3).
         time: t_k [s].
@@ -48,8 +47,7 @@ def put_imu_message(
     put(rates_about_axes(x[3:6], x[9:12]), message, 5)
     R_WB = rotation_rows(x[3:6])
     for i in range(3):
-        f = R_WB[0][i] * d[0] + R_WB[1][i] * d[1] + R_WB[2][i] * d[2]
-        message[8 + i] = (f + (u[0] if i == 2 else 0.0)) / mass
+        message[8 + i] = R_WB[0][i] * v_dot[0] + R_WB[1][i] * v_dot[1] + R_WB[2][i] * (v_dot[2] + GRAVITY)
     for i in range(9):
         message[2 + i] += bias[i] + sd[i // 3] * v[i]
 
@@ -77,8 +75,7 @@ def imu_out(
     seed: int,
     sent: np.ndarray,
     state: np.ndarray,
-    felt: np.ndarray,
-    disturbance: np.ndarray,
+    acceleration: np.ndarray,
     bias: np.ndarray,
     v: np.ndarray,
     out: np.ndarray,
@@ -87,7 +84,7 @@ def imu_out(
     fill(out, 0.0)
     if sent[0] >= 0.0:
         put_normals(v, seed, n.stream, k)
-        put_imu_message(out, v, state, felt, disturbance, n.mass, bias, n.sd, k * n.h)
+        put_imu_message(out, v, state, acceleration, bias, n.sd, k * n.h)
 
 
 def samples_out(
@@ -96,8 +93,7 @@ def samples_out(
     sent: np.ndarray,
     seeds: np.ndarray,
     state: np.ndarray,
-    felt: np.ndarray,
-    disturbance: np.ndarray,
+    acceleration: np.ndarray,
     passed: np.ndarray,
     bias: np.ndarray,
     v: np.ndarray,
@@ -118,38 +114,32 @@ def samples_out(
         if k == 0:
             break
         time, at = n.h * (i / count) + (k - 1) * n.h, (i - 1) * PASSED
-        x, u = passed[at : at + N_X], passed[at + N_X : at + PASSED]
+        x, v_dot = passed[at : at + N_X], passed[at + N_X : at + PASSED]
         put_normals(v, seeds[min(k - 1, seeds.size - 1)], n.stream, tick_of(time, period))
-        put_imu_message(sample_of(out, i - 1, count), v, x, u, disturbance, n.mass, bias, n.sd, time)
+        put_imu_message(sample_of(out, i - 1, count), v, x, v_dot, bias, n.sd, time)
     put_normals(v, seeds[min(k, seeds.size - 1)], n.stream, tick_of(k * n.h, period))
-    put_imu_message(sample_of(out, count - 1, count), v, state, felt, disturbance, n.mass, bias, n.sd, k * n.h)
+    put_imu_message(sample_of(out, count - 1, count), v, state, acceleration, bias, n.sd, k * n.h)
 
 
 _NUMBERS = (Number("sd", (3,)), Number("stream", kind="u8"), Number("h"))
 ANGLES = Element("imu_angles", out=angles_out, numbers=_NUMBERS, tables=(Array("bias"),))
-IMU = Element("imu", out=imu_out, numbers=(*_NUMBERS, Number("mass")), tables=(Array("bias"),), work=(Array("v"),))
+IMU = Element("imu", out=imu_out, numbers=_NUMBERS, tables=(Array("bias"),), work=(Array("v"),))
 SAMPLES = Element(
-    "imu_samples",
-    out=samples_out,
-    numbers=(*_NUMBERS, Number("mass")),
-    tables=(Array("bias"),),
-    work=(Array("v"),),
-    allocates=True,
+    "imu_samples", out=samples_out, numbers=_NUMBERS, tables=(Array("bias"),), work=(Array("v"),), allocates=True
 )
 
 
-def imu_box(settings: ImuSettings, h: float, whole: bool, mass: float, samples: int = 1) -> Box:
-    """Return the imu: it reads `sent` (1), not negative where its message is sent, and the true state (12).
+def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stream: str = "imu") -> Box:
+    """Return the imu, with noise of a stream.
 
-    Where more than its angles is read it also reads the control as it acts on the body, `felt` (4), and the disturbance
-    (6), both as they act up to this tick; where it is faster than the tick also what was `passed` inside the tick
-    before, see vehicle/continuous.py.
+    It reads `sent` (1), not negative where its message is sent, and the true state (12).
+    Where more than its angles is read it also reads the acceleration of B's origin in W (3) up to this tick; where it
+    is faster than the tick also what was `passed` inside the tick before, see vehicle/continuous.py.
     """
     sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
-    given = Given({"sd": sd, "stream": stream_id("imu"), "h": h}, tables={"bias": np.zeros(9)})
+    given = Given({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})
     if not whole:
         return Box("imu", ANGLES, IMU_SIZE, given)
-    given = given.with_(Given({"mass": mass}))
     if samples > 1:
         return Box("imu", SAMPLES, size_of_samples(IMU_SIZE, samples), given, {"v": (9,)})
     return Box("imu", IMU, IMU_SIZE, given, {"v": (9,)})

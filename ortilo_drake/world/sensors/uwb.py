@@ -132,11 +132,14 @@ UWB = Element(
 )
 
 
-def uwb_box(settings: Uwb, room: Room, h: float) -> Box:
-    """Return the receiver: it reads `sent` (1), not negative where its message is sent, and the true state (12)."""
+def uwb_box(settings: Uwb, room: Room, h: float, stream: str = "uwb") -> Box:
+    """Return the receiver, with noise of a stream.
+
+    It reads `sent` (1), not negative where its message is sent, and the true state (12).
+    """
     count = len(room.anchors)
     given = Given(
-        {"settings": ranging_settings(settings), "stream": stream_id("uwb"), "h": h},
+        {"settings": ranging_settings(settings), "stream": stream_id(stream), "h": h},
         tables={"anchors": room.anchor_positions, "bias": np.zeros(count), "walls": walls_between(settings, room)},
     )
     return Box("uwb", UWB, uwb_size(count), given, {"v": (count,)})

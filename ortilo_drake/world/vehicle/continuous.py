@@ -10,13 +10,13 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.equations import accelerations
 from ortilo_drake.model.placing import put
-from ortilo_drake.model.signals import N_U, N_X
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.faults.vehicle_faults import wrench_at
 from ortilo_drake.world.vehicle.rotors import put_acceleration, put_times
 
-PASSED: Final = N_X + N_U  # of an instant inside the tick: the state, and u as it acts on the body
+PASSED: Final = N_X + 3  # of an instant inside the tick: the state and v_dot
 _STRETCH = 1.01  # by which Drake lengthens a step that would end just before an event [1]
 
 

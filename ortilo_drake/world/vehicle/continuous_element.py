@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.equations import KINEMATICS
+from ortilo_drake.model.equations import KINEMATICS, velocity_rate
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import mixing_inverse, mixing_matrix
@@ -42,7 +42,7 @@ def continuous_step(
         integrate(physics, state, commanded, control, disturbance, start, time, rates, u, room)
         put_control(physics, state, control, time, u, room)
         put(state[:N_X], passed, (i - 1) * PASSED)
-        put(u, passed, (i - 1) * PASSED + N_X)
+        put(velocity_rate(state, u, disturbance, n.mass, n.kinematics), passed, (i - 1) * PASSED + N_X)
         start = time
     integrate(physics, state, commanded, control, disturbance, start, (k + 1) * n.h, rates, u, room)
 

@@ -36,12 +36,12 @@ WHITE = Element(
 )
 
 
-def disturbance_box(settings: Disturbance, h: float) -> Box:
-    """Return the source of white disturbance: force in W [N], torque in B [N m] (6)."""
+def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
+    """Return the source of white disturbance of a stream: force in W [N], torque in B [N m] (6)."""
     numbers = {
         "force_sd": settings.force_sd,
         "torque_sd": settings.torque_sd,
-        "stream": stream_id("disturbance"),
+        "stream": stream_id(stream),
         "h": h,
     }
     return Box("disturbance", WHITE, 6, Given(numbers))

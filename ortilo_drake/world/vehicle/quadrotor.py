@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step, stepped
+from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step, stepped, velocity_rate
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import M100, Vehicle
@@ -30,6 +30,11 @@ def felt_step(values: np.ndarray, control: np.ndarray, disturbance: np.ndarray) 
     put(disturbance, values, N_U)
 
 
+def acceleration_out(n: Any, state: np.ndarray, control: np.ndarray, disturbance: np.ndarray, out: np.ndarray) -> None:
+    """Say v_dot (3) under u and d."""
+    put(velocity_rate(state, control, disturbance, n.mass, n.kinematics), out)
+
+
 SAMPLED = Element(
     "sampled_plant",
     step=sampled_step,
@@ -37,6 +42,7 @@ SAMPLED = Element(
     state=(Array("x"),),
     shows="x",
 )
+ACCELERATION = Element("acceleration", out=acceleration_out, numbers=(Number("mass"), Number("kinematics", kind="i8")))
 FELT = Element("felt", step=felt_step, state=(Array("values"),), shows="values")
 
 
@@ -54,6 +60,12 @@ def felt_box(vehicle: Vehicle) -> Box:
     return Box("felt", FELT, N_U + 6, Given(start={"values": values}), parts=parts)
 
 
+def acceleration_box(vehicle: Vehicle, kinematics: str) -> Box:
+    """Return what says v_dot of B's origin in W (3): it reads x (12), u as it acts on the body (4) and d (6)."""
+    numbers = {"mass": vehicle.mass, "kinematics": KINEMATICS.index(kinematics)}
+    return Box("acceleration", ACCELERATION, 3, Given(numbers))
+
+
 # Without a scope Drake reads the sources of all frames to find it.
 @TemplateSystem.define("QuadrotorPlant_", scope=sys.modules[__name__])
 def QuadrotorPlant_(T: type) -> type:
@@ -66,6 +78,7 @@ def QuadrotorPlant_(T: type) -> type:
             control (4): u = [f_T, tau_x, tau_y, tau_z], f_T absolute [N], torques about B's axes [N m].
             disturbance (6): force in W [N], torque in B [N m]; zero where not connected.
             state (12, output): x = [p_WB, rpy, v_WB, Euler rates]; does not depend on the inputs.
+            acceleration (3, output): v_dot of B's origin in W [m/s^2], under the inputs of that instant.
 
         The equations are those of model/equations.py: ``kinematics`` picks 'small_angle' (the paper's),
         'rigid_body' or 'linear'. Floats run through numba, other scalars through the same source in Python.
@@ -74,6 +87,8 @@ def QuadrotorPlant_(T: type) -> type:
         A positive time_step [s] makes it a discrete state that is updated every time_step with the inputs of that
         instant, held over the step, by one step of the classical Runge-Kutta method; of the linearised model, whose A
         is nilpotent, that is the exact x_{k+1} = Phi x_k + Gamma u_k.
+
+        Its default state is ``x_0``, by default zeros.
 
         Parameters of the Context:
             body (4): mass [kg] and moments of inertia I_x, I_y, I_z [kg m^2]; the vehicle's by default.
@@ -84,11 +99,13 @@ def QuadrotorPlant_(T: type) -> type:
             vehicle: Vehicle = M100,
             kinematics: str = "small_angle",
             time_step: float = 0.0,
+            x_0: np.ndarray | None = None,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self.set_name("quadrotor")
-            self._vehicle, self._kinematics, self._time_step = vehicle, kinematics, time_step
+            self._vehicle, self._kinematics, self._time_step, self._x_0 = vehicle, kinematics, time_step, x_0
+            start = BasicVector_[T](np.zeros(N_X) if x_0 is None else x_0)
             dynamics, self._kind = DYNAMICS[kinematics], KINEMATICS.index(kinematics)
             self._dynamics, self._step = (dynamics, step) if T is float else (dynamics.py_func, step.py_func)
             self._body = self.DeclareNumericParameter(BasicVector_[T](_body_of(vehicle)))
@@ -96,15 +113,17 @@ def QuadrotorPlant_(T: type) -> type:
             self._control = self.DeclareVectorInputPort("control", N_U)
             self._disturbance = self.DeclareVectorInputPort("disturbance", 6)
             if time_step:
-                state = self.DeclareDiscreteState(N_X)
+                state = self.DeclareDiscreteState(start)
                 update = self._update if T is float else self._update_symbols
                 self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, update)
             else:
-                state = self.DeclareContinuousState(6, 6, 0)
+                state = self.DeclareContinuousState(start, 6, 6, 0)
             self.DeclareStateOutputPort("state", state)
+            needs = {self.all_sources_ticket()}
+            self.DeclareVectorOutputPort("acceleration", 3, self._calc_acceleration, prerequisites_of_calc=needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, other._vehicle, other._kinematics, other._time_step, converter=converter)
+            Impl._construct(self, other._vehicle, other._kinematics, other._time_step, other._x_0, converter=converter)
 
         def SetState(self, context: Any, x: np.ndarray) -> None:
             """Set x (12) in a context of this plant."""
@@ -120,11 +139,17 @@ def QuadrotorPlant_(T: type) -> type:
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
             if self._time_step:
                 return
-            x = context.get_continuous_state_vector().CopyToVector()
+            derivatives.SetFromVector(self._rates(context, context.get_continuous_state_vector().CopyToVector()))
+
+        def _rates(self, context: Any, x: Any) -> Any:
             u, d = self._inputs(context)
             body = context.get_numeric_parameter(self._body).CopyToVector()
             with contextlib.nullcontext() if T is float else np.errstate(invalid="ignore"):  # as in _update_symbols
-                derivatives.SetFromVector(self._dynamics(x, u, d, body[0], body[1:4]))
+                return self._dynamics(x, u, d, body[0], body[1:4])
+
+        def _calc_acceleration(self, context: Any, output: Any) -> None:
+            x = self.GetOutputPort("state").Eval(context)
+            output.SetFromVector(self._rates(context, x)[6:9])
 
         def _update(self, context: Any, values: Any) -> None:
             x, (u, d) = context.get_discrete_state_vector().CopyToVector(), self._inputs(context)
