@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import t
 
 from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.flight.intervals import quantile_interval
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.paper_tables.tables import bootstrap_interval
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 ROWS = {"imu_uwb": "IMU+UWB, preset `tuned`", "imu_uwb_yolo": "IMU+UWB+YOLO, preset `tuned`, projected camera"}
@@ -34,7 +34,7 @@ def test_the_results_say_what_flies(scenario: str, title: str) -> None:
     for column in ("x", "y", "z", "path"):
         values = [float(s.path_mse or np.nan) if column == "path" else s.mse[column] for s in kept]
         said = float(row[column])
-        interval = bootstrap_interval(values, "median")
+        interval = quantile_interval(values)
         assert interval is not None
         assert interval[0] - 5e-5 <= said <= interval[1] + 5e-5, column
         assert said == pytest.approx(np.median(values), rel=0.02, abs=6e-5), column  # the flights are the same bits
