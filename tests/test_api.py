@@ -313,7 +313,7 @@ def test_tables_have_the_paper_beside_ours(tmp_path: Path) -> None:
     flight = od.fly("altimeter", seed=0, camera__kind="projected", **HOVER)
     assert found.table.loc[("altimeter", "mean"), "x"] == pytest.approx(flight.summary()["mse"]["x"], rel=1e-12)
     assert f"{found}".startswith("# The paper's tables, preset 'tuned', 1 flights a scenario")
-    with pytest.raises(od.InputError, match=r"^preset: 'tune': must be one of tuned, nominal, paper$"):
+    with pytest.raises(od.InputError, match=r"^preset: 'tune': must be one of tuned, nominal, paper, printed$"):
         od.tables(preset="tune")
 
 

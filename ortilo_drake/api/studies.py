@@ -152,7 +152,7 @@ def tables(
     Args:
         beside: further scenarios for the same tables.
         flights: of each scenario, seeds from 0.
-        preset: 'tuned', 'nominal' or 'paper', see docs/concepts.md.
+        preset: 'tuned', 'nominal', 'paper' or 'printed', see docs/concepts.md.
         settings: of all scenarios, as load_scenario.
         out: folder of the flights; those that are there are not flown again. By default nothing is kept.
         workers: worker processes; 1 flies in this one. The flights do not depend on it.

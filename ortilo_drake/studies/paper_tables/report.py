@@ -12,6 +12,7 @@ from ortilo_drake.studies.paper_tables.tables import (
     Statistics,
     Tables,
 )
+from ortilo_drake.studies.paper_tables.verdict import verdict
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, share, with_interval
 
@@ -140,6 +141,7 @@ def table_text(tables: Tables) -> str:
     scenarios, paper = list(tables.estimation), tables.paper
     lines = [f"# The paper's tables, preset '{tables.preset}', {tables.flights} flights a scenario", ""]
     lines += in_short(tables)
+    lines += verdict(tables)
     lines += [
         "Mean squared errors [m²] with 95 % intervals. Those of medians and quartiles are between order statistics and "
         "hold for any distribution; [?]: too few flights for one, 6 for a median, 13 for a quartile. A lost flight "

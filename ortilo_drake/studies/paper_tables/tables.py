@@ -13,7 +13,7 @@ from ortilo_drake.flight.intervals import LEVEL, Interval, quantile, quantile_in
 from ortilo_drake.flight.summary import Summary, players_of
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
-PRESETS = ("tuned", "nominal", "paper")
+PRESETS = ("tuned", "nominal", "paper", "printed")
 STATISTICS = ("mean", "median", "p75", "p25")
 QUANTILES = {"median": 0.5, "p75": 0.75, "p25": 0.25}
 
