@@ -47,7 +47,7 @@ def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: st
 def test_a_ready_made_scenario_has_a_path_and_flies(name: str) -> None:
     assert 5 * 30 < flight_ticks(load_scenario(name)) < 120 * 30
     found = summary(fly(load_scenario(name, (SHORT, "camera.kind=projected"))))
-    # As printed the integral takes in the reference where no fix arrives: without a camera the vehicle is thrown at once.
+    # Where no fix arrives the printed integral takes in the reference: without a camera the vehicle is thrown at once.
     assert (found.lost is not None) == (name == "printed_imu_uwb")
     assert all(math.isfinite(value) for value in found.mse.values())
 
