@@ -109,7 +109,7 @@ def test_what_is_drawn_in_a_world_belongs_to_its_seed() -> None:
 
 
 def test_the_ready_made_scenarios_of_the_papers_sensors_are_compiled() -> None:
-    presets = ("paper_", "nominal_", "", "unbiased_", "robust_", "tight_")
+    presets = ("paper_", "printed_", "nominal_", "", "unbiased_", "robust_", "tight_")
     every = {"altimeter", "flow", "realistic_altimeter", "realistic_flow"}
     every |= {f"{preset}imu_uwb{camera}" for preset in presets for camera in ("", "_yolo")}
     assert {*every, "outage", "bursty_link", "uwb_walls", "rotors", "realistic", "realistic_tight"} <= COMPILED
