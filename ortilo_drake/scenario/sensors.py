@@ -18,11 +18,25 @@ class SensorSetup(Frozen):
     link: LinkRate = LinkRate()
 
 
-class Imu(SensorSetup):
+class ImuSetup(SensorSetup):
+    """What the onboard half knows of the imu.
+
+    Attributes:
+        link: rate of its messages.
+        standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
+            accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
+    """
+
+    standstill: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+
+
+class Imu(ImuSetup):
     """An IMU with its own attitude filter: white noise on each output.
 
     Attributes:
         link: rate and delivery of its messages.
+        standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
+            accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
         angle_sd: standard deviation of roll, pitch and yaw [rad].
         rate_sd: standard deviation of the body rates per axis [rad/s].
         specific_force_sd: standard deviation of the specific force per axis [m/s^2].

@@ -44,9 +44,9 @@ class InertialNoise(Frozen):
         rate_sd: noise of one sample of the body rates per axis [rad/s].
         specific_force_sd: of one sample of the specific force per axis [m/s^2].
         angle_sd: of one sample of roll, pitch and yaw [rad]; null leaves the angles out.
-        gyroscope_sd: bias of the body rates per axis at first [rad/s].
+        gyroscope_sd: bias of the body rates per axis at first [rad/s]; not read after a standstill, imu.standstill.
         gyroscope_rate: its random walk, a standard deviation after 1 s [rad/s].
-        accelerometer_sd: bias of the specific force per axis at first [m/s^2].
+        accelerometer_sd: bias of the specific force per axis at first [m/s^2]; likewise.
         accelerometer_rate: its random walk, likewise [m/s^2].
         level_sd: error of roll and pitch, which lasts [rad]; 0 has none estimated.
         yaw_sd: error of the yaw, which lasts [rad].
