@@ -156,7 +156,7 @@ def step_in_place(
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure = model
     _, states, weights, first, block, is_position = layout
-    columns, values, counts, _, _ = structure
+    columns, values, counts, _, _ = structure  # type: ignore[misc]  # the model knows it
     n = Phi.shape[0] + N_I
     P = belief[n:].reshape((n, n))
     N = W.shape[0]
