@@ -149,7 +149,7 @@ def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight)
     (axes,) = flown.plot_blackouts("z").axes
     np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), abs(flown.error.sel(axis="z")))
     assert f"seed {flown.seed}" in axes.get_title(loc="left")
-    assert [axes.get_ylabel() for axes in flown.plot_availability().axes] == ["error [m]", "used of due"]
+    assert [axes.get_ylabel() for axes in flown.plot_availability().axes] == ["error [m]", "fixes used"]
 
 
 def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:

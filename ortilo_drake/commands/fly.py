@@ -62,7 +62,7 @@ def _rows(result: Summary) -> dict[str, str]:
         "estimation MSE": ", ".join(f"{axis} {value:.5f}" for axis, value in result.mse.items()) + " m²",
         "farthest from path": f"{farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m",
         "path MSE": f"{path}, by distance {result.path_distance_mse:.5f} m²",
-        "fixes used of due": ", ".join(rates),
+        "fixes used": ", ".join(rates),
         **{
             f"error of {sensor:6} fixes": f"median {error.median:.3f} m, 95 % within {error.p95:.3f} m"
             for sensor, error in result.fix_errors.items()

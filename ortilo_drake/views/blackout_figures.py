@@ -101,7 +101,7 @@ def draw_availability(flight: xr.Dataset) -> Figure:
                     color=COLOR.get(sensor, OTHER), label=name,
                 )  # fmt: skip
         below.set_ylim(0.0, 1.05)
-        below.set_ylabel("used of due")
+        below.set_ylabel("fixes used")
         below.set_xlabel("x (east) [m]  (grey: UWB blacked out)")
         below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
         return figure

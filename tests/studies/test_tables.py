@@ -251,7 +251,7 @@ def test_a_scenario_beside_the_papers_has_the_same_rows_and_no_paper_column() ->
     text, plain = table_text(found), table_text(make_tables("tuned", two))
     assert "| altimeter | x | y | z |" in text
     assert "| altimeter | path |" in text
-    assert "fixes used of due: uwb 70.0%, altimeter 90.0%" in text
+    assert "fixes used: uwb 70.0%, altimeter 90.0%" in text
     for heading in ("## Table I:", "## Table II:"):
         of_altimeter = rows_of(text, heading, "altimeter")
         columns = {"## Table I:": 3, "## Table II:": 1}[heading]

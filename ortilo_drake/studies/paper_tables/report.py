@@ -186,7 +186,7 @@ def table_text(tables: Tables) -> str:
         lines.append(
             f"- {_title(scenario)}: {lost} of {tables.flights} flights lost "
             f"{share(lost, tables.flights)}, {tables.touched[scenario]} touched furniture; "
-            f"fixes used of due: {', '.join(rates) or 'none'}; "
+            f"fixes used: {', '.join(rates) or 'none'}; "
             f"mean position NEES {nees} (3 if consistent); "
             f"median squared distance to the path {distance} m²; flown by {tables.players[scenario]}."
         )

@@ -104,7 +104,7 @@ def _figures(found: Summary) -> Rows:
     ]
     for sensor, rate in found.arrivals.items():
         if rate is not None:
-            rows.append((f"{sensor}: used of due", f"{rate:.1%}"))
+            rows.append((f"{sensor}: fixes used", f"{rate:.1%}"))
     for sensor, error in found.fix_errors.items():
         rows.append((f"{sensor}: error of fixes", f"median {error.median:.3f} m, 95 % within {error.p95:.3f} m"))
     if found.contacts:
