@@ -10,6 +10,7 @@ from ortilo_drake.model.measurement import CAMERA, IMU, UWB
 from ortilo_drake.model.parts import Sensor, find_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_XBAR, PAYLOAD, uwb_size
+from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.whole_belief import together_box
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.fix_element import fix_box
@@ -18,6 +19,11 @@ from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Uwb as UwbSettings
 from ortilo_drake.sensors.faster import with_samples
+
+
+def _imu_period(scenario: Belief) -> float:
+    """Return the time between two samples of the imu [s]."""
+    return scenario.h / scenario.samples("imu")
 
 
 def _diagonal(variances: tuple[float, ...] | None) -> np.ndarray | None:
@@ -80,9 +86,9 @@ BUILT_IN = {
         ImuSettings,
         IMU,
         make_world=None,
-        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.angle_sd),
+        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.sds(_imu_period(scenario))[0]),
         payload=IMU_SIZE - PAYLOAD,
-        V=lambda scenario: _diagonal(scenario.estimator.V.imu),
+        V=lambda scenario: np.diag(white_variances(scenario.estimator.V.imu, _imu_period(scenario))),
     ),
 }
 

@@ -17,6 +17,7 @@ from ortilo_drake.floor.information_rows import GRADIENT, SOURCE, TICK
 from ortilo_drake.floor.unknown_errors import unknown_errors
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import load_scenario
 
 TICKS = 24
@@ -30,7 +31,11 @@ TRUTH = (
     "truth.survey={anchors: [0.02, 0.0, 0.01], anchors_sd: 0.03}",
     "truth.start={position: [0.2, -0.2, 0.1], yaw_sd: 0.09}",
 )
-NOISE = ("imu.angle_sd=0.01", "imu.rate_sd=0.002", "imu.specific_force_sd=0.05")
+NOISE = (
+    f"imu.angle_density={0.01 * USUAL_ROOT}",
+    f"imu.rate_density={0.002 * USUAL_ROOT}",
+    f"imu.specific_force_density={0.05 * USUAL_ROOT}",
+)
 
 
 def along(ticks: int) -> np.ndarray:
@@ -91,7 +96,7 @@ def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unkn
     b_rate = process([0.001] * 3, walk=[0.0005] * 3)
     common, own = process([0.02]), process([0.05] * n)
     slow, shift, survey = process([0.035] * n, time=0.4), process([0.02, 0.0, 0.01]), process([0.03] * (3 * n))
-    w = [unknown.new(*[disturbance.force_sd] * 3, *[disturbance.torque_sd] * 3) for _ in range(TICKS)]
+    w = [unknown.new(*np.repeat(disturbance.sds(h), 3)) for _ in range(TICKS)]
     size, there = unknown.count, arrived(scenario, "uwb", truth)
     assert there.sum() > 5
 

@@ -5,6 +5,7 @@ import numpy as np
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.signals import N_I, N_U, N_X
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.model.white_noise import USUAL_PERIOD
 from ortilo_drake.onboard.estimator.extra_states import Extra, names_of
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
 from ortilo_drake.onboard.estimator.structure import structure_of
@@ -16,8 +17,8 @@ def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: flo
     """Return W (12 x 12) as the scenario gives it, under that yaw [rad]."""
     W = settings.W
     if isinstance(W, DiagonalW):
-        return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3))
-    return disturbance_W(vehicle, h, W.force_sd, W.torque_sd, yaw)
+        return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3)) * (h / USUAL_PERIOD)
+    return disturbance_W(vehicle, h, *W.sds(h), yaw)
 
 
 def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ()) -> np.ndarray:
@@ -77,7 +78,7 @@ def augmented_model(
             W[at + i, at + i] = extra.walk.step_sd**2
         at = own.stop
     if isinstance(settings.W, DisturbanceW):
-        sd = np.repeat([settings.W.force_sd, settings.W.torque_sd], 3)
+        sd = np.repeat(settings.W.sds(h), 3)
         W += by_force @ np.diag(sd**2) @ by_force.T
     W[:N_X, :N_X] = model.W
     Gamma_a = np.zeros((N, N_I))

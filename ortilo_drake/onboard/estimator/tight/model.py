@@ -6,6 +6,7 @@ from scipy.stats import chi2
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import white_sd
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import (
@@ -49,10 +50,8 @@ def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float
 def sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float]:
     """Return the noise of a sample of body rates [rad/s] and specific force [m/s^2]."""
     imu = settings.imu
-    if imu.datasheet == "none":
-        return imu.rate_sd, imu.specific_force_sd
-    sheet, root = DATASHEETS[imu.datasheet], np.sqrt(samples / h)
-    return sheet.rate_density * root, sheet.specific_force_density * root
+    its = imu if imu.datasheet == "none" else DATASHEETS[imu.datasheet]
+    return white_sd(its.rate_density, h / samples), white_sd(its.specific_force_density, h / samples)
 
 
 def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
@@ -107,7 +106,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
         np.array([pixels.sd, pixels.growth, pixels.slow_share]),
         fix.margin,
         -np.inf if fix.inside is None else fix.inside,
-        settings.imu.angle_sd or 0.0,
+        white_sd(settings.imu.angle_density or 0.0, scenario.h / scenario.samples("imu")),
         np.array([float(chi2.ppf(*of)) for of in gates]),
         settings.huber,
         watch_of(settings, scenario.h),
