@@ -1,5 +1,5 @@
 # make setup     a virtual environment in .venv with everything the project needs; asks before it installs system
-#                libraries, which YES=1 allows
+#                libraries, which YES=1 allows; with EXPORT=1 the compilers and emulators that test `ortilo export`, too
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
 # make test      set up, run the quick tests: the equations, every command, a flight of each kind of scenario
@@ -9,8 +9,6 @@
 # make fuzz      set up, spoil 20,000 files and packets at random instead of the 2,000 of the tests
 # make check     set up, run the linters
 # make bench     set up, measure the speed
-# make sameness  set up, fly the compiled scenarios by the ensemble engine and by Drake: 20 seeds number by number, and
-#                200 flights of each as samples (an hour)
 # make docs      set up, with Sphinx, build the documentation site, say where it is; with NOTEBOOKS=1 run the notebooks
 #                before, so that it shows their outputs (minutes; what has been run is kept in out/notebooks)
 # make linkcheck set up, with Sphinx, ask every page that the documentation links to whether it is there (network)
@@ -35,7 +33,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup extras kernels fly tables test rest nightly fuzz check bench sameness docs linkcheck mutants clean
+.PHONY: setup extras kernels fly tables test rest nightly fuzz check bench docs linkcheck mutants clean
 
 setup: $(STAMP)
 
@@ -88,9 +86,6 @@ bench: setup
 	@$(BIN)/python benchmarks/bench_wire.py
 	@$(BIN)/python benchmarks/bench_ensemble.py
 	@$(BIN)/python benchmarks/bench_cost.py
-
-sameness: setup
-	@$(ONE_THREAD) $(BIN)/python scripts/sameness.py $(SAMENESS_ARGS)
 
 # A warning fails the build; no network is needed once Sphinx is there.
 docs: $(STAMP)-docs

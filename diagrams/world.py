@@ -145,8 +145,8 @@ class World(Diagram):
     def SetSeed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise, and how the world of that seed differs; the context is the root's."""
         self._added.set_seed(context, seed)
+        self._added.give(context, drawn_of(self._wiring, self._scenario, self._room, of_seed(seed)))
         if self._scenario.truth != Truth():
-            self._added.give(context, drawn_of(self._wiring, self._scenario, self._room, of_seed(seed)))
             self._set_beside(context, self.Drawn(context))
 
     def Give(self, context: Context, given: dict[str, Given]) -> None:

@@ -57,7 +57,6 @@ od.register_sensor(
         "barometer",
         Barometer,
         rows=(od.row("z_baro", z=1.0),),
-        make_world=lambda scenario, room: od.compiled_sensor("barometer", COMPILED, scenario, room),
         sd=row_sd,
         V=lambda scenario: np.array([[scenario.barometer.sd**2 + scenario.barometer.drift**2]]),
         compiled=COMPILED,  # so that thousands of flights fly with it, see docs/how_to/ensemble.md

@@ -60,8 +60,6 @@ od.register_sensor(
         "magnetometer",
         Magnetometer,
         rows=(od.row("psi_mag", psi=1.0),),
-        make_world=lambda scenario, room: od.compiled_sensor("magnetometer", COMPILED, scenario, room),
-        make_onboard=lambda scenario, room: od.compiled_solver("magnetometer", COMPILED, 1, scenario, room),
         sd=lambda scenario, room, states: np.full((len(states), 1), scenario.magnetometer.sd / NORTH),
         compiled=COMPILED,
     )

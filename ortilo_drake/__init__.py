@@ -15,85 +15,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ortilo_drake.api import (
-        Belief,
-        Box,
-        Compiled,
-        Fault,
-        FixSolver,
-        Flight,
-        Flights,
-        Frozen,
-        InputError,
-        Room,
-        Scenario,
-        Sensor,
-        SensorSettings,
-        StateSensor,
-        Study,
-        box,
-        compare,
-        compiled_sensor,
-        compiled_solver,
-        fly,
-        fly_many,
-        linearize,
-        load_scenario,
-        make_closed_loop,
-        make_imu,
-        map,
-        register_estimator,
-        register_fault,
-        register_planner,
-        register_sensor,
-        register_servo,
-        row,
-        tables,
-    )
+    from ortilo_drake.api import *  # noqa: F403 - it says which
 
 __version__ = "0.1.0"
-__all__ = [
-    "Belief",
-    "Box",
-    "Compiled",
-    "Fault",
-    "FixSolver",
-    "Flight",
-    "Flights",
-    "Frozen",
-    "InputError",
-    "Room",
-    "Scenario",
-    "Sensor",
-    "SensorSettings",
-    "StateSensor",
-    "Study",
-    "box",
-    "compare",
-    "compiled_sensor",
-    "compiled_solver",
-    "fly",
-    "fly_many",
-    "linearize",
-    "load_scenario",
-    "make_closed_loop",
-    "make_imu",
-    "map",
-    "register_estimator",
-    "register_fault",
-    "register_planner",
-    "register_sensor",
-    "register_servo",
-    "row",
-    "tables",
-]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
+    if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("ortilo_drake.api"), name)
+    api = import_module("ortilo_drake.api")
+    if name != "__all__" and name not in api.__all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(api, name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *import_module("ortilo_drake.api").__all__})

@@ -53,6 +53,10 @@ if [ ${#missing[@]} -gt 0 ]; then install_packages "${missing[@]}"; fi
 if [ -n "${CI:-}" ] && ! command -v chromium chromium-browser google-chrome >/dev/null; then
     install_packages chromium || echo "setup: tests of pages will be skipped without it" >&2
 fi
+if [ -n "${EXPORT:-}" ]; then # the tests of `ortilo export`: compilers for other processors, and qemu to run what they make
+    install_packages gcc g++ cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user \
+        gcc-aarch64-linux-gnu libc6-dev-arm64-cross
+fi
 command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo diagram' will need it" >&2
 
 find ortilo_drake diagrams -name '*.nb[ci]' -delete # numba does not notice a change in a function that another calls

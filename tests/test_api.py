@@ -3,6 +3,7 @@
 import gc
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 from distributed import LocalCluster, SpecCluster
+from made_up_summaries import made_up_summary
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
 
 import ortilo_drake as od
+from ortilo_drake.api import flights
 from ortilo_drake.flight.flight import fly as fly_dataset
 from ortilo_drake.flight.metrics import estimation_mse, summary
 from ortilo_drake.flight.processes import workers
@@ -23,6 +27,7 @@ from ortilo_drake.interop.log.reader import read_log
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.scenario import BernoulliLoss, NoLoss, load_scenario
+from ortilo_drake.views.numbers import number
 
 HOVER = {"planner": {"kind": "hover", "duration": 1.0}, "settle": 0.0}
 WORDS = ("planner={kind: hover, duration: 1.0}", "settle=0.0", "uwb.link.loss=0.3")
@@ -239,7 +244,28 @@ def test_a_comparison_has_medians_of_the_same_seeds() -> None:
     with pd.option_context("display.width", 40, "display.max_columns", 3):  # a narrow screen
         shown = f"{found}".splitlines()
     assert len(shown) == 1 + len(found)
-    assert all(column in shown[0] for column in found.columns)
+    assert all(column in shown[0] for column in ("lost", "mse x", "path mse", "nees", "player"))
+    assert "0 of 3 [0, 56 %]" in shown[1]
+    assert f"{number(float(np.median(each)))} [?]" in shown[1]  # three flights have no interval
+    assert np.isnan(found.loc["nominal_imu_uwb", "mse x low"])
+    assert f"{found[['lost']]}".split() == ["lost", "nominal_imu_uwb", "0", "nominal_imu_uwb_yolo", "0"]
+
+
+def test_a_comparison_counts_lost_flights_as_worst(monkeypatch: pytest.MonkeyPatch) -> None:
+    summaries = [asdict(made_up_summary((0.01 * (k + 1),) * 3, lost="tumbled" if k < 3 else None)) for k in range(9)]
+
+    def flown(*_: object, **__: object) -> od.Flights:
+        return od.Flights(od.load_scenario("nominal_imu_uwb"), list(range(9)), Path(), summaries)
+
+    monkeypatch.setattr(flights, "fly_many", flown)
+    (row,) = od.compare("nominal_imu_uwb", seeds=range(9)).to_dict("records")
+    share = binomtest(3, 9).proportion_ci(0.95, method="wilson")
+    assert (row["lost low"], row["lost high"]) == pytest.approx((share.low, share.high))
+    assert (row["mse x"], row["mse x low"], row["mse x high"]) == pytest.approx((0.08, 0.05, np.inf))
+    assert (row["mse x kept"], row["mse x kept low"], row["mse x kept high"]) == pytest.approx((0.065, 0.04, 0.09))
+    shown = f"{od.compare('nominal_imu_uwb', seeds=range(9))}"
+    assert "3 of 9 [12, 65 %]" in shown
+    assert "0.08 [0.05, lost]; kept 0.07 [0.04, 0.09]" in shown
 
 
 def test_a_comparison_has_a_row_for_each_scenario_even_of_one_name() -> None:
@@ -287,7 +313,7 @@ def test_tables_have_the_paper_beside_ours(tmp_path: Path) -> None:
     flight = od.fly("altimeter", seed=0, camera__kind="projected", **HOVER)
     assert found.table.loc[("altimeter", "mean"), "x"] == pytest.approx(flight.summary()["mse"]["x"], rel=1e-12)
     assert f"{found}".startswith("# The paper's tables, preset 'tuned', 1 flights a scenario")
-    with pytest.raises(od.InputError, match=r"^preset: 'tune': must be one of tuned, nominal, paper$"):
+    with pytest.raises(od.InputError, match=r"^preset: 'tune': must be one of tuned, nominal, paper, printed$"):
         od.tables(preset="tune")
 
 

@@ -17,6 +17,7 @@ from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.acted_element import acted_box
+from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box, parts_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
@@ -149,7 +150,7 @@ def kalman_box(belief: Belief, its: Filtering, xbar_0: np.ndarray) -> Box:
     """Return the filter, which begins with an estimate (15)."""
     settings, vehicle, h = belief.estimator, belief.vehicle, belief.h
     model = augmented_model(settings, vehicle, settings.integrator, h, its.extras, belief.yaw)
-    P_0 = initial_covariance(settings, its.extras)
+    P_0 = initial_covariance(settings, its.extras, rest_of(belief), belief.yaw)
     belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(its.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
     if its.replays:
         replay = replay_box(model, its.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)

@@ -3,7 +3,7 @@
 from ortilo_drake.diagrams.wiring.onboard import port_of
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD, SHUTTER_SIZE, size_of_samples, uwb_size
+from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, SHUTTER_SIZE, size_of_samples, uwb_size
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.messages import message_size
@@ -19,12 +19,6 @@ def message_boxes(belief: Belief, room: Room, detects: bool) -> dict[str, Box]:
         if name == "camera" and belief.is_rendered and detects:
             boxes[name] = outside("shutter", SHUTTER_SIZE)
             continue
-        size, n = sizes.get(name) or own_size(belief, room, name), belief.samples(name)
+        size, n = sizes.get(name) or message_size(described(name), belief, room), belief.samples(name)
         boxes[name] = outside(port_of(name), size if n == 1 else size_of_samples(size, n))
     return boxes
-
-
-def own_size(belief: Belief, room: Room, name: str) -> int:
-    """Return the size of one sample's message of a sensor of one's own."""
-    its = described(name)
-    return message_size(its, belief, room) if its.compiled is None else PAYLOAD + its.compiled.payload

@@ -8,9 +8,10 @@ from ortilo_drake.diagrams.wiring.fixes import solver_box
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD, uwb_size
+from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.estimator.tight.element import heard_box, tight_box
-from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of
+from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of, sample_sds
 from ortilo_drake.onboard.fix_solver import fix_reader_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described, flown
@@ -25,7 +26,8 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     layout = layout_of(settings, room, sensors, belief.h)
     motion, aids = motion_of(settings, layout, belief), aids_of(settings, room, belief)
     payloads = {"uwb": uwb_size(len(room.anchors)) - PAYLOAD, "camera": DETECTIONS_SIZE - PAYLOAD}
-    C_0, size = initial_covariance(settings, layout), sum(payloads.get(name, 0) for name in sensors)
+    C_0 = initial_covariance(settings, layout, rest_of(belief), sample_sds(settings, samples, belief.h))
+    size = sum(payloads.get(name, 0) for name in sensors)
     own = [name for name in sensors if name not in _NOTHING]
     solving = [box for name in own for box in fix_boxes(belief, room, name, messages[name])]
     rows = {name: belief.measurement.C_of(name) for name in own}

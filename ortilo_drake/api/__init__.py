@@ -18,6 +18,7 @@ from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
 from ortilo_drake.api.parts import register_estimator, register_fault, register_planner, register_servo
 from ortilo_drake.api.studies import Study, linearize, map, tables
+from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.diagrams.imu import make_imu
 from ortilo_drake.loop.element import Box
@@ -26,11 +27,11 @@ from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
-from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
+from ortilo_drake.onboard.fix_solver import FixSolver
 from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
 from ortilo_drake.scenario.faults import Fault
 from ortilo_drake.scenario.own_parts import SensorSettings
-from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
+from ortilo_drake.world.sensors.state_sensor import StateSensor
 
 __all__ = [
     "Belief",
@@ -50,8 +51,7 @@ __all__ = [
     "Study",
     "box",
     "compare",
-    "compiled_sensor",
-    "compiled_solver",
+    "export",
     "fly",
     "fly_many",
     "linearize",

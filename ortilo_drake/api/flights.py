@@ -1,6 +1,7 @@
 """Many flights of a scenario, and scenarios compared by their flights."""
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from shutil import rmtree
@@ -12,11 +13,13 @@ import pandas as pd
 
 from ortilo_drake.api.flight import Flight
 from ortilo_drake.flight import ensemble
+from ortilo_drake.flight.intervals import Middle, middle_of, share_interval
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.load import Settings, as_settings
 from ortilo_drake.scenario.plain import plain_value
+from ortilo_drake.views.numbers import count, of_all_and_kept
 
 
 class Flights(Sequence[Flight]):
@@ -104,14 +107,51 @@ def fly_many(
 
 
 class Comparison(pd.DataFrame):
-    """A table that prints whole, however narrow the screen; otherwise a DataFrame."""
+    """A table that prints whole, each median with its interval, however narrow the screen; otherwise a DataFrame."""
 
     @property
     def _constructor(self) -> type["Comparison"]:
         return Comparison
 
     def __repr__(self) -> str:
-        return self.to_string(float_format=lambda value: f"{value:.4g}")
+        if not set(_FIGURES) <= set(self.columns):  # a part of it
+            return self.to_string(float_format=lambda value: f"{value:.4g}")
+        rows = [_shown(row) for row in self.to_dict("records")]
+        return pd.DataFrame(rows, index=self.index).to_string()
+
+
+_FIGURES = ("mse x", "mse y", "mse z", "path mse", "farthest from path", "nees")
+_ENDS = ("", " low", " high", " kept", " kept low", " kept high")
+
+
+def _shown(row: dict[Hashable, Any]) -> dict[str, str]:
+    """Return a row of a Comparison as text."""
+    shown = {"lost": count(row["lost"], row["flights"])}
+    for name in _FIGURES:
+        median, low, high, kept, kept_low, kept_high = (float(row[name + end]) for end in _ENDS)
+        ends, kept_ends = (
+            None if math.isnan(low) else (low, high),
+            None if math.isnan(kept_low) else (kept_low, kept_high),
+        )
+        middle = Middle(_known(median), ends, _known(kept), kept_ends)
+        shown[name] = of_all_and_kept(middle, row["lost"])
+    return shown | {"player": row["player"]}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _medians(table: pd.DataFrame) -> dict[str, float | None]:
+    """Return the columns of a Comparison that are medians or ends of their intervals."""
+    found: dict[str, float | None] = {}
+    for name in _FIGURES:
+        kept, lost = table[~table["lost"]][name].dropna().astype(float).tolist(), int(table["lost"].sum())
+        middle = middle_of(kept, lost if kept or table["lost"].all() else 0)
+        ends, kept_ends = middle.interval or (None, None), middle.kept_interval or (None, None)
+        values = (middle.median, *ends, middle.kept, *kept_ends)
+        found |= {name + end: value for end, value in zip(_ENDS, values, strict=True)}
+    return found
 
 
 def compare(
@@ -126,8 +166,12 @@ def compare(
     """Fly scenarios with the same seeds and the same settings; return a row for each, named after it.
 
     The rows stand in the order of the scenarios; two of one name have a row each.
-    Columns: flights, lost; medians over the flights that were not lost of the mean squared errors in x, y, z and of the
-    path error [m^2], and of the NEES of the position (3 if consistent), NaN where all were lost; player, who flew.
+    Columns: flights, lost, 'lost low' and 'lost high', Wilson's 95 % interval of the share; player, who flew. Of the
+    mean squared errors in x, y, z and of the path error [m^2], of the farthest from the path [m] and of the NEES of the
+    position (3 if consistent): the median, a lost flight being worse than any that was kept, so that it is infinite
+    where half or more are lost; its 95 % interval, ' low' and ' high', NaN of fewer than six flights; and ' kept',
+    ' kept low', ' kept high', of the flights that were not lost, NaN where all were. It prints as medians with their
+    intervals in brackets.
 
     Args:
         scenarios: each as load_scenario.
@@ -147,9 +191,11 @@ def compare(
         for scenario in scenarios:
             flights = fly_many(scenario, seeds, laid_over, out=out, workers=workers, player=player)
             table = flights.table()
-            medians = table[~table["lost"]].drop(columns="lost").astype(float).median()
+            lost = int(table["lost"].sum())
+            low, high = share_interval(lost, len(table)) if len(table) else (math.nan, math.nan)
             flown_by = ", ".join(sorted({summary["player"] for summary in flights.summaries}))
-            counted = {"flights": len(table), "lost": int(table["lost"].sum())}
-            rows.append(counted | medians.to_dict() | {"player": flown_by})
+            counted = {"flights": len(table), "lost": lost, "lost low": low, "lost high": high}
+            rows.append(counted | _medians(table) | {"player": flown_by})
             names.append(flights.scenario.name)
-    return Comparison(rows, index=names)
+    found = Comparison(rows, index=names)
+    return found.astype({name + end: float for name in _FIGURES for end in _ENDS})

@@ -152,7 +152,7 @@ def tables(
     Args:
         beside: further scenarios for the same tables.
         flights: of each scenario, seeds from 0.
-        preset: 'tuned', 'nominal' or 'paper', see docs/concepts.md.
+        preset: 'tuned', 'nominal', 'paper' or 'printed', see docs/concepts.md.
         settings: of all scenarios, as load_scenario.
         out: folder of the flights; those that are there are not flown again. By default nothing is kept.
         workers: worker processes; 1 flies in this one. The flights do not depend on it.
@@ -162,7 +162,8 @@ def tables(
 
     Returns:
         Report and data; the table has a row for each scenario and statistic, and as columns the mean squared errors
-        [m^2] in x, y, z and of the path, then the paper's.
+        [m^2] in x, y, z and of the path of the flights that were not lost, then those with each lost flight as worst
+        (infinite where one stands, NaN in the row of the mean), then the paper's.
 
     Raises:
         InputError: if a scenario or the preset is wrong, or a flight cannot be flown or kept.
@@ -181,6 +182,8 @@ def _statistics(found: Tables) -> pd.DataFrame:
         paper = found.paper.estimation.get(name, {}) | {"path": found.paper.path.get(name, {})}
         for statistic in STATISTICS:
             row = {axis: of[statistic] for axis, of in (ours | {"path": found.path[name]}).items()}
+            every = found.with_lost[name]
+            row |= {f"{axis} with lost": every[axis].get(statistic) for axis in row}
             row |= {f"paper {axis}": of.get(statistic) for axis, of in paper.items()}
             rows[name, statistic] = row
     table = pd.DataFrame.from_dict(rows, orient="index").astype(float)

@@ -9,6 +9,7 @@ from ortilo_drake.commands.analyze import analyze
 from ortilo_drake.commands.detector import detector_app
 from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.doctor import doctor
+from ortilo_drake.commands.export import export
 from ortilo_drake.commands.faults import faults
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
@@ -73,6 +74,7 @@ for command in (
     live,
     tables,
     diagram,
+    export,
     analyze,
     tune,
     replay,

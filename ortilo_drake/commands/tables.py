@@ -36,13 +36,15 @@ class Preset(StrEnum):
     tuned = "tuned"
     nominal = "nominal"
     paper = "paper"
+    printed = "printed"
 
 
 def tables(
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights of each scenario, seeds from 0.")] = 20,
     workers: WorkersOption = None,
     preset: Annotated[
-        Preset, typer.Option(help="A filter that does not know everything; the paper's in our tuning, or as printed.")
+        Preset,
+        typer.Option(help="A filter that does not know everything; the paper's in our tuning, or by code, or by text."),
     ] = Preset.tuned,
     settings: SetOption = None,
     camera: CameraOption = None,

@@ -4,7 +4,7 @@ import numpy as np
 
 from ortilo_drake.flight.figures import NEES, REFERENCE, TRACE_SIZE, position_nees
 from ortilo_drake.flight.lost import Bounds, cause_of_loss
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Box, Element
 from ortilo_drake.model.signals import N_XBAR
 
 _R = REFERENCE.start
@@ -14,21 +14,19 @@ def figures_out(
     state: np.ndarray,
     belief: np.ndarray,
     reference: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    walls: np.ndarray,
+    bounds: Bounds,
     out: np.ndarray,
 ) -> None:
     """Say a row of flight/figures.py, and the cause of the flight's loss, see lost.CAUSES (11)."""
     for i in range(3):
         out[i], out[3 + i], out[_R + i] = state[i], belief[i], reference[i]
     out[NEES] = position_nees(state, belief, belief[N_XBAR:])
-    out[TRACE_SIZE] = cause_of_loss(state, Bounds(low, high, walls))
+    out[TRACE_SIZE] = cause_of_loss(state, bounds)
 
 
-FIGURES = Element("figures", out=figures_out, tables=(Array("low"), Array("high"), Array("walls", 2)))
+FIGURES = Element("figures", out=figures_out)
 
 
 def figures_box(bounds: Bounds) -> Box:
     """Return what says how a flight goes: it reads the true state (12), the belief (240) and the reference."""
-    return Box("figures", FIGURES, TRACE_SIZE + 1, Given(tables=bounds._asdict()))
+    return Box("figures", FIGURES, TRACE_SIZE + 1).taking(bounds=bounds)

@@ -14,6 +14,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import ClosedLoop
 from ortilo_drake.diagrams.onboard import NO_PARTS, Parts
+from ortilo_drake.diagrams.wiring.truth import standstill_of
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
@@ -204,9 +205,16 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "format": FORMAT,
             "seed": scenario.seed,
             "lost": json.dumps(None if lost is None else {"time": lost.time, "cause": lost.cause}),
+            **standstill_attrs(scenario),
             "frames": "W: east, north, up; B: forward, left, up",
         },
     )
+
+
+def standstill_attrs(scenario: Scenario) -> dict[str, str]:
+    """Return the attribute `standstill` of a flight: seconds, samples, and the rates and specific force taken off."""
+    found = standstill_of(scenario, scenario.load_room()) if scenario.samples_at_rest else {}
+    return {"standstill": json.dumps(found)} if found else {}
 
 
 def padded_covariances(measurement: Measurement, V2: np.ndarray) -> np.ndarray:

@@ -13,9 +13,12 @@ its white part of variance s_w^2 and v of s_v^2 / m^2 in force, says two indepen
 s_v^2) the force of the step is k m (y_a - b) + (1 - k) d up to a variance k s_v^2, and m y_a = d + m b up to a variance
 s_w^2 + s_v^2. The first goes into the dynamics, the second is a row.
 
-Taken as known, which lowers the bound: factors of angles, rates, specific force, ranges and focal length, clocks, the
-landmarks' shapes, moments of inertia. Of a registered sensor with an entry in ``truth.sensors`` the errors are as large
-and as slow as the scenario's filter believes (estimator.biases.row_sd).
+A bias that was zeroed while the vehicle stood still is what that leaves of it: world/sensors/standstill.py.
+
+Taken as known, which lowers the bound: what an unlevel imu turns of gravity while it is zeroed, factors of angles,
+rates, specific force, ranges and focal length, clocks, the landmarks' shapes, moments of inertia. Of a registered
+sensor with an entry in ``truth.sensors`` the errors are as large and as slow as the scenario's filter believes
+(estimator.biases.row_sd).
 """
 
 from collections.abc import Callable
@@ -30,6 +33,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.sensors.standstill import left_at_rest
 
 Seen = Callable[[np.ndarray], np.ndarray]  # rows (l, 17) -> their coefficients of an error's e components (l, e)
 
@@ -84,6 +88,14 @@ def _sd(*parts: tuple[float, ...] | float, number: int = 3) -> np.ndarray:
     return np.sqrt(sum(np.broadcast_to(part, number).astype(float) ** 2 for part in parts))
 
 
+def _imu_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return how large the biases of body rates and specific force are (3 each), or what zeroing leaves of them."""
+    if scenario.samples_at_rest:
+        return left_at_rest(scenario)
+    imu = scenario.truth.imu
+    return _sd(imu.rates, imu.rates_sd), _sd(imu.specific_force, imu.specific_force_sd)
+
+
 def _forces(scenario: Scenario, k: float) -> list[Error]:
     vehicle, force, imu = scenario.truth.vehicle, scenario.truth.force, scenario.truth.imu
     m, h = scenario.vehicle.mass, scenario.h
@@ -91,7 +103,7 @@ def _forces(scenario: Scenario, k: float) -> list[Error]:
     factors = (vehicle.mass_factor - 1.0, vehicle.mass_factor_sd, vehicle.thrust_factor - 1.0, vehicle.thrust_factor_sd)
     lift = tuple((0.0, 0.0, m * GRAVITY * factor) for factor in factors)
     lasting, push, pull = {"force": own(3)}, (1.0 - k) * Gamma_d[:, :3], -k * m * Gamma_d[:, :3]
-    bias = _sd(imu.specific_force, imu.specific_force_sd)
+    bias = _imu_biases(scenario)[1]
     off = _sd(vehicle.center_of_gravity[::-1], vehicle.center_of_gravity_sd, number=2)
     return [
         walk(_sd(force.mean, force.mean_sd, *lift), 0.0, lasting, push),
@@ -115,7 +127,7 @@ def _of_sensors(scenario: Scenario, room: Room) -> list[Error]:
 
     return [
         walk(angles, walks, {"imu": own(3)}),
-        walk(_sd(imu.rates, imu.rates_sd), imu.rates_walk * np.sqrt(h), {"rates": own(3)}),
+        walk(_imu_biases(scenario)[0], imu.rates_walk * np.sqrt(h), {"rates": own(3)}),
         walk(_sd(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
         walk(_sd(uwb.bias_sd, number=anchors), 0.0, {"uwb": own(anchors)}),
         gauss_markov(_sd(uwb.slow_sd, number=anchors), uwb.slow_time, h, {"uwb": own(anchors)}),

@@ -2,14 +2,15 @@
 
 import ctypes
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
 from ortilo_drake.loop.digest import digest_of
 from ortilo_drake.loop.element import OUTSIDE, Box, takes
-from ortilo_drake.loop.native import load, native_of
+from ortilo_drake.loop.generated import load
+from ortilo_drake.loop.native import native_of
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.source import line_of, part_text, place_of, places_of
@@ -139,6 +140,9 @@ class PlainCalls:
     def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
         if name == "n":
             return memory.numbers_of(box.name)
+        if name in box.element.grouped:
+            arrays = partial(memory.table_of, box.name)
+            return box.element.grouped[name].filled(memory.numbers_of(box.name), arrays)
         if name in box.element.own:
             for places, array in ((self._places.state, S), (self._places.work, work)):
                 if (box.name, name) in places:

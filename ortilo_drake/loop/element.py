@@ -11,6 +11,7 @@ Both are plain functions. Their parameters, in any order, are the wiring:
     seeds        the seeds of all ticks, for noise that is drawn for other ticks than k
     out          what the element says, an array of floats to write into
     <array>      one of the element's own arrays by its name: state, room to work in, a table
+    <group>      a NamedTuple of constants and tables, which its box takes (Box.taking)
     <input>      any other name: an array that another element says
 
 An element that `shows` one of its states says that array: nothing is copied.
@@ -28,6 +29,7 @@ import numpy as np
 
 RESERVED = ("n", "k", "seed", "seeds", "out")
 Kind = Literal["f8", "i8", "u8", "b1"]
+_KINDS: dict[str, Kind] = {"f": "f8", "i": "i8", "u": "u8", "b": "b1"}
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,73 @@ class Array:
 
 
 @dataclass(frozen=True)
+class Group:
+    """A NamedTuple of numbers, arrays and other such tuples as one parameter of an element's functions.
+
+    Its numbers are among the element's constants and its arrays among the tables, each as "<group>_<field>".
+
+    Attributes:
+        name: of the parameter.
+        of: its class.
+        fields: in the order of the class.
+    """
+
+    name: str
+    of: type
+    fields: tuple["Number | Array | Group", ...]
+
+    @property
+    def leaves(self) -> list[Number | Array]:
+        """Its numbers and arrays, and those of the groups in it."""
+        return [leaf for its in self.fields for leaf in (its.leaves if isinstance(its, Group) else [its])]
+
+    def filled(self, record: Any, array_of: Callable[[str], Any]) -> Any:
+        """Return the tuple, of the element's record and its arrays by their names."""
+        values = []
+        for its in self.fields:
+            if isinstance(its, Group):
+                values.append(its.filled(record, array_of))
+            else:
+                values.append(record[its.name] if isinstance(its, Number) else array_of(its.name))
+        return self.of(*values)
+
+    def given(self, values: Any) -> "Given":
+        """Return the values of such a tuple as a box is given them."""
+        found = Given()
+        for its, value in zip(self.fields, values, strict=True):
+            if isinstance(its, Group):
+                found = found.with_(its.given(value))
+            else:
+                found = found.with_(Given(**{"numbers" if isinstance(its, Number) else "tables": {its.name: value}}))
+        return found
+
+
+def group_of(name: str, values: Any) -> Group:
+    """Return what a NamedTuple is made of.
+
+    Raises:
+        ValueError: if a field is no number, array of numbers or such a tuple.
+    """
+    fields = list[Number | Array | Group]()
+    for field_name, value in values._asdict().items():
+        its = f"{name}_{field_name}"
+        if hasattr(value, "_asdict"):
+            fields.append(group_of(its, value))
+            continue
+        kind, dimensions = kind_of(f"{type(values).__name__}.{field_name}", value), np.ndim(value)
+        fields.append(Array(its, dimensions, kind) if dimensions else Number(its, kind=kind))
+    return Group(name, type(values), tuple(fields))
+
+
+def kind_of(name: str, value: Any) -> Kind:
+    """Return the kind of a constant's numbers; ValueError where it is not of numbers."""
+    kind = np.asarray(value).dtype.kind
+    if kind not in _KINDS:
+        raise ValueError(f"{name}: is {value!r}, must be a number or an array of numbers")
+    return _KINDS[kind]
+
+
+@dataclass(frozen=True)
 class Element:
     """What all boxes of one kind have in common.
 
@@ -66,6 +135,7 @@ class Element:
         shows: the state that it says; None where `out` says it.
         allocates: whether its functions make arrays. One that does not is compiled without numba's memory management.
         reads: what it reads where it has no functions: the vector inputs of a Drake System that plays it.
+        groups: NamedTuples that its functions take.
     """
 
     name: str
@@ -78,11 +148,27 @@ class Element:
     shows: str | None = None
     allocates: bool = False
     reads: tuple[str, ...] = ()
+    groups: tuple[Group, ...] = ()
+
+    @property
+    def constants(self) -> tuple[Number, ...]:
+        """Its numbers and those of its groups."""
+        return (*self.numbers, *(its for group in self.groups for its in group.leaves if isinstance(its, Number)))
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """Its tables and those of its groups."""
+        return (*self.tables, *(its for group in self.groups for its in group.leaves if isinstance(its, Array)))
 
     @property
     def own(self) -> dict[str, Array]:
         """The element's own arrays by name."""
-        return {array.name: array for array in (*self.state, *self.work, *self.tables)}
+        return {array.name: array for array in (*self.state, *self.work, *self.arrays)}
+
+    @property
+    def grouped(self) -> dict[str, Group]:
+        """Its groups by name."""
+        return {group.name: group for group in self.groups}
 
     @property
     def functions(self) -> dict[str, Callable[..., None]]:
@@ -91,7 +177,8 @@ class Element:
 
     def inputs_of(self, function: Callable[..., None]) -> list[str]:
         """Return the names of what one of its functions reads of other elements."""
-        return [name for name in takes(function) if name not in RESERVED and name not in self.own]
+        known = {*RESERVED, *self.own, *self.grouped}
+        return [name for name in takes(function) if name not in known]
 
     @property
     def inputs(self) -> list[str]:
@@ -102,7 +189,7 @@ class Element:
     @property
     def dtype(self) -> np.dtype:
         """The record of its constants."""
-        fields: Any = [(number.name, number.kind, number.shape) for number in self.numbers]
+        fields: Any = [(number.name, number.kind, number.shape) for number in self.constants]
         return np.dtype(fields or [("nothing", "f8")], align=True)
 
 
@@ -153,6 +240,17 @@ class Box:
     def reading(self, **reads: str) -> "Box":
         """Return a box whose inputs read these boxes."""
         return replace(self, reads=self.reads | reads)
+
+    def taking(self, **tuples: Any) -> "Box":
+        """Return a box whose functions take these NamedTuples as well, by the names of their parameters.
+
+        Raises:
+            ValueError: if a field of one is no number, array of numbers or NamedTuple of them.
+        """
+        groups, given = [group_of(name, values) for name, values in tuples.items()], self.given
+        for group in groups:
+            given = given.with_(group.given(tuples[group.name]))
+        return replace(self, element=replace(self.element, groups=(*self.element.groups, *groups)), given=given)
 
 
 def bundle(name: str, boxes: list[Box]) -> Box:

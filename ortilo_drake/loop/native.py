@@ -10,21 +10,18 @@ by numba: one compiled form serves every wiring, room and size. Whoever calls it
 Addresses are not checked: wiring.py and player.py see to it that every size fits.
 """
 
-import os
 import sys
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba import njit
 
 from ortilo_drake.loop.digest import digest_of, modules_of, plain
-from ortilo_drake.loop.element import Element, takes
+from ortilo_drake.loop.element import Array, Element, Group, Number, takes
+from ortilo_drake.loop.generated import load
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
 _WHOLE = {"k": "types.int64", "seed": "types.int64"}
@@ -45,45 +42,16 @@ class Native:
     address: int
 
 
-def generated_folder() -> Path:
-    """Return where generated files are kept: beside numba's cache, so that what is compiled of them is kept too."""
-    own = os.environ.get("NUMBA_CACHE_DIR")
-    beside = Path(own) if own else Path(__file__).parent / "__pycache__"
-    if not os.access(beside if beside.exists() else beside.parent, os.W_OK):
-        beside = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ortilo"
-    return beside / "generated"
-
-
-def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
-    """Write a generated module, unless it is there, and run it with names that it need not import.
-
-    numba looks for the file of what it compiles, to keep the result beside it.
-    """
-    module = ModuleType(f"ortilo_generated.{name}")
-    if module.__name__ in sys.modules:
-        return sys.modules[module.__name__]
-    folder = generated_folder()
-    file = folder / f"{name}.py"
-    if not file.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False, encoding="utf-8") as written:
-            written.write(text)
-        os.replace(written.name, file)
-    module.__file__ = str(file)
-    vars(module).update(known)
-    sys.modules[module.__name__] = module
-    try:
-        exec(compile(text, str(file), "exec"), vars(module))
-    except BaseException:
-        del sys.modules[module.__name__]
-        raise
-    return module
-
-
 def parameters(element: Element, function: Callable[..., None]) -> list[tuple[str, int, str]]:
-    """Return what a function takes, in its order: name, number of dimensions (-1 of what is no array), kind."""
-    found = []
+    """Return what a function takes in C, in its order: name, number of dimensions (-1 of what is no array), kind.
+
+    A group's arrays stand where the group does, and n where the group has numbers and n is not there.
+    """
+    names, found = dict[str, None](), []
     for name in takes(function):
+        leaves = element.grouped[name].leaves if name in element.grouped else [None]
+        names |= {its.name if isinstance(its, Array) else "n" if its else name: None for its in leaves}
+    for name in names:
         if name == "n" or name in _WHOLE:
             found.append((name, -1, ""))
         elif name in element.own:
@@ -103,28 +71,57 @@ def native_text(element: Element) -> str:
     text = f'"""{element.name}, made by ortilo_drake/loop/native.py."""\n\n'
     text += "import numpy as np\nfrom numba import cfunc, from_dtype, types\n"
     text += "from ortilo_drake.loop.addresses import array_at, record_at\n\n"
-    fields = [(number.name, number.kind, number.shape) for number in element.numbers] or [("nothing", "f8", ())]
+    fields = [(number.name, number.kind, number.shape) for number in element.constants] or [("nothing", "f8", ())]
     text += f"record = types.CPointer(from_dtype(np.dtype({fields!r}, align=True)))\n"
     without = "" if element.allocates else ", _nrt=False"
     for what, function in element.functions.items():
-        types_of, names, made = [], [], []
+        types_of, names = [], []
         for name, dimensions, kind in parameters(element, function):
             names.append(name)
             if dimensions < 0:
                 types_of.append(_WHOLE.get(name, "record"))
-                made.append("record_at(n)" if name == "n" else name)
                 continue
             shape = [f"{name}_{i}" for i in range(dimensions)]
             types_of += [f"types.CPointer({_KINDS[kind]})"] + ["types.int64"] * dimensions
             names += shape
-            made.append(f"array_at({name}, ({', '.join(shape)},))")
+        grouped = [element.grouped[name] for name in takes(function) if name in element.grouped]
+        put = "".join(f"    {group.name} = {_argument(element, group)}\n" for group in grouped)
+        made = ", ".join(name if name in element.grouped else _argument(element, name) for name in takes(function))
         text += f"""
 
 @cfunc(types.void({", ".join(types_of)}), cache={is_kept(element)}, error_model="numpy"{without})
 def {what}_c({", ".join(names)}):
-    its_{what}({", ".join(made)})
+{put}    its_{what}({made})
 """
     return text
+
+
+def _argument(element: Element, of: str | Number | Array | Group) -> str:
+    """Return how what a function takes is made of the arguments in C."""
+    if isinstance(of, str):
+        of = element.own.get(of) or (of if of == "n" or of in _WHOLE else Array(of))
+    if isinstance(of, Group):
+        return f"its_{of.name}({', '.join(_argument(element, its) for its in of.fields)})"
+    if isinstance(of, Array):
+        return f"array_at({of.name}, ({''.join(f'{of.name}_{i}, ' for i in range(of.dimensions)).rstrip()}))"
+    return f"record_at(n).{of.name}" if isinstance(of, Number) else "record_at(n)" if of == "n" else of
+
+
+def _classes(groups: Iterable[Number | Array | Group]) -> dict[str, type]:
+    """Return the classes of groups by the names that _argument has for them."""
+    found = dict[str, type]()
+    for group in groups:
+        if isinstance(group, Group):
+            found |= {f"its_{group.name}": group.of} | _classes(group.fields)
+    return found
+
+
+def known_to(element: Element) -> dict[str, Any]:
+    """Return what the source of native_text calls, by name: the element's functions and the classes of its tuples."""
+    options = {} if element.allocates else {"_nrt": False}
+    compiled = njit(error_model="numpy", forceinline=True, **options)  # descriptors of arrays then stay in registers
+    jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}
+    return jitted | _classes(element.groups)
 
 
 @lru_cache(maxsize=256)
@@ -132,10 +129,7 @@ def native_of(element: Element) -> dict[str, Native]:
     """Return an element's functions, compiled, by name: `out` and `step`, those that it has."""
     text = native_text(element)
     name = f"{element.name}_{digest_of(text, *element.functions.values())}"
-    options = {} if element.allocates else {"_nrt": False}
-    compiled = njit(error_model="numpy", forceinline=True, **options)  # descriptors of arrays then stay in registers
-    jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}
-    module, found = load(name, text, jitted), {}
+    module, found = load(name, text, known_to(element)), {}
     for what, function in element.functions.items():
         its = getattr(module, f"{what}_c")
         count = sum(1 + max(dimensions, 0) for _, dimensions, _ in parameters(element, function))

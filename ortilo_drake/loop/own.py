@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Kind, Number, takes
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number, kind_of, takes
 from ortilo_drake.loop.wiring import check_values
-
-_KINDS: dict[str, Kind] = {"f": "f8", "i": "i8", "u": "u8", "b": "b1"}
 
 
 def box(
@@ -48,8 +46,8 @@ def box(
         "own",
         out,
         step,
-        numbers=tuple(Number(name, np.shape(its), _kind_of(name, its)) for name, its in numbers.items()),
-        tables=tuple(Array(name, np.ndim(its), _kind_of(name, its)) for name, its in tables.items()),
+        numbers=tuple(Number(name, np.shape(its), kind_of(name, its)) for name, its in numbers.items()),
+        tables=tuple(Array(name, np.ndim(its), kind_of(name, its)) for name, its in tables.items()),
         state=tuple(Array(name, np.ndim(its)) for name, its in state.items()),
         work=tuple(Array(name, len(shape)) for name, shape in work.items()),
         shows=shows,
@@ -58,14 +56,6 @@ def box(
     made = Box("own", element, size, Given(numbers, state, tables), work)
     check_values(made)
     return made
-
-
-def _kind_of(name: str, value: Any) -> Kind:
-    """Return the kind of a constant's numbers; ValueError where it is not of numbers."""
-    kind = np.asarray(value).dtype.kind
-    if kind not in _KINDS:
-        raise ValueError(f"{name}: is {value!r}, must be a number or an array of numbers")
-    return _KINDS[kind]
 
 
 def said_at_first(its: Box, sizes: dict[str, int]) -> np.ndarray:
@@ -84,9 +74,10 @@ def said_at_first(its: Box, sizes: dict[str, int]) -> np.ndarray:
     said = np.zeros(its.size)
     known: dict[str, Any] = {"n": record, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": said}
     known |= {name: np.array(value, dtype=float) for name, value in given.start.items()}
-    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.tables}
+    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.arrays}
     known |= {name: np.zeros(shape) for name, shape in its.work.items()}
     known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(element.out)}
+    known |= {group.name: group.filled(record, known.__getitem__) for group in element.groups}
     element.out(**{name: known[name] for name in takes(element.out)})
     return said
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ortilo_drake.loop.digest import digest_of
 from ortilo_drake.loop.element import Given
-from ortilo_drake.loop.native import load
+from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.source import Places, flight_text, places_of
 from ortilo_drake.loop.wiring import Wiring
 
@@ -121,7 +121,7 @@ class Memory:
             if values.shape != shape:
                 raise ValueError(f"{name}: {state}: has the shape {values.shape}, must have {shape}")
             self.S[first : first + values.size] = values.ravel()
-        for table in box.element.tables:
+        for table in box.element.arrays:
             if table.name in given.tables:
                 values = np.ascontiguousarray(given.tables[table.name], dtype=_KINDS[table.kind])
                 first = self._places.tables[name, table.name]

@@ -53,7 +53,7 @@ def places_of(wiring: Wiring) -> Places:
     at = [0, 0, 0, 0, 0]
     for box in wiring.boxes.values():
         numbers[box.name] = at[0]
-        at[0] += box.element.dtype.itemsize
+        at[0] += -(-box.element.dtype.itemsize // 8) * 8  # every record begins where eight bytes may
         for name, start in box.given.start.items():
             shape = np.shape(start)
             state[box.name, name], at[1] = (at[1], shape), at[1] + math.prod(shape)
@@ -61,7 +61,7 @@ def places_of(wiring: Wiring) -> Places:
             work[box.name, name], at[2] = (at[2], shape), at[2] + math.prod(shape)
         if not box.element.shows and box.name not in wiring.holders:
             said[box.name], at[3] = at[3], at[3] + box.size
-        for table in box.element.tables:
+        for table in box.element.arrays:
             tables[box.name, table.name], at[4] = at[4], at[4] + 1 + table.dimensions
     for held, holder in wiring.holders.items():
         said[held] = said[holder] + wiring.boxes[holder].parts[held][0]

@@ -99,16 +99,16 @@ def check_values(box: Box) -> None:
     """
     element, given = box.element, box.given
     for role, names, values in (
-        ("number", {number.name for number in element.numbers}, given.numbers),
+        ("number", {number.name for number in element.constants}, given.numbers),
         ("state", {array.name for array in element.state}, given.start),
-        ("table", {array.name for array in element.tables}, given.tables),
+        ("table", {array.name for array in element.arrays}, given.tables),
         ("work", {array.name for array in element.work}, box.work),
     ):
         if names != set(values):
             raise ValueError(f"{box.name}: {role}: has {sorted(values)}, must have {sorted(names)}")
         if names & set(RESERVED):
             raise ValueError(f"{box.name}: {role}: is named {sorted(names & set(RESERVED))}, which is reserved")
-    for number in element.numbers:
+    for number in element.constants:
         if np.shape(given.numbers[number.name]) != number.shape:
             shape = np.shape(given.numbers[number.name])
             raise ValueError(f"{box.name}: {number.name}: has the shape {shape}, must have {number.shape}")

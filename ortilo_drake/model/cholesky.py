@@ -44,10 +44,20 @@ def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
 def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
     """Return e^T S^-1 e = |L^-1 e|^2 of e (n); L overwrites S's lower half and L^-1 e overwrites e.
 
-    NaN if S is not positive definite.
+    NaN if S is not positive definite. The operations are those of forward_in_place.
     """
-    n, squared = e.size, 0.0
-    forward_in_place(S, e.reshape((n, 1)), n)
-    for i in range(n):
+    squared = 0.0
+    for i in range(e.size):
+        for j in range(i):
+            s = S[i, j]
+            for k in range(j):
+                s -= S[i, k] * S[j, k]
+            s /= S[j, j]
+            S[i, j] = s
+            S[i, i] -= s * s
+            e[i] -= s * e[j]
+        S[i, i] = np.sqrt(S[i, i])
+        root = 1.0 / S[i, i]
+        e[i] *= root
         squared += e[i] * e[i]
     return squared

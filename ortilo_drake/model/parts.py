@@ -9,7 +9,7 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -61,11 +61,11 @@ class Sensor:
         rows: what it tells the filter, m rows of y.
         make_world: (scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one
             output, the message, a function of its inputs, the time and noise. Where the sensor is faster than the tick,
-            that scenario's h is the time from one sample to the next, and its message is one sample. None where an
-            element says its message.
+            that scenario's h is the time from one sample to the next, and its message is one sample. Not asked for
+            where the sensor has a compiled share, and None where an element says its message.
         make_onboard: (scenario, room) -> System with the message as input, if it wants them estimate (15) and
             covariance (225), and one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if
-            the message itself begins with the value, or is a fix.
+            the message itself begins with the value, or is a fix. Not asked for where it has a compiled share.
         payload: numbers in its message after arrived and stamp, where make_onboard is None (else its port tells); None
             for the value alone, or for value and covariance where V says that it comes with each.
         V: scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix.
@@ -79,8 +79,8 @@ class Sensor:
     name: str
     settings: type[Frozen]
     rows: tuple[Row, ...]
-    make_world: Callable[[Any, Any], Any] | None
-    sd: Callable[[Any, Any, np.ndarray], np.ndarray]
+    make_world: Callable[[Any, Any], Any] | None = None
+    sd: Callable[[Any, Any, np.ndarray], np.ndarray] = field(kw_only=True)
     make_onboard: Callable[[Any, Any], Any] | None = None
     payload: int | None = None
     V: Callable[[Any], np.ndarray | None] = lambda scenario: None
@@ -129,6 +129,8 @@ def register_sensor(sensor: Sensor) -> None:
         raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
     if "link" not in sensor.settings.model_fields:
         raise InputError(f"sensor: {sensor.name}: its settings need a field 'link: Link'")
+    if sensor.make_world is None and sensor.compiled is None:
+        raise InputError(f"sensor: {sensor.name}: must be given as a System, make_world, or by a share, compiled")
     _SENSORS[sensor.name] = sensor
     _remember_caller()
 

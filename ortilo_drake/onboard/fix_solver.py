@@ -5,11 +5,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.loop.element import Array, Box, Element, Given
-from ortilo_drake.loop.shares import Fields, fields_of, function_of
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -60,27 +58,10 @@ class FixSolver(LeafSystem):
         output.set_value(fix)
 
 
-def compiled_solver(name: str, compiled: Compiled, rows: int, scenario: Belief, room: Room) -> FixSolver:
-    """Return a solver by the function that compiled flights call as well; rows is m.
-
-    Raises:
-        ValueError: if it has none.
-    """
-    if compiled.solve is None:
-        raise ValueError(f"{name}: has no solve")
-    numbers, function = compiled.numbers(scenario, room), compiled.solve
-
-    def solve(payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        fix = function(numbers, np.ascontiguousarray(payload), np.ascontiguousarray(xhat), np.ascontiguousarray(P))
-        return (fix[:rows], fix[rows:]) if fix.size else None
-
-    return FixSolver(name, compiled.payload, rows, solve)
-
-
+@lru_cache(maxsize=64)
 def saying(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
     """Return a function that says the fix of what landed, as a share solves it."""
 
-    @register_jitable
     def say(numbers: Any, message: np.ndarray, belief: np.ndarray, out: np.ndarray) -> None:
         """Say [1, stamp, value, covariance row by row], zeros if nothing landed or there is no solution."""
         fill(out, 0.0)
@@ -96,13 +77,6 @@ def saying(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
     return say
 
 
-@lru_cache(maxsize=64)
-def element_of(solve: Callable[..., np.ndarray], fields: Fields) -> Element:
-    """Return the element of a function that solves messages, whose numbers have these fields."""
-    out = function_of(fields, saying(solve), "message", "belief", "out")
-    return Element("own_fix", out=out, numbers=fields.numbers, tables=fields.tables, allocates=True)
-
-
 def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: Room) -> Box | None:
     """Return the solver of a sensor by its share: it reads the message as it lands and a belief of [x; i] (240).
 
@@ -110,9 +84,9 @@ def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: R
     """
     if share.solve is None:
         return None
-    numbers = share.numbers(scenario, room)
-    fields = fields_of(numbers)
-    return Box(f"{name}_fix", element_of(share.solve, fields), PAYLOAD + rows + rows * rows, fields.given(numbers))
+    element = Element("own_fix", out=saying(share.solve), allocates=True)
+    box = Box(f"{name}_fix", element, PAYLOAD + rows + rows * rows)
+    return box.taking(numbers=share.numbers(scenario, room))
 
 
 def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:

@@ -24,7 +24,7 @@ from ortilo_drake.scenario.link import LinkRate
 from ortilo_drake.scenario.onboard import Detector, LandmarkFix, LqServo, Multilateration
 from ortilo_drake.scenario.own_parts import model_for, model_of_all
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
-from ortilo_drake.scenario.sensors import CameraSetup, SensorSetup
+from ortilo_drake.scenario.sensors import CameraSetup, ImuSetup, SensorSetup
 
 
 def _as_file_name(name: str) -> str:
@@ -65,7 +65,7 @@ class Belief(Frozen):
     room: FileName = "ortilo"
     vehicle: Vehicle = Vehicle()
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
-    imu: SensorSetup = SensorSetup()
+    imu: ImuSetup = ImuSetup()
     uwb: SensorSetup = SensorSetup(link=LinkRate(rate=10.0))
     camera: CameraSetup = CameraSetup()
     detector: Detector = Detector()
@@ -119,6 +119,19 @@ class Belief(Frozen):
         """Return how many samples a message carries: more than one of a sensor that flies faster than the tick."""
         n: int = self.group_of(sensor).link.samples(self.h) if sensor in self.sensors else 1
         return n
+
+    @property
+    def imu_period(self) -> float:
+        """Of how long a sample of the imu has the noise: from one to the next where it is faster than the tick, else h [s]."""
+        return self.h / self.samples("imu")
+
+    @property
+    def samples_at_rest(self) -> int:
+        """How many samples the imu takes while the vehicle rests on the floor before take-off, at least a message's."""
+        if "imu" not in self.sensors or self.imu.standstill == 0.0:
+            return 0
+        messages = int(self.imu.standstill / (self.every("imu") * self.h) + 1e-9)
+        return max(messages, 1) * self.samples("imu")
 
     @property
     def faster_sensors(self) -> tuple[str, ...]:

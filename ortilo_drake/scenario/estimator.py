@@ -89,10 +89,10 @@ class Walks(Frozen):
         torque_sd: of the disturbance torque in B at first [N m], such as of a centre of gravity that is off; 0 has the
             filter estimate none.
         torque_rate: of its change, likewise [N m/s^(1/2)].
-        accelerometer_sd: of the bias of the specific force per axis at first [m/s^2].
+        accelerometer_sd: of the bias of the specific force per axis at first [m/s^2]; not read after a standstill.
         accelerometer_rate: of its change, likewise [m/s^(5/2)].
-        gyroscope_sd: of the bias of the body rates per axis at first [rad/s], such as standing still on the ground
-            leaves; read with rates 'measured'.
+        gyroscope_sd: of the bias of the body rates per axis at first [rad/s]; read with rates 'measured' and without a
+            standstill, imu.standstill.
         gyroscope_rate: of its change, likewise [rad/s^(3/2)].
     """
 

@@ -19,11 +19,25 @@ class SensorSetup(Frozen):
     link: LinkRate = LinkRate()
 
 
-class Imu(SensorSetup):
+class ImuSetup(SensorSetup):
+    """What the onboard half knows of the imu.
+
+    Attributes:
+        link: rate of its messages.
+        standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
+            accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
+    """
+
+    standstill: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+
+
+class Imu(ImuSetup):
     """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(period of its samples).
 
     Attributes:
         link: rate and delivery of its messages.
+        standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
+            accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
         rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.

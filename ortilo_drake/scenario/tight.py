@@ -45,9 +45,9 @@ class InertialNoise(Frozen):
         rate_density: noise of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.001 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz, null leaves them out.
-        gyroscope_sd: bias of the body rates per axis at first [rad/s].
+        gyroscope_sd: bias of the body rates per axis at first [rad/s]; not read after a standstill, imu.standstill.
         gyroscope_rate: its random walk, a standard deviation after 1 s [rad/s].
-        accelerometer_sd: bias of the specific force per axis at first [m/s^2].
+        accelerometer_sd: bias of the specific force per axis at first [m/s^2]; likewise.
         accelerometer_rate: its random walk, likewise [m/s^2].
         level_sd: error of roll and pitch, which lasts [rad]; 0 has none estimated.
         yaw_sd: error of the yaw, which lasts [rad].

@@ -126,6 +126,12 @@ RULES = (
         _paper(lambda s: s.estimator.rates == "measured", True),
         "estimator.rates measured",
     ),
+    Rule(("imu.standstill",), _FORCE, "estimator.kind tight, or force measured"),
+    Rule(
+        tuple(f"{_T}{of}.{sensor}_sd" for of in ("walks", "imu") for sensor in ("accelerometer", "gyroscope")),
+        lambda s: s.samples_at_rest == 0 or s.estimator.kind not in ("intermittent", "tight"),
+        "imu.standstill of 0: the imu was zeroed at rest",
+    ),
     *(
         Rule((f"{_B}{of}_time",), _paper(_lasts(of), True), f"estimator.biases of {of} above 0")
         for of in ("uwb", "camera", "imu", "row")

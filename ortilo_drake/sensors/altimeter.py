@@ -19,10 +19,8 @@ from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Positive
-from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
-from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
 
 MAX_TILT = 1.2  # beyond which the beam meets the floor too far away [rad]
 
@@ -102,16 +100,6 @@ def upright_range(numbers: AltimeterNumbers, payload: np.ndarray, xhat: np.ndarr
 COMPILED = Compiled(numbers_of, 1, 1, measured_range, upright_range)
 
 
-def make_world(scenario: Scenario, room: Room) -> StateSensor:
-    """Return the sensor in the world; payload [r]."""
-    return compiled_sensor("altimeter", COMPILED, scenario, room)
-
-
-def make_onboard(scenario: Belief, room: Room) -> FixSolver:
-    """Return what turns the range upright."""
-    return compiled_solver("altimeter", COMPILED, 1, scenario, room)
-
-
 def slant_ranges(states: np.ndarray, floor: float) -> np.ndarray:
     """Return slant_range at states (n, 12)."""
     return np.array([slant_range(x, floor) for x in np.ascontiguousarray(states)])
@@ -138,8 +126,6 @@ register_sensor(
         "altimeter",
         Altimeter,
         (row("z_alt", z=1.0),),
-        make_world=make_world,
-        make_onboard=make_onboard,
         sd=row_sd,
         limits=limits,
         compiled=COMPILED,

@@ -3,15 +3,11 @@
 import numpy as np
 from pydrake.systems.framework import System
 
-from ortilo_drake.loop.element import Box, outside
-from ortilo_drake.loop.shell import WiredSystem_
-from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.measurement import CAMERA, IMU, UWB
 from ortilo_drake.model.parts import Sensor, find_sensor
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import IMU_SIZE, N_XBAR, PAYLOAD, uwb_size
+from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.model.white_noise import white_variances
-from ortilo_drake.onboard.estimator.whole_belief import together_box
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.scenario import Belief, Scenario
@@ -19,11 +15,7 @@ from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.scenario import Uwb as UwbSettings
 from ortilo_drake.sensors.faster import with_samples
-
-
-def _imu_period(scenario: Belief) -> float:
-    """Return the time between two samples of the imu [s]."""
-    return scenario.h / scenario.samples("imu")
+from ortilo_drake.sensors.messages import solver_system
 
 
 def _diagonal(variances: tuple[float, ...] | None) -> np.ndarray | None:
@@ -40,21 +32,6 @@ def as_known(scenario: Belief, room: Room) -> Room:
     return room if scenario.landmark_fix.shapes == "outlines" else room.model_copy(update={"landmark_outline": {}})
 
 
-def solver_system(port: str, size: int, solver: Box, h: float) -> System:
-    """Return an element that makes fixes as a System with the ports of make_onboard (model/parts.py).
-
-    Args:
-        port: name of the messages' port.
-        size: of a message.
-        solver: reads `message` and `belief`.
-        h: tick [s].
-    """
-    prior = together_box("prior")
-    inputs = [outside(port, size), outside("estimate", N_XBAR), outside("covariance", N_XBAR**2)]
-    wiring = Wiring([*inputs, prior, solver.reading(message=port, belief="prior")])
-    return WiredSystem_[float](solver.name, wiring, {"fix": (solver.name,)}, h)
-
-
 def _uwb_solver(scenario: Belief, room: Room) -> System:
     solver = fix_box(scenario.multilateration, room.anchor_positions)
     return solver_system("uwb", uwb_size(len(room.anchors)), solver, scenario.h)
@@ -65,7 +42,6 @@ BUILT_IN = {
         "uwb",
         UwbSettings,
         UWB,
-        make_world=None,
         sd=_of_fix,
         make_onboard=_uwb_solver,
         V=lambda scenario: _diagonal(scenario.estimator.V.uwb),
@@ -74,7 +50,6 @@ BUILT_IN = {
         "camera",
         CameraSettings,
         CAMERA,
-        make_world=None,
         sd=_of_fix,
         make_onboard=lambda scenario, room: LandmarkFix(
             scenario.landmark_fix, as_known(scenario, room), scenario.image_width, scenario.h
@@ -85,10 +60,9 @@ BUILT_IN = {
         "imu",
         ImuSettings,
         IMU,
-        make_world=None,
-        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.sds(_imu_period(scenario))[0]),
+        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.sds(scenario.imu_period)[0]),
         payload=IMU_SIZE - PAYLOAD,
-        V=lambda scenario: np.diag(white_variances(scenario.estimator.V.imu, _imu_period(scenario))),
+        V=lambda scenario: np.diag(white_variances(scenario.estimator.V.imu, scenario.imu_period)),
     ),
 }
 

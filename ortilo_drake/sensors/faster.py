@@ -19,7 +19,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.messages import message_port, message_size
+from ortilo_drake.sensors.messages import message_port, message_size, solver_of
 
 
 def with_samples(sensor: Sensor, n: int) -> Sensor:
@@ -41,6 +41,7 @@ def with_samples(sensor: Sensor, n: int) -> Sensor:
         V=V,
         sd=sd,
         make_onboard=lambda scenario, room: make_mean_fix(sensor, n, scenario, room),
+        compiled=None,
     )
 
 
@@ -59,12 +60,13 @@ def make_mean_fix(sensor: Sensor, n: int, scenario: Belief, room: Room) -> Diagr
         room: its room.
     """
     builder = DiagramBuilder()
-    solver = None if sensor.make_onboard is None else builder.AddSystem(sensor.make_onboard(scenario, room))
+    solver = solver_of(sensor, scenario, room)
     name = sensor.name if solver is None else message_port(solver).get_name()
     mean = builder.AddSystem(SampleMean(name, message_size(sensor, scenario, room), n))
     builder.ExportInput(mean.get_input_port(), name)
     fix = mean.get_output_port()
     if solver is not None:
+        builder.AddSystem(solver)
         builder.Connect(fix, message_port(solver))
         for port in ("estimate", "covariance"):
             if solver.HasInputPort(port):

@@ -26,11 +26,9 @@ from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Positive
-from ortilo_drake.onboard.fix_solver import FixSolver, compiled_solver
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.sensors.altimeter import slant_range, slant_ranges
-from ortilo_drake.world.sensors.state_sensor import StateSensor, compiled_sensor
 from ortilo_drake.world.vehicle.rotors import times
 
 WORST = 0.05  # quality below which there is no measurement
@@ -136,16 +134,6 @@ def velocity_over_ground(numbers: FlowNumbers, payload: np.ndarray, xhat: np.nda
 COMPILED = Compiled(numbers_of, 5, 4, measured_flow, velocity_over_ground)
 
 
-def make_world(scenario: Scenario, room: Room) -> StateSensor:
-    """Return the sensor in the world; payload [flow_x, flow_y, w_x, w_y, quality]."""
-    return compiled_sensor("flow", COMPILED, scenario, room)
-
-
-def make_onboard(scenario: Belief, room: Room) -> FixSolver:
-    """Return what turns the flow into the velocity over ground."""
-    return compiled_solver("flow", COMPILED, 2, scenario, room)
-
-
 def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
     """Return the noise of the velocity (n, 2) [m/s] at true states (n, 12), NaN where there is none."""
     numbers = numbers_of(scenario, room)
@@ -170,8 +158,6 @@ register_sensor(
         "flow",
         Flow,
         (row("x_dot_flow", x_dot=1.0), row("y_dot_flow", y_dot=1.0)),
-        make_world=make_world,
-        make_onboard=make_onboard,
         sd=row_sd,
         limits=limits,
         compiled=COMPILED,

@@ -1,10 +1,15 @@
-"""Ports and sizes of the sensors' messages."""
+"""The sensors' messages: their ports and sizes, and what makes fixes of them as a System."""
 
 from pydrake.systems.framework import InputPort, System
 
+from ortilo_drake.loop.element import Box, outside
+from ortilo_drake.loop.shell import WiredSystem_
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.model.signals import N_XBAR, PAYLOAD
+from ortilo_drake.onboard.estimator.whole_belief import together_box
+from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.scenario import Belief
 
 
@@ -14,8 +19,34 @@ def message_port(system: System) -> InputPort:
     return next(port for port in ports if port.get_name() not in ("estimate", "covariance"))
 
 
+def solver_system(port: str, size: int, solver: Box, h: float) -> System:
+    """Return an element that makes fixes as a System with the ports of make_onboard (model/parts.py).
+
+    Args:
+        port: name of the messages' port.
+        size: of a message.
+        solver: reads `message` and `belief`.
+        h: tick [s].
+    """
+    prior = together_box("prior")
+    inputs = [outside(port, size), outside("estimate", N_XBAR), outside("covariance", N_XBAR**2)]
+    wiring = Wiring([*inputs, prior, solver.reading(message=port, belief="prior")])
+    return WiredSystem_[float](solver.name, wiring, {"fix": (solver.name,)}, h)
+
+
+def solver_of(sensor: Sensor, scenario: Belief, room: Room) -> System | None:
+    """Return what makes a fix of a sensor's message as a System; None where the message begins with the value."""
+    if sensor.compiled is None:
+        made: System | None = None if sensor.make_onboard is None else sensor.make_onboard(scenario, room)
+        return made
+    box = own_fix_box(sensor.name, sensor.compiled, len(sensor.rows), scenario, room)
+    return None if box is None else solver_system(sensor.name, PAYLOAD + sensor.compiled.payload, box, scenario.h)
+
+
 def message_size(sensor: Sensor, scenario: Belief, room: Room) -> int:
     """Return the size of a sensor's message."""
+    if sensor.compiled is not None:
+        return PAYLOAD + sensor.compiled.payload
     if sensor.make_onboard is not None:
         return int(message_port(sensor.make_onboard(scenario.belief, room)).size())
     m = len(sensor.rows)

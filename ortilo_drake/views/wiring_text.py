@@ -79,9 +79,9 @@ def parts_of(wiring: Wiring, box: Box) -> Iterator[tuple[str, str]]:
         ("reads", all_reads(wiring, box)),
         ("holds", [f"{held} ({wiring.boxes[held].size})" for held in box.holds]),
         ("parts", [f"{part} ({size})" for part, (_, size) in box.parts.items() if not box.holds]),
-        ("numbers", [value_text(number.name, given.numbers[number.name]) for number in element.numbers]),
+        ("numbers", [value_text(number.name, given.numbers[number.name]) for number in element.constants]),
         ("state", [value_text(array.name, given.start[array.name]) for array in element.state]),
-        ("tables", [value_text(array.name, given.tables[array.name]) for array in element.tables]),
+        ("tables", [value_text(array.name, given.tables[array.name]) for array in element.arrays]),
         ("work", [f"{name} {shape}" for name, shape in box.work.items()]),
     ):
         if said:
@@ -137,14 +137,11 @@ def function_text(function: Callable[..., None]) -> str:
 
 
 def written_by_hand(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function, or what a part of one's own gave where loop/shares.py made the element's function of it."""
-    if function.__code__.co_filename != "<string>":
+    """Return a function, or what a part of one's own gave where the package's function only says what that gives."""
+    if "<locals>" not in function.__qualname__ or not function.__module__.startswith(f"{PACKAGE.name}."):
         return function
-    given: Callable[..., Any] = function.__globals__["function"]
-    if "<locals>" not in given.__qualname__ or not given.__module__.startswith(PACKAGE.name):
-        return given
-    enclosed = inspect.getclosurevars(given).nonlocals.values()  # what says a message or a fix, about what is given
-    return next((value for value in enclosed if callable(value)), given)
+    enclosed = inspect.getclosurevars(function).nonlocals.values()
+    return next((value for value in enclosed if callable(value)), function)
 
 
 def row(cells: tuple[str, ...], widths: tuple[int, ...]) -> Iterator[str]:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+from sameness import apart
 from scipy.stats import chi2
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.sameness import apart
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan

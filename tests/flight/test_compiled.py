@@ -7,12 +7,12 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from sameness import apart
 
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.figures import TRACE_SIZE, TRUE, squared_path_distances
 from ortilo_drake.flight.metrics import nis, summary
-from ortilo_drake.flight.sameness import apart
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, scenario_names
 
@@ -109,7 +109,7 @@ def test_what_is_drawn_in_a_world_belongs_to_its_seed() -> None:
 
 
 def test_the_ready_made_scenarios_of_the_papers_sensors_are_compiled() -> None:
-    presets = ("paper_", "nominal_", "", "unbiased_", "robust_", "tight_")
+    presets = ("paper_", "printed_", "nominal_", "", "unbiased_", "robust_", "tight_")
     every = {"altimeter", "flow", "realistic_altimeter", "realistic_flow"}
     every |= {f"{preset}imu_uwb{camera}" for preset in presets for camera in ("", "_yolo")}
     assert {*every, "outage", "bursty_link", "uwb_walls", "rotors", "realistic", "realistic_tight"} <= COMPILED

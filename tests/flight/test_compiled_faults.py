@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from sameness import apart
 
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import FlightSimulator
-from ortilo_drake.flight.sameness import apart
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.world.faults.table import KINDS

@@ -8,13 +8,13 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from sameness import apart
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
-from ortilo_drake.flight.sameness import apart
 from ortilo_drake.model import parts
 from ortilo_drake.model.equations import euler_rates, rotation_matrix
 from ortilo_drake.onboard.servo.lq_gain import servo_gain

@@ -36,6 +36,7 @@ NOISE = (
     f"imu.rate_density={0.002 * USUAL_ROOT}",
     f"imu.specific_force_density={0.05 * USUAL_ROOT}",
 )
+FLYING = "imu.standstill=0"  # nothing was zeroed before take-off
 
 
 def along(ticks: int) -> np.ndarray:
@@ -67,7 +68,7 @@ def dense(parts: list[list[tuple[int, float]]], count: int) -> np.ndarray:
 
 def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unknown() -> None:
     """No trick of the floor's: the specific force is a row of the step's force and its bias, all walks are summed."""
-    scenario, truth = load_scenario("imu_uwb", (*TRUTH, *NOISE)), along(TICKS)
+    scenario, truth = load_scenario("imu_uwb", (*TRUTH, *NOISE, FLYING)), along(TICKS)
     bound = state_bound(scenario, truth)
     assert bound is not None
     room, h, m = scenario.load_room(), scenario.h, scenario.vehicle.mass
@@ -142,7 +143,7 @@ def test_one_error_more_never_lowers_the_floor(entry: str, share: float) -> None
 @pytest.mark.parametrize("entry", ["survey.landmarks", "survey.landmarks_sd", "camera.position", "camera.angles"])
 def test_boxes_see_a_moved_landmark_or_camera_as_projections_do(entry: str) -> None:
     value = "0.01" if entry.endswith("_sd") else "[0.01, 0.01, 0.01]"
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected", f"truth.{entry}={value}"))
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected", FLYING, f"truth.{entry}={value}"))
     room, truth = scenario.load_room(), along(1)
     tables = camera_tables(scenario, room)
     assert tables is not None
@@ -174,10 +175,20 @@ def test_boxes_see_a_moved_landmark_or_camera_as_projections_do(entry: str) -> N
 
 
 def test_nothing_unknown_adds_nothing() -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected", FLYING))
     errors = unknown_errors(scenario, scenario.load_room(), 0.5)
     assert errors.sd.size == 0
     assert errors.G.shape == (12, 0)
+
+
+def test_of_biases_that_were_zeroed_at_rest_the_mean_noise_is_left() -> None:
+    """60 samples of a level imu; what it drew is gone, and gravity stands as its angles say on average."""
+    biases = "truth.imu={rates_sd: 0.1, specific_force_sd: 0.3}"
+    scenario = load_scenario("imu_uwb", (biases, "imu.standstill=2", "imu.link.rate=30"))
+    errors, imu = unknown_errors(scenario, scenario.load_room(), 0.0), scenario.imu
+    turned = np.hypot(imu.specific_force_density, GRAVITY * imu.angle_density)
+    left = np.array([turned, turned, imu.specific_force_density, *[imu.rate_density] * 3]) / np.sqrt(2.0)  # over 2 s
+    np.testing.assert_allclose(errors.sd, left, rtol=1e-12)
 
 
 def test_a_registered_sensor_errs_as_the_filter_believes() -> None:

@@ -380,7 +380,7 @@ def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
     [
         (["tables", "--flights", "0"], ["--flights", "1"]),
         (["tables", "--workers", "0"], ["--workers", "1"]),
-        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "nominal", "paper"]),
+        (["tables", "--preset", "best"], ["--preset", "best", "tuned", "nominal", "paper", "printed"]),
         (["fly", "--seed", "one"], ["--seed", "integer"]),
         (["fly", "nominal_imu_uwb", "nominal_imu_uwb"], ["nominal_imu_uwb"]),
         (["fly", "--fast"], ["--fast"]),

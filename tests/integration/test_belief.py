@@ -86,13 +86,19 @@ def test_another_world_leaves_the_belief_as_it_is() -> None:
     assert scenario_digest(one) == scenario_digest(other)
     kept = one.belief.model_dump(mode="json")
     assert not kept.keys() & {"truth", "seed", "world", "command_link", "failsafe", "settle"}
-    for sensor, more in (("imu", set()), ("uwb", set()), ("camera", {"kind", "width", "latency"})):
+    for sensor, more in (("imu", {"standstill"}), ("uwb", set()), ("camera", {"kind", "width", "latency"})):
         assert kept[sensor].keys() == {"link", *more}
         assert kept[sensor]["link"].keys() == {"rate"}
     registered = load_scenario("flow", (*BASE, "altimeter.link={rate: 15.0, loss: 0.1, delay: 2}")).belief
     assert registered.settings_of("altimeter").link == Link(rate=15.0)
     # What the team itself decides is in it.
-    for setting in ("estimator.delay=replay", "vehicle.mass=3.0", "uwb.link.rate=15", "altimeter.sd=0.1"):
+    for setting in (
+        "estimator.delay=replay",
+        "vehicle.mass=3.0",
+        "uwb.link.rate=15",
+        "imu.standstill=9",
+        "altimeter.sd=0.1",
+    ):
         assert load_scenario("flow", (*BASE, setting)).belief != one.belief
 
 

@@ -213,7 +213,7 @@ def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("preset", ["paper", "tuned", "nominal"])
+@pytest.mark.parametrize("preset", ["paper", "tuned", "nominal", "printed"])
 def test_tables_of_lost_flights_count_them(capsys: pytest.CaptureFixture[str], tmp_path: Path, preset: str) -> None:
     storm = "world.disturbance.torque_density=0.913"
     words = ["--flights", "1", "--workers", "1", "--preset", preset, "--set", HOVER, "--set", storm]

@@ -129,6 +129,7 @@ COMMANDS: dict[str, Command] = {
     "fly": with_settings("fly", "S", "--json", "F/fly.json", "--html", "F/fly.html", "--png", "F/fly.png"),
     "live": with_settings("live", "S", "--no-wait"),
     "diagram": with_settings("diagram", "S", "--svg", "F/diagram.svg"),
+    "export": with_settings("export", "S", "--target", "x86-64", "--ticks", 3, "--out", "F/half"),
     "analyze": with_settings("analyze", "S", "--flights", 0, "--out", "F/analyze"),
     "hindsight": with_settings("hindsight", "S", *ONE),
     "sensitivity": with_settings("sensitivity", "S", *ONE, "--out", "F/sensitivity"),
@@ -158,7 +159,7 @@ CHOSEN = (
     ("scenario check", "rotors"), ("diagram", "realistic_flow"), ("live", "own_planner"), ("rare", "own_servo"),
     ("report", "outage"), ("replay", "uwb_walls"), ("hindsight of a log", "own_servo"), ("map", "own_estimator"),
     ("hil world", "bursty_link"), ("room coverage", "altimeter"), ("linearize", "own_servo"),
-    ("linearize", "unbiased_imu_uwb"), ("tune", "tight_imu_uwb"),
+    ("linearize", "unbiased_imu_uwb"), ("tune", "tight_imu_uwb"), ("export", "own_servo"), ("export", "altimeter"),
 )  # fmt: skip
 
 

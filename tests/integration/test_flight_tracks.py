@@ -1,4 +1,4 @@
-"""The ready-made flights stay what they were: to 1e-9 m, on whatever processor, and rendered ones to a millimetre."""
+"""The ready-made flights stay what they were: to 1e-9 m on any processor, rendered ones as far as rounding lets."""
 
 import json
 
@@ -30,5 +30,9 @@ def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: ra
 @pytest.mark.egl
 @pytest.mark.parametrize(("name", "camera"), RENDERED)
 def test_rendered_flights_are_what_they_were(name: str, camera: str) -> None:
-    """The detector computes in single precision, whose sums differ between processors."""
-    check(name, camera, SEEDS[camera], 1e-3)
+    """The detector computes in single precision, whose sums differ between processors.
+
+    The paper's own filter magnifies that: on one processor its flights by the detector's three backends, which add in
+    other orders, are up to 1.6 cm apart.
+    """
+    check(name, camera, SEEDS[camera], 5e-2 if name.startswith("paper") else 1e-3)

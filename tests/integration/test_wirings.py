@@ -84,7 +84,7 @@ def test_the_filter_takes_what_the_handler_hands_over(variant: tuple[str, tuple[
     filters = wiring.boxes["filter"]
     if filters.element.name not in ("filter", "replay_filter"):
         return
-    first, block = filters.given.tables["first"], filters.given.tables["block"]
+    first, block = filters.given.tables["layout_first"], filters.given.tables["layout_block"]
     sizes = {port: wiring.wires["filter", port].size for port in filters.element.inputs}
     assert (sizes["y"], sizes["delta"], sizes["V2"]) == (first[-1], len(first) - 1, block[-1])
     if "stamps" in sizes:
@@ -107,7 +107,7 @@ def test_every_message_that_flies_reaches_the_handler_or_filter(variant: tuple[s
     if "messages" not in wiring.boxes:
         return
     handed, handler = wiring.boxes["messages"], wiring.boxes["handler"]
-    begins = handler.given.tables["start"]
+    begins = handler.given.tables["incoming_start"]
     flies = [name in scenario.sensors for name in scenario.measurement.sensors]
     np.testing.assert_array_equal(begins >= 0, flies)
     assert sorted(begins[begins >= 0].tolist()) == [first for first, _ in handed.parts.values()]

@@ -127,7 +127,7 @@ def test_distance_is_scipys_mahalanobis() -> None:
         V = random_P(rng)[:3, :3]
         p = xhat[:3] + rng.normal(size=3)
         expected = mahalanobis(p, xhat[:3], np.linalg.inv(P[:3, :3] + V)) ** 2
-        measured = squared_distance(p - xhat[:3], np.eye(3, 12), P.ravel(), V)
+        measured = squared_distance(p - xhat[:3], np.eye(3, 12), P.ravel(), V.ravel(), np.empty((3, 3)))
         assert measured == pytest.approx(expected, rel=1e-10)
 
 
@@ -162,7 +162,7 @@ def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray)
 def test_a_fix_is_infinitely_far_from_a_prediction_that_is_no_number(where: str) -> None:
     e, P = np.ones(3), np.eye(15).ravel()
     (e if where == "position" else P)[1] = np.nan
-    assert squared_distance(e, np.eye(3, 12), P, np.eye(3)) == np.inf
+    assert squared_distance(e, np.eye(3, 12), P, np.eye(3).ravel(), np.empty((3, 3))) == np.inf
 
 
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:

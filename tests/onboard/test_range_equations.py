@@ -10,6 +10,7 @@ from ortilo_drake.onboard.ranging.range_equations import (
     Symmetric,
     fix_with_covariance,
     inverse,
+    matrix,
     normal_equations,
 )
 from ortilo_drake.onboard.ranging.range_equations import product as times
@@ -90,11 +91,12 @@ def test_a_position_is_a_fix_if_it_is_known_to_ten_metres(lasts: float) -> None:
     anchors, ranges = p + 4.0 * np.eye(3), np.full(3, 4.0)
     for share, found in [(0.99, True), (1.01, False)]:
         sd = share * MAX_SD / np.sqrt(3.0)
-        answer, q, C = fix_with_covariance(p, ranges, there, anchors, np.array([sd, 0.0, lasts]))
+        answer, q, C = fix_with_covariance(tuple(p), ranges, there, anchors, np.array([sd, 0.0, lasts]))
         assert answer == found
         np.testing.assert_array_equal(q, p)
-        np.testing.assert_allclose(C, sd**2 * np.eye(3) if found else np.zeros((3, 3)), rtol=1e-9)
-    assert not fix_with_covariance(p, ranges, np.array([1.0, 1.0, 0.0]), anchors, np.array([0.1, 0.0, lasts]))[0]
+        np.testing.assert_allclose(matrix(C), sd**2 * np.eye(3) if found else np.zeros((3, 3)), rtol=1e-9)
+    two = np.array([1.0, 1.0, 0.0])
+    assert not fix_with_covariance(tuple(p), ranges, two, anchors, np.array([0.1, 0.0, lasts]))[0]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -110,6 +112,6 @@ def test_with_errors_that_last_the_weights_are_of_both_and_the_covariance_of_wha
     _, N, _ = normal_equations(p, ranges, there, anchors, noise)
     np.testing.assert_allclose(dense(N), J.T @ weights @ J, rtol=1e-10)
     by_ranges = np.linalg.solve(J.T @ weights @ J, J.T @ weights)
-    found, _, C = fix_with_covariance(p, ranges, there, anchors, noise)
+    found, _, C = fix_with_covariance(tuple(p), ranges, there, anchors, noise)
     assert found
-    np.testing.assert_allclose(C, by_ranges @ new @ by_ranges.T, rtol=1e-9)
+    np.testing.assert_allclose(matrix(C), by_ranges @ new @ by_ranges.T, rtol=1e-9)

@@ -27,7 +27,7 @@ def test_from_however_far_away_the_descent_ends_in_a_minimum_below_the_start(far
     ranges = np.linalg.norm(p - ANCHORS, axis=1) * (1.0 + 0.0075 * rng.normal(size=len(ANCHORS)))
     direction = rng.normal(size=3)
     start = p + far * direction / np.linalg.norm(direction)
-    least, q = descend(ranges, ALL, ANCHORS, NOISE, start)
+    least, q = descend(ranges, ALL, ANCHORS, NOISE, tuple(start))
     xx, xy, xz, yy, yz, zz = normal_equations(q, ranges, ALL, ANCHORS, NOISE)[1]
     assert least <= cost(start, ranges, ANCHORS)
     assert least == pytest.approx(cost(q, ranges, ANCHORS), rel=1e-9)
@@ -44,14 +44,14 @@ def test_from_between_anchors_of_one_plane_the_damped_step_goes_on_where_no_othe
     square = np.array([[0.0, 0.0, 2.0], [6.0, 0.0, 2.0], [6.0, 6.0, 2.0], [0.0, 6.0, 2.0]])
     p = np.array([2.0, 2.5, 2.0])
     ranges = np.linalg.norm(p - square, axis=1)
-    least, q = descend(ranges, np.ones(4), square, NOISE, np.array([4.0, 4.0, 2.0]))
+    least, q = descend(ranges, np.ones(4), square, NOISE, (4.0, 4.0, 2.0))
     assert least < 1e-12
     np.testing.assert_allclose(q, p, atol=1e-6)
 
 
 def test_what_cannot_converge_says_so() -> None:
     """No range: nothing to go by, no N to invert, whatever the damping."""
-    least, q = descend(np.ones(len(ANCHORS)), 0.0 * ALL, ANCHORS, NOISE, np.array([1.0, 2.0, 3.0]))
+    least, q = descend(np.ones(len(ANCHORS)), 0.0 * ALL, ANCHORS, NOISE, (1.0, 2.0, 3.0))
     assert least == np.inf
     np.testing.assert_array_equal(q, [1.0, 2.0, 3.0])
 

@@ -35,7 +35,7 @@ def test_an_unknown_key_is_answered_with_the_one_that_was_meant(setting: str, me
 def test_a_key_of_no_likeness_is_answered_with_what_its_group_has() -> None:
     with pytest.raises(InputError, match=r"uwb\.link\.zzz: unknown key .*known are rate, loss, blackouts, delay"):
         load_scenario("imu_uwb", ("uwb.link.zzz=1",))
-    with pytest.raises(InputError, match=r"'flow\.gyro_sd'\? imu has link, angle_density, rate_density"):
+    with pytest.raises(InputError, match=r"'flow\.gyro_sd'\? imu has link, standstill, angle_density, rate_density"):
         load_scenario("imu_uwb", ("imu.gyro_sd=1",))
 
 

@@ -38,6 +38,8 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
         ("nominal_imu_uwb_yolo", {"uwb", "camera", "imu"}),
         ("paper_imu_uwb", {"uwb", "imu"}),
         ("paper_imu_uwb_yolo", {"uwb", "camera", "imu"}),
+        ("printed_imu_uwb", {"uwb", "imu"}),
+        ("printed_imu_uwb_yolo", {"uwb", "camera", "imu"}),
     ):
         scenario = load_scenario(name)
         assert set(scenario.sensors) == sensors

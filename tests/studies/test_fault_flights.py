@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
-from scipy.stats import chi2
+from scipy.stats import binomtest, chi2
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -89,6 +89,23 @@ def test_lost_flights_fail_and_are_left_out_of_the_errors_with_their_seeds() -> 
     assert (nothing.during, nothing.recovery, nothing.passed) == (None, None, False)
 
 
+def test_medians_count_lost_flights_as_worst() -> None:
+    without = [made_up(seed, 0.01, {}) for seed in range(9)]
+    errors = [0.01 * (2 + seed) for seed in range(9)]  # 2 to 10 times
+    flown = [made_up(seed, 0.01, {range(20, 30): e}, lost=40.0 if seed < 2 else None) for seed, e in enumerate(errors)]
+    row = row_of("mine", PASSING, flown, without)
+    share = binomtest(2, 9).proportion_ci(0.95, method="wilson")
+    assert row.lost_share == pytest.approx((share.low, share.high))
+    assert row.during is not None
+    ratios = row.during.ratios
+    assert (ratios.kept, ratios.median) == (pytest.approx(7.0), pytest.approx(8.0))  # 4 to 10; two more at the end
+    assert ratios.interval == (pytest.approx(5.0), np.inf)  # the second and the eighth of nine
+    assert row.during.errors.kept == pytest.approx(0.07)
+    assert "| gust | mine | 80 [50, lost]; kept 70 [40, 100] |" in fault_text(
+        FaultStudy(["mine"], 9, 10.0, 5.0, [0], [row])
+    )
+
+
 def test_recovery_is_the_first_five_seconds_that_are_good() -> None:
     calm = np.ones((2, 60))
     flown = calm.copy()
@@ -141,10 +158,16 @@ def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> Non
     found = FaultStudy(["mine", "yours"], 1, 10.0, 5.0, [0, 0], rows)
     text = fault_text(found)
     assert text.startswith(
-        "# Faults in flight: mine yours\n\n## In short\n\n- `mine` passes 0 of 2 faults and loses 1 of 2"
+        "# Faults in flight: mine yours\n\n## In short\n\n- `mine` passes 0 of 2 faults and loses 1 of 2 [9.5, 91 %] "
+        "flights, 0 of 1 [0, 79 %] without a fault."
     )
-    assert "| gust | mine | 0 of 1 | 20 | 20 | 20 | 2.00 | 2.00 | never | 4.0 | 4.0 | no: after |" in text
-    assert "| clock_jump | yours | 1 of 1 | - | - | - | - | - | - | - | - | no: lost |" in text
+    assert (
+        "| gust | mine | 0 of 1 [0, 79 %] | 20 | 20 | 20 | 2.00 | 2.00 | never | 4.0 [?] | 4.0 [?] | no: after |"
+        in text
+    )
+    assert "| gust | mine | 20 [?] | 20 [?] | 2.0 [?] | 2.0 [?] |" in text
+    assert "| clock_jump | yours | lost | lost | lost | lost |" in text
+    assert "| clock_jump | yours | 1 of 1 [21, 100 %] | - | - | - | - | - | - | - | - | no: lost |" in text
     assert fault_figure(found, tmp_path / "faults.png").stat().st_size > 5000
 
 
@@ -163,7 +186,7 @@ def test_the_command_flies_two_faults_and_goes_on_where_it_stopped(
         ("anchor_moved", "imu_uwb"),
     ]
     assert all(row["before"]["ratio"] == 1.0 and row["during"]["ratio"] > 1.0 for row in found["rows"])
-    assert "| gust | imu_uwb | 0 of 1 |" in said
+    assert "| gust | imu_uwb | 0 of 1 [0, 79 %] |" in said
     assert "Made by `ortilo faults imu_uwb" in (tmp_path / "faults.md").read_text()
     files = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.kept")}
     assert len(files) == 3

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,10 +13,16 @@ from ortilo_drake.studies.sensitivity import sensitivity_flights
 from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown
 from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, Settings, all_together, mismatches_of
 from ortilo_drake.studies.sensitivity.outcomes import Outcome
-from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Row, Sensitivity, search, sensitivity
+from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Row, Sensitivity, _row, search, sensitivity
 from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 
 SHORT = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
+
+
+def row_of(mismatch: str, value: float, flights: int, lost: int) -> Row:
+    """Return a row of made-up flights, whose errors are 0.0090, 0.0091, 0.0092 and so on."""
+    outcomes = [Outcome(k, k >= flights - lost, dict.fromkeys("xyz", 0.009 + 0.0001 * k), 3.1) for k in range(flights)]
+    return _row(mismatch, value, [replace(one, nees=9.0) if one.lost else one for one in outcomes])
 
 
 def made_up(
@@ -112,11 +119,15 @@ def test_the_report_says_what_is_known(tmp_path: Path) -> None:
     mass, force = MISMATCHES[0].name, "force in y [N]"
     found = Sensitivity(
         "nominal_imu_uwb",
-        [Row("none", 0.0, 20, 0, {"x": 0.01, "y": 0.02, "z": 0.03}, 3.1), Row(mass, 10.0, 20, 20, None, None)],
+        [row_of("none", 0.0, 20, 0), row_of(mass, 10.0, 20, 20), row_of(mass, 2.0, 20, 4)],
         [Limit(mass, 4.2, (3.0, 6.1)), Limit(force, None, (5.0, None)), Limit("yaw of the IMU [deg]", 0.0, (0.0, 0.1))],
     )
     text = sensitivity_text(found)
-    assert f"| {mass} | 10 | 20 of 20 | - | - | - | - |" in text
+    assert "| none | 0 | 0 of 20 [0, 16 %] | 0.0099 [0.0095, 0.0104] |" in text
+    assert f"| {mass} | 10 | 20 of 20 [84, 100 %] | lost | lost | lost | - | 9.0 |" in text
+    # The 6th and the 15th of 20, of which the worst four are lost; the 4th and the 13th of 16.
+    assert f"| {mass} | 2 | 4 of 20 [8.1, 42 %] | 0.0099 [0.0095, 0.0104]; kept 0.0097 [0.0093, 0.0102] |" in text
+    assert "| 3.100 [3.100, 3.100] | 4.3 |" in text  # (16 3.1 + 4 9) / 20
     assert f"| {mass} | 4.2 | 3 to 6.1 | 3 |" in text
     assert f"| {force} | beyond what was flown | 5 to ? | 0.1 |" in text
     assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
@@ -129,7 +140,7 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
     together = all_together(MISMATCHES).name
     found = Sensitivity(
         "nominal_imu_uwb",
-        [Row("none", 0.0, 20, 1, {"x": 0.01, "y": 0.02, "z": 0.03}, 3.1), Row(mass.name, 10.0, 20, 20, None, None)],
+        [row_of("none", 0.0, 20, 1), row_of(mass.name, 10.0, 20, 20)],
         [
             Limit(mass.name, 4.2, (3.0, 6.1)),  # 1.4 times a careful team's 3 %
             Limit(force.name, 0.12, (0.1, 0.2)),  # 1.2 times its 0.1 N, though the larger number is the mass's
@@ -140,7 +151,7 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
     )
     title, heading, *lines = (line for line in sensitivity_text(found).splitlines() if line)
     assert (title[:2], heading) == ("# ", "## In short")
-    assert lines[0] == "- Without any mismatch 1 of 20 flights are lost."
+    assert lines[0] == "- Without any mismatch 1 of 20 [0.89, 24 %] flights are lost."
     assert lines[1] == f"- 5% are lost at less than was flown of: {yaw.name}."
     assert lines[2].startswith(f"- Least room is left by '{force.name}': 5% are lost at 0.12, 1.2 times")
     assert lines[3] == "- 1 of 4 mismatches were not found to lose that many at any value flown."
@@ -154,26 +165,26 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
 )
 def test_the_summary_says_when_no_limit_of_all_together_is_known(value: float | None, said: str) -> None:
     limits = [Limit(MISMATCHES[0].name, 4.2, (3.0, 6.1)), Limit(all_together(MISMATCHES).name, value, (None, None))]
-    text = sensitivity_text(Sensitivity("nominal_imu_uwb", [Row("none", 0.0, 20, 0, None, None)], limits))
+    text = sensitivity_text(Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 20, 0)], limits))
     assert f"- All together {said}." in text
 
 
 def test_the_report_says_in_a_sentence_that_all_is_lost_without_mismatch(tmp_path: Path) -> None:
     found = Sensitivity(
         "nominal_imu_uwb",
-        [Row("none", 0.0, 10, 10, None, None), Row(MISMATCHES[0].name, 10.0, 10, 10, None, None)],
+        [row_of("none", 0.0, 10, 10), row_of(MISMATCHES[0].name, 10.0, 10, 10)],
         [Limit(m.name, *NO_LEVEL) for m in MISMATCHES if m.largest],
     )
     text = sensitivity_text(found)
     assert text.count("More than 5% of the flights are lost without any mismatch") == 1
     assert text.index("More than 5%") < text.index("| none |")
-    assert "95 % interval" not in text
+    assert "| 95 % interval |" not in text
     assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
 
 
 def test_the_report_says_in_a_sentence_that_nothing_in_range_loses_flights(tmp_path: Path) -> None:
     limits = [Limit(m.name, None, (m.largest / 1.2, None)) for m in MISMATCHES if m.largest]
-    found = Sensitivity("nominal_imu_uwb", [Row("none", 0.0, 10, 0, {"x": 0.01, "y": 0.02, "z": 0.03}, 3.1)], limits)
+    found = Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 10, 0)], limits)
     text = sensitivity_text(found)
     assert "No mismatch was found to lose 5% of the flights at any value up to the largest flown." in text
     assert text.count("beyond what was flown") == len(limits)
@@ -189,6 +200,6 @@ def test_a_filter_that_loses_everything_has_no_limits(tmp_path: Path, monkeypatc
     monkeypatch.setattr(sensitivity_flights, "fly_outcomes", lost_flights)
     said: list[str] = []
     found = sensitivity(lambda settings: load_scenario("nominal_imu_uwb", settings), 10, tmp_path, say=said.append)
-    assert all(row.lost == 10 and row.mse is None for row in found.rows)
+    assert all(row.lost == 10 and row.mse["x"].median == float("inf") for row in found.rows)
     assert all(limit.value == 0.0 for limit in found.limits)
     assert not any("search" in part for part in said)

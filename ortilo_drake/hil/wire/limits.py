@@ -114,7 +114,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         link = scenario.link_of(sensor)
         return link.delay + link.random_delay
 
-    angle_sd, rate_sd, specific_force_sd = scenario.imu.sds(h / scenario.samples("imu"))
+    angle_sd, rate_sd, specific_force_sd = scenario.imu.sds(scenario.imu_period)
     inertial = np.concatenate(
         (
             angles + SIGMAS * angle_sd,

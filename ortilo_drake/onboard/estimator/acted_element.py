@@ -5,16 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element
+from ortilo_drake.loop.element import Box
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
 from ortilo_drake.onboard.estimator.filter_element import open_belief
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.late_measurements import replay_step, with_acted
-from ortilo_drake.onboard.estimator.replay_element import REPLAY, belief_in, history_in, slot_in
-from ortilo_drake.onboard.estimator.structure import Structure
+from ortilo_drake.onboard.estimator.late_measurements import Slot, replay_step, with_acted
+from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in
 
 
 def acted_filter_step(
@@ -30,35 +29,20 @@ def acted_filter_step(
     opening: np.ndarray,
     memory: np.ndarray,
     less: np.ndarray,
-    Phi: np.ndarray,
-    Gamma: np.ndarray,
-    W: np.ndarray,
-    Gamma_a: np.ndarray,
-    columns: np.ndarray,
-    values: np.ndarray,
-    counts: np.ndarray,
-    mixing: np.ndarray,
-    keeps: np.ndarray,
-    C: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+    slot: Slot,
 ) -> None:
     """Take what arrived in tick k and what is known to have acted, and predict tick k + 1.
 
     As replay_filter_step, with the mean over each tick of what acted in it in the place of the command that was sent.
     """
-    slot, hover = slot_in(n), np.zeros(N_U)
+    hover = np.zeros(N_U)
     hover[0] = n.hover_thrust
     belief, history = belief_in(memory, slot), history_in(memory, slot)
     open_belief(belief, opening)
     for row in range(history.shape[0]):
         open_belief(history[row, slot.belief : slot.y], opening)
-    structure = Structure(columns, values, counts, mixing, keeps)
-    model = FilterModel(Phi, Gamma, W, n.integrator, Gamma_a, n.mass, n.yaw, structure)
-    layout = Layout(C, states, weights, first, block, is_position)
     start, end = k * n.h, (k + 1) * n.h
     sent = control - hover + hover  # rounded as in Drake, where the filter takes what differs from hover
     rows = with_command(unpacked(timeline), start + timeline[0], sent)
@@ -67,18 +51,7 @@ def acted_filter_step(
     put(replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, less, reference, model, layout), belief)
 
 
-ACTED = Element(
-    "acted_filter",
-    step=acted_filter_step,
-    numbers=REPLAY.numbers,
-    tables=REPLAY.tables,
-    state=REPLAY.state,
-    work=REPLAY.work,
-    shows=REPLAY.shows,
-    allocates=True,
-)
-
-
 def acted_box(replay: Box) -> Box:
     """Return the filter of replay_box that also reads the timeline of the commands, see commands/command_log.py."""
-    return replace(replay, element=ACTED).reading(timeline="command_log")
+    element = replace(replay.element, name="acted_filter", step=acted_filter_step)
+    return replace(replay, element=element).reading(timeline="command_log")

@@ -6,13 +6,12 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.belief import put_known_part
-from ortilo_drake.onboard.estimator.filter_loops import step_arrays
+from ortilo_drake.onboard.estimator.filter_loops import step_in_place
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.measurement_handler import LAYOUT
 from ortilo_drake.onboard.estimator.structure import structure_of
 
 KNOWN = N_XBAR + N_XBAR * N_XBAR  # of the belief of [x; i]
@@ -30,30 +29,14 @@ def filter_step(
     rows: np.ndarray,
     S: np.ndarray,
     less: np.ndarray,
-    Gamma: np.ndarray,
-    W: np.ndarray,
-    Gamma_a: np.ndarray,
-    columns: np.ndarray,
-    values: np.ndarray,
-    counts: np.ndarray,
-    mixing: np.ndarray,
-    keeps: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
 ) -> None:
-    """Take what arrived in tick k and predict tick k + 1, see filter_loops.step_arrays."""
+    """Take what arrived in tick k and predict tick k + 1, see filter_loops.step_in_place."""
     put(control, less)
     less[0] -= n.hover_thrust
     open_belief(belief, opening)
-    size = opening.size
-    step_arrays(
-        rows, S, belief, belief[size:].reshape((size, size)), y, delta, V2, less, reference,
-        Gamma, W, Gamma_a, n.integrator, n.mass, n.yaw, columns, values, counts, mixing, keeps,
-        states, weights, first, block, is_position,
-    )  # fmt: skip
+    step_in_place(rows, S, belief, y, delta, V2, less, reference, model, layout)
 
 
 @register_jitable
@@ -86,22 +69,10 @@ def extra_out(belief: np.ndarray, out: np.ndarray) -> None:
         out[e + i] = np.sqrt(belief[size + (size + 1) * (N_X + i)])
 
 
-MODEL = (
-    Array("Gamma", 2),
-    Array("W", 2),
-    Array("Gamma_a", 2),
-    Array("columns", 2, "i8"),
-    Array("values", 2),
-    Array("counts", kind="i8"),
-    Array("mixing", kind="i8"),
-    Array("keeps"),
-)
-MODEL_NUMBERS = (Number("hover_thrust"), Number("integrator", kind="i8"), Number("mass"), Number("yaw"))
 FILTER = Element(
     "filter",
     step=filter_step,
-    numbers=MODEL_NUMBERS,
-    tables=(*MODEL, *LAYOUT[1:]),
+    numbers=(Number("hover_thrust"),),
     state=(Array("belief"),),
     work=(Array("rows", 2), Array("S", 2), Array("less")),
     shows="belief",
@@ -111,12 +82,9 @@ EXTRA = Element("extra_part", out=extra_out)
 PARTS = Element("belief_parts", out=parts_out)
 
 
-def model_given(model: FilterModel, hover_thrust: float) -> Given:
-    """Return a filter's model as an element takes it."""
-    structure = model.structure or structure_of(model.Phi)
-    numbers = {"hover_thrust": hover_thrust, "integrator": model.integrator, "mass": model.mass, "yaw": model.yaw}
-    arrays = {"Gamma": model.Gamma, "W": model.W, "Gamma_a": model.Gamma_a}
-    return Given(numbers, tables=arrays | structure._asdict())
+def with_structure(model: FilterModel) -> FilterModel:
+    """Return a model that knows where its Phi is not 0."""
+    return model._replace(structure=model.structure or structure_of(model.Phi))
 
 
 def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
@@ -136,11 +104,9 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
         belief_0: first [xhat, P row by row] (n + n^2).
     """
     n, p = len(model.Phi) + N_I, measurement.sizes["y"]
-    given = model_given(model, hover_thrust)
-    layout = measurement.layout._asdict()
-    del layout["C"]
-    given = given.with_(Given(start={"belief": belief_0}, tables=layout))
-    return Box("filter", FILTER, n + n * n, given, work_of(n, p))
+    given = Given({"hover_thrust": hover_thrust}, {"belief": belief_0})
+    box = Box("filter", FILTER, n + n * n, given, work_of(n, p))
+    return box.taking(model=with_structure(model), layout=measurement.layout)
 
 
 def known_box(name: str) -> Box:

@@ -12,9 +12,6 @@ covariance:
     x^ <- Phi x^ + Gamma u,   P <- Phi P Phi^T + W
 
 G G^T is the printed K S K^T, K = G L^-1, and symmetric to the last bit.
-
-Model and layout are unpacked, not read by name: a System hands them in as plain tuples, which numba takes in half the
-time of named ones.
 """
 
 import numpy as np
@@ -31,7 +28,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     integrated_sensor,
     tilted_lift,
 )
-from ortilo_drake.onboard.estimator.structure import known_structure
+from ortilo_drake.onboard.estimator.structure import Structure, known_structure
 
 
 @register_jitable
@@ -96,29 +93,17 @@ def measure(
 
 
 @register_jitable
-def propagate(
-    P: np.ndarray,
-    W: np.ndarray,
-    columns: np.ndarray,
-    values: np.ndarray,
-    counts: np.ndarray,
-    mixing: np.ndarray,
-    keeps: np.ndarray,
-    rows: np.ndarray,
-) -> None:
+def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
     """Change P, of which N rows and columns are meant, to Phi P Phi^T + W, symmetric.
 
     Args:
         P: covariance.
         W: of the model (N, N).
-        columns: of the model's structure, as what follows; see structure.py (N, w).
-        values: likewise (N, w).
-        counts: likewise (N).
-        mixing: likewise (c).
-        keeps: likewise (N).
+        structure: of the model.
         rows: to work in (N, N or more).
     """
     N = W.shape[0]
+    columns, values, counts, mixing, keeps = structure
     for side in range(2):  # P Phi^T, then Phi times that
         for a in range(mixing.size):
             i = mixing[a]
@@ -154,7 +139,7 @@ def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def step_in_place(
-    work: np.ndarray,
+    rows: np.ndarray,
     S: np.ndarray,
     belief: np.ndarray,
     y: np.ndarray,
@@ -167,51 +152,13 @@ def step_in_place(
 ) -> None:
     """Change [xhat_{k|k-1}, P_k row by row] (n + n^2), in which P_ii = 0, to the same of tick k + 1.
 
-    Arguments as intermittent_step, after those of to_work_in.
+    It allocates nothing. Arguments as intermittent_step, after those of to_work_in; the model knows its structure.
     """
-    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known = model
+    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure = model
     _, states, weights, first, block, is_position = layout
-    columns, values, counts, mixing, keeps = known_structure(known, Phi)
+    columns, values, counts, _, _ = structure  # type: ignore[misc]  # the model knows it
     n = Phi.shape[0] + N_I
-    step_arrays(
-        work, S, belief, belief[n:].reshape((n, n)), y, delta, V2, u, r,
-        Gamma, W, Gamma_a, integrator, mass, yaw, columns, values, counts, mixing, keeps,
-        states, weights, first, block, is_position,
-    )  # fmt: skip
-
-
-@register_jitable
-def step_arrays(
-    work: np.ndarray,
-    S: np.ndarray,
-    belief: np.ndarray,
-    P: np.ndarray,
-    y: np.ndarray,
-    delta: np.ndarray,
-    V2: np.ndarray,
-    u: np.ndarray,
-    r: np.ndarray,
-    Gamma: np.ndarray,
-    W: np.ndarray,
-    Gamma_a: np.ndarray,
-    integrator: int,
-    mass: float,
-    yaw: float,
-    columns: np.ndarray,
-    values: np.ndarray,
-    counts: np.ndarray,
-    mixing: np.ndarray,
-    keeps: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
-) -> None:
-    """Do what step_in_place does, with the parts of model and layout by themselves; P is a view of the belief's (n, n).
-
-    numba counts no references in a function that takes arrays alone, and one for each array of a tuple.
-    """
+    P = belief[n:].reshape((n, n))
     N = W.shape[0]
     lift = tilted_lift(belief, u, mass, yaw) if N > N_X else (0.0, 0.0, 0.0)
     chosen = integrated_sensor(delta, is_position, integrator)
@@ -225,9 +172,9 @@ def step_arrays(
 
     for s in range(delta.size):
         if delta[s] != 0.0:
-            measure(belief, P, y, V2[block[s] :], first[s + 1] - first[s], first[s], states, weights, S, work)
+            measure(belief, P, y, V2[block[s] :], first[s + 1] - first[s], first[s], states, weights, S, rows)
 
-    x = work[0]
+    x = rows[0]
     for i in range(N):
         total = 0.0
         for c in range(counts[i]):
@@ -239,7 +186,7 @@ def step_arrays(
         x[i] = total
     for i in range(N):
         belief[i] = x[i]
-    propagate(P, W, columns, values, counts, mixing, keeps, work)
+    propagate(P, W, structure, rows)
 
 
 @njit(cache=True)
@@ -258,6 +205,8 @@ def filter_step(
     Arguments as intermittent_step.
     """
     after = belief.copy()
-    work, S = to_work_in(model[0].shape[0] + N_I, layout[3][-1])
-    step_in_place(work, S, after, y, delta, V2, u, r, model, layout)
+    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known = model
+    whole = FilterModel(Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known_structure(known, Phi))
+    rows, S = to_work_in(Phi.shape[0] + N_I, layout.first[-1])
+    step_in_place(rows, S, after, y, delta, V2, u, r, whole, layout)
     return after

@@ -3,14 +3,18 @@
 import numpy as np
 
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
+from ortilo_drake.model.measurement import IMU
 from ortilo_drake.model.signals import N_I, N_U, N_X
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.model.white_noise import USUAL_PERIOD
-from ortilo_drake.onboard.estimator.extra_states import Extra, names_of
+from ortilo_drake.model.white_noise import USUAL_PERIOD, white_variances
+from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
+from ortilo_drake.onboard.estimator.extra_states import B, C, Extra, names_of
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
 from ortilo_drake.onboard.estimator.structure import structure_of
 from ortilo_drake.scenario import DiagonalW, DisturbanceW
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
+
+IMU_BIASES = tuple(f"bias_{row.name}" for row in IMU)  # of roll, pitch and yaw
 
 
 def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: float = 0.0) -> np.ndarray:
@@ -21,17 +25,36 @@ def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: flo
     return disturbance_W(vehicle, h, *W.sds(h), yaw)
 
 
-def initial_covariance(settings: FilterSettings, extras: tuple[Extra, ...] = ()) -> np.ndarray:
+def initial_covariance(
+    settings: FilterSettings, extras: tuple[Extra, ...] = (), rest: Rest | None = None, yaw: float = 0.0
+) -> np.ndarray:
     """Return P_0 of [x; e; i] (15 x 15 without e): the scenario's variances, and 0 for the integral, which is known.
 
     A state that follows another, as the force of the step just flown follows d, is that one before the first tick too.
+
+    Args:
+        settings: of the filter.
+        extras: its states beside x.
+        rest: how the vehicle stood still before take-off, from which the imu's biases follow; None if it did not.
+        yaw: the heading that is held [rad].
     """
     variances = [e.walk.initial_sd**2 for e in extras for _ in e.names]
     P = np.diag([*np.repeat(np.square(settings.initial_sd), 3), *variances, 0.0, 0.0, 0.0])
     names = names_of(extras)
     from_ = np.arange(len(P))
     from_[N_X : N_X + len(names)] = [N_X + names.index(name) for e in extras for name in e.follows]
-    return P[np.ix_(from_, from_)]
+    P = P[np.ix_(from_, from_)]
+    V, walks = settings.V, settings.walks
+    if rest is not None and B[0] in names:
+        beta = [N_X + names.index(name) if name in names else -1 for name in IMU_BIASES]
+        variance = rest.variance(white_variances(V.specific_force, rest.period), walks.accelerometer_rate)
+        level_rate = settings.biases.level_sd * np.sqrt(2.0 / settings.biases.imu_time)
+        level = rest.variance(white_variances(V.imu, rest.period), level_rate)
+        zero_accelerometer(P, N_X + names.index(B[0]), beta, variance, level, yaw)
+    if rest is not None and C[0] in names:
+        variance = rest.variance(white_variances(V.rates, rest.period), walks.gyroscope_rate)
+        zero_gyroscope(P, N_X + names.index(C[0]), variance)
+    return P
 
 
 def filter_model(

@@ -23,6 +23,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.elementary import cos, sin
 from ortilo_drake.model.equations import euler_rates
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
@@ -81,8 +82,8 @@ def put_imu_rows(
     put(V2, V2_all)
     if delta[j] != 0.0:
         psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
-        y_all[p] = np.cos(psi) * f[0] - np.sin(psi) * f[1]
-        y_all[p + 1] = np.sin(psi) * f[0] + np.cos(psi) * f[1]
+        y_all[p] = cos(psi) * f[0] - sin(psi) * f[1]
+        y_all[p + 1] = sin(psi) * f[0] + cos(psi) * f[1]
         y_all[p + 2] = f[2] - GRAVITY
         if m > 1:
             put(euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6]), y_all, p + 3)

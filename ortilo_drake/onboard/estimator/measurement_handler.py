@@ -16,7 +16,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.cholesky import forward_in_place
+from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
@@ -47,19 +47,19 @@ class Incoming(NamedTuple):
 
 
 @njit(cache=True)
-def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray) -> float:
+def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray, S: np.ndarray) -> float:
     """Return the squared Mahalanobis distance e^T (C P_xx C^T + V)^-1 e of a value from its prediction.
 
     It is infinite where the prediction is no longer finite or S is not positive definite.
 
     Args:
-        e: value less prediction (m).
+        e: value less prediction (m); overwritten.
         C: the sensor's rows (m, 12).
         P: the prediction's covariance, row by row (225).
-        V: the value's covariance (m, m).
+        V: the value's covariance, row by row (m^2).
+        S: to work in (m or more, m or more).
     """
     m = e.size
-    S = np.empty((m, m))
     for i in range(m):
         for j in range(m):
             total = 0.0
@@ -68,13 +68,10 @@ def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray)
                     for n in range(12):
                         if C[j, n] != 0.0:
                             total += C[i, k] * P[15 * k + n] * C[j, n]
-            S[i, j] = total + V[i, j]
+            S[i, j] = total + V[m * i + j]
             if not np.isfinite(S[i, j]):
                 return np.inf
-    root, squared = e.copy().reshape((m, 1)), 0.0
-    forward_in_place(S, root, m)
-    for i in range(m):
-        squared += root[i, 0] ** 2
+    squared = squared_norm_in_place(S, e)
     return squared if np.isfinite(squared) else np.inf
 
 
@@ -88,6 +85,8 @@ def put_measurements(
     h: float,
     incoming: Incoming,
     layout: Layout,
+    e: np.ndarray,
+    S: np.ndarray,
 ) -> None:
     """Write [y, delta, V2, stamps] of tick k.
 
@@ -103,6 +102,8 @@ def put_measurements(
         h: tick [s].
         incoming: how the messages stand in that vector, and what is believed of them.
         layout: of the measurement.
+        e: to work in (p).
+        S: to work in (p, p).
     """
     C, _, _, first, block, _ = layout
     start, V2, with_message, gates, oldest = incoming
@@ -121,12 +122,13 @@ def put_measurements(
             put(message[2 + m : 2 + m + m * m], V)
         stamps[j] = message[1]
         if not np.isinf(gates[j]):
-            e, x = values_of(message[2 : 2 + m]).copy(), values_of(xhat)
+            values, x = values_of(message[2 : 2 + m]), values_of(xhat)
             for i in range(m):
+                e[i] = values[i]
                 for n in range(12):
                     if C[first[j] + i, n] != 0.0:
                         e[i] -= C[first[j] + i, n] * x[n]
-            if squared_distance(e, C[first[j] : first[j + 1]], values_of(P), values_of(V).reshape(m, m)) > gates[j]:
+            if squared_distance(e[:m], C[first[j] : first[j + 1]], values_of(P), values_of(V), S) > gates[j]:
                 continue
         if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > oldest:
             continue
@@ -175,55 +177,30 @@ def handler_out(
     k: int,
     messages: np.ndarray,
     belief: np.ndarray,
-    start: np.ndarray,
-    V2: np.ndarray,
-    with_message: np.ndarray,
-    gates: np.ndarray,
-    C: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
+    incoming: Incoming,
+    layout: Layout,
+    e: np.ndarray,
+    S: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Say [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
     fill(out, 0.0)
-    layout, incoming = (
-        Layout(C, states, weights, first, block, is_position),
-        Incoming(start, V2, with_message, gates, n.oldest),
-    )
     judged = k if n.drops else NEVER
-    put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout)
+    put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout, e, S)
 
 
-LAYOUT = (
-    Array("C", 2),
-    Array("states", 2, "i8"),
-    Array("weights", 2),
-    Array("first", kind="i8"),
-    Array("block", kind="i8"),
-    Array("is_position", kind="b1"),
-)
 HANDLER = Element(
     "handler",
-    allocates=True,
     out=handler_out,
-    numbers=(Number("oldest", kind="i8"), Number("drops", kind="i8"), Number("h")),
-    tables=(
-        Array("start", kind="i8"),
-        Array("V2"),
-        Array("with_message", kind="b1"),
-        Array("gates"),
-        *LAYOUT,
-    ),
+    numbers=(Number("drops", kind="i8"), Number("h")),
+    work=(Array("e"), Array("S", 2)),
 )
 
 
 def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Box:
     """Return the handler: it reads all that landed, `messages`, and the belief of this tick (240)."""
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
-    tables = incoming._asdict()
-    numbers = {"oldest": tables.pop("oldest"), "drops": drops, "h": h}
+    given = Given({"drops": drops, "h": h})
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
-    return Box("handler", HANDLER, p + 2 * s + q, Given(numbers, tables=tables | layout._asdict()), parts=parts)
+    work = {"e": (p,), "S": (p, p)}
+    return Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts).taking(incoming=incoming, layout=layout)

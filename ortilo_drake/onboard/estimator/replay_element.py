@@ -14,18 +14,9 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, N_I, N_U, STAMP
-from ortilo_drake.onboard.estimator.filter_element import MODEL, MODEL_NUMBERS, model_given, open_belief
+from ortilo_drake.onboard.estimator.filter_element import open_belief, with_structure
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step, row_of_past, slot_of
-from ortilo_drake.onboard.estimator.measurement_handler import LAYOUT
-from ortilo_drake.onboard.estimator.structure import Structure
-
-
-@register_jitable
-def slot_in(n: Any) -> Slot:
-    """Return the slot of an element's constants."""
-    s = n.slot
-    return Slot(s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7])
 
 
 @register_jitable
@@ -53,62 +44,43 @@ def replay_filter_step(
     opening: np.ndarray,
     memory: np.ndarray,
     less: np.ndarray,
-    Phi: np.ndarray,
-    Gamma: np.ndarray,
-    W: np.ndarray,
-    Gamma_a: np.ndarray,
-    columns: np.ndarray,
-    values: np.ndarray,
-    counts: np.ndarray,
-    mixing: np.ndarray,
-    keeps: np.ndarray,
-    C: np.ndarray,
-    states: np.ndarray,
-    weights: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    is_position: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+    slot: Slot,
 ) -> None:
     """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_step."""
     put(control, less)
     less[0] -= n.hover_thrust
-    slot = slot_in(n)
     belief, history = belief_in(memory, slot), history_in(memory, slot)
     open_belief(belief, opening)
     for row in range(history.shape[0]):  # run again from a past tick, the filter would forget what it is told now
         open_belief(history[row, slot.belief : slot.y], opening)
-    structure = Structure(columns, values, counts, mixing, keeps)
-    model = FilterModel(Phi, Gamma, W, n.integrator, Gamma_a, n.mass, n.yaw, structure)
-    layout = Layout(C, states, weights, first, block, is_position)
     after = replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, less, reference, model, layout)
     put(after, belief)
 
 
-def past_out(n: Any, message: np.ndarray, memory: np.ndarray, out: np.ndarray) -> None:
+def past_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: Slot, out: np.ndarray) -> None:
     """Say [xhat, P row by row] of the tick at which a message was true, by all that has arrived since (n + n^2).
 
     It is the present one where no message arrived or its stamp is of this tick or a later one, and that of the oldest
     tick kept where the stamp is older.
     """
-    slot, row = slot_in(n), -1
-    history = history_in(memory, slot)
+    history, row = history_in(memory, slot), -1
     if message[ARRIVED] != 0.0:
         row = row_of_past(history, tick_of(message[STAMP], n.h))
     put(history[row, slot.belief : slot.y] if row >= 0 else belief_in(memory, slot), out)
 
 
-SLOT_NUMBERS = (Number("slot", (len(Slot._fields),), "i8"), Number("h"))
 REPLAY = Element(
     "replay_filter",
     step=replay_filter_step,
-    numbers=(*MODEL_NUMBERS, *SLOT_NUMBERS),
-    tables=(Array("Phi", 2), *MODEL, *LAYOUT),
+    numbers=(Number("hover_thrust"), Number("h")),
     state=(Array("memory"),),
     work=(Array("less"),),
     shows="memory",
     allocates=True,
 )
-PAST = Element("past_belief", out=past_out, numbers=SLOT_NUMBERS, allocates=True)
+PAST = Element("past_belief", out=past_out, numbers=(Number("h"),), allocates=True)
 
 
 def replay_box(
@@ -128,10 +100,9 @@ def replay_box(
     """
     slot = slot_of(measurement, len(model.Phi) + N_I)
     memory = np.concatenate((belief_0, empty_history(ticks, slot).ravel()))
-    given = model_given(model, hover_thrust)
-    given = given.with_(Given({"slot": slot, "h": h}, {"memory": memory}, {"Phi": model.Phi}))
-    given = given.with_(Given(tables=measurement.layout._asdict()))
-    return Box("filter", REPLAY, memory.size, given, {"less": (N_U,)}, parts={"belief": (0, belief_0.size)})
+    given, parts = Given({"hover_thrust": hover_thrust, "h": h}, {"memory": memory}), {"belief": (0, belief_0.size)}
+    box = Box("filter", REPLAY, memory.size, given, {"less": (N_U,)}, parts=parts)
+    return box.taking(model=with_structure(model), layout=measurement.layout, slot=slot)
 
 
 def past_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
@@ -143,4 +114,4 @@ def past_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
         n: how many those are, the integral among them.
         h: tick [s].
     """
-    return Box(name, PAST, n + n * n, Given({"slot": slot_of(measurement, n), "h": h}))
+    return Box(name, PAST, n + n * n, Given({"h": h})).taking(slot=slot_of(measurement, n))

@@ -6,7 +6,6 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
@@ -24,17 +23,6 @@ from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
 @register_jitable
-def believed_of(
-    n: Any, positions: np.ndarray, outlines: np.ndarray, labels: np.ndarray, limits: np.ndarray
-) -> BoxBelief:
-    """Return what is believed of the boxes."""
-    camera = Camera(n.p_BC, n.f, n.c, n.image)
-    return BoxBelief(
-        positions, outlines, labels, camera, n.sd, n.gate, n.max_residual, n.growth, n.margin, limits, n.inside
-    )
-
-
-@register_jitable
 def covariance_of(belief: np.ndarray, prior: np.ndarray) -> np.ndarray:
     """Return P row by row (225), or what stands in for it."""
     if prior.size > 0:
@@ -46,10 +34,7 @@ def boxes_out(
     n: Any,
     message: np.ndarray,
     belief: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    labels: np.ndarray,
-    limits: np.ndarray,
+    believed: BoxBelief,
     prior: np.ndarray,
     refused: np.ndarray,
     out: np.ndarray,
@@ -58,10 +43,9 @@ def boxes_out(
     fill(out, 0.0)
     if message[ARRIVED] != 1.0:
         return
-    believed = believed_of(n, positions, outlines, labels, limits)
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, believed, 2.0 ** refused[0])
-    solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], n.max_residual, n.rows)
+    solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
     put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
 
@@ -69,10 +53,7 @@ def cosines_out(
     n: Any,
     message: np.ndarray,
     belief: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    labels: np.ndarray,
-    limits: np.ndarray,
+    believed: BoxBelief,
     prior: np.ndarray,
     refused: np.ndarray,
     out: np.ndarray,
@@ -81,57 +62,31 @@ def cosines_out(
     fill(out, 0.0)
     if message[ARRIVED] != 1.0:
         return
-    believed = believed_of(n, positions, outlines, labels, limits)
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, believed, 2.0 ** refused[0])
-    solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], n.max_residual)
+    solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual)
     put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
 
 def refused_step(
-    n: Any,
     message: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    labels: np.ndarray,
-    limits: np.ndarray,
+    believed: BoxBelief,
     refused: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Count the images that were refused in a row, where there is a joint test: see refused_after."""
-    if limits.size > 0 and message[ARRIVED] == 1.0:
-        believed = believed_of(n, positions, outlines, labels, limits)
+    if believed.limits.size > 0 and message[ARRIVED] == 1.0:
         refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
 
 
-_NUMBERS = (
-    Number("p_BC", (3,)),
-    Number("f"),
-    Number("c", (2,)),
-    Number("image", (2,)),
-    Number("sd"),
-    Number("gate"),
-    Number("max_residual"),
-    Number("growth"),
-    Number("margin"),
-    Number("inside"),
-    Number("rows", kind="i8"),
-)
-_TABLES = (
-    Array("positions", 2),
-    Array("outlines", 3),
-    Array("labels", kind="i8"),
-    Array("limits"),
-    Array("prior"),
-)
 FIX_OF_BOXES, FIX_OF_COSINES = (
     Element(
         name,
         allocates=True,
         out=out,
         step=refused_step,
-        numbers=_NUMBERS,
-        tables=_TABLES,
+        numbers=(Number("rows", kind="i8"),),
+        tables=(Array("prior"),),
         state=(Array("refused"),),
     )
     for name, out in (("fix_of_boxes", boxes_out), ("fix_of_cosines", cosines_out))
@@ -158,9 +113,7 @@ def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int) -> Box
     element, m = ELEMENTS.get(settings.method), len(settings.rows)
     if element is None:
         raise ValueError(f"landmark_fix.method: {settings.method}: has no compiled form")
-    believed, prior = box_belief(settings, room, width), prior_covariance(settings)
-    values = believed._asdict() | believed.camera._asdict()
-    values |= {"rows": m, "prior": np.zeros(0) if prior is None else prior}
-    numbers, tables = ({its.name: values[its.name] for its in named} for named in (_NUMBERS, _TABLES))
-    given = Given(numbers, {"refused": np.zeros(1)}, tables)
-    return Box("camera_fix", element, PAYLOAD + m + m * m, given)
+    prior = prior_covariance(settings)
+    tables = {"prior": np.zeros(0) if prior is None else prior}
+    box = Box("camera_fix", element, PAYLOAD + m + m * m, Given({"rows": m}, {"refused": np.zeros(1)}, tables))
+    return box.taking(believed=box_belief(settings, room, width))

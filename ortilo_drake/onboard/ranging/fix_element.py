@@ -8,23 +8,26 @@ from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency, consistency_of
-from ortilo_drake.onboard.ranging.multilateration import believed_noise, fix_message, tested_fix_message
+from ortilo_drake.onboard.ranging.multilateration import believed_noise, put_fix_message, tested_fix_message
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 
-def fix_out(n: Any, message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, out: np.ndarray) -> None:
+def fix_out(
+    n: Any, message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, used: np.ndarray, out: np.ndarray
+) -> None:
     """Say the fix message (14) of the ranges that landed, zeros if there is none."""
-    fill(out, 0.0)
-    if message[ARRIVED] != 0.0:
-        put(fix_message(message, anchors, n.noise, belief[:N_XBAR], n.three != 0), out)
+    if message[ARRIVED] == 0.0:
+        fill(out, 0.0)
+    else:
+        put_fix_message(message, anchors, n.noise, belief, n.three != 0, used, out)
 
 
 FIX = Element(
     "multilateration",
-    allocates=True,
     out=fix_out,
     numbers=(Number("noise", (3,)), Number("three", kind="i8")),
     tables=(Array("anchors", 2),),
+    work=(Array("used"),),
 )
 
 
@@ -68,7 +71,7 @@ def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
     numbers, tables = {"noise": believed_noise(settings)}, {"anchors": anchors}
     if settings.exclude is None:
         three = {"three": settings.method == "nearest_three"}
-        return Box("uwb_fix", FIX, FIX_SIZE, Given(numbers | three, tables=tables))
+        return Box("uwb_fix", FIX, FIX_SIZE, Given(numbers | three, tables=tables), {"used": (len(anchors),)})
     demands = consistency_of(settings.exclude, len(anchors))._asdict()
     tables["quantiles"] = demands.pop("quantiles")
     return Box("uwb_fix", TESTED, FIX_SIZE + 3, Given(numbers | demands, {"clock": np.zeros(3)}, tables))

@@ -11,39 +11,70 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.plain import instead_of
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.triples import Triple, triple
 from ortilo_drake.onboard.ranging.clock_offset import differentiable_offset_fix
 from ortilo_drake.onboard.ranging.fault_exclusion import KNOWN, PLAIN, Consistency, consistency_of, consistent_fix
-from ortilo_drake.onboard.ranging.nearest_three import nearest_three
-from ortilo_drake.onboard.ranging.range_equations import covariance_of_the_new, inverse, normal_equations, product
-from ortilo_drake.onboard.ranging.range_least_squares import least_squares
+from ortilo_drake.onboard.ranging.nearest_three import three_spheres
+from ortilo_drake.onboard.ranging.range_equations import (
+    Symmetric,
+    covariance_of_the_new,
+    inverse,
+    normal_equations,
+    product,
+)
+from ortilo_drake.onboard.ranging.range_least_squares import fit_all
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 
 @register_jitable
-def message_of(found: bool, stamp: float, p: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Return the fix message (14) of a position and its covariance; zeros if there is no fix."""
-    message = np.zeros(14)
+def put_fix(out: np.ndarray, stamp: float, p: Triple, C: Symmetric) -> None:
+    """Write the fix message (14) of a position and its covariance."""
+    out[0], out[1] = 1.0, stamp
+    put(p, out, 2)
+    xx, xy, xz, yy, yz, zz = C
+    put((xx, xy, xz, xy, yy, yz, xz, yz, zz), out, 5)
+
+
+@njit(cache=True)
+def put_fix_message(
+    uwb: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    xhat: np.ndarray,
+    three: bool,
+    used: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Write the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix.
+
+    Args:
+        uwb: the message.
+        anchors: a_i in W (n, 3).
+        noise: s_0 [m], s_1 and s_2 [m], see range_equations.py.
+        xhat: the estimate about which it is solved (3 or more).
+        three: whether by the nearest three.
+        used: to work in (n).
+        out: to write to (14).
+    """
+    n = anchors.shape[0]
+    ranges, there, p_last = uwb[2 : 2 + n], uwb[2 + n :], triple(xhat)
+    if three:
+        found, p, C = three_spheres(ranges, there, anchors, noise, p_last, used)
+    else:
+        found, p, C = fit_all(ranges, there, anchors, noise, p_last)
+    fill(out, 0.0)
     if found:
-        message[0] = 1.0
-        message[1] = stamp
-        put(p, message, 2)
-        for i in range(3):
-            put(C[i], message, 5 + 3 * i)
-    return message
+        put_fix(out, uwb[1], p, C)
 
 
 @njit(cache=True)
 def fix_message(uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool) -> np.ndarray:
-    """Return the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix."""
-    n = anchors.shape[0]
-    ranges, there, p_last = uwb[2 : 2 + n], uwb[2 + n :], xhat[:3]
-    if three:
-        found, p, C = nearest_three(ranges, there, anchors, noise, p_last)
-    else:
-        found, p, C = least_squares(ranges, there, anchors, noise, p_last)
-    return message_of(found, uwb[1], p, C)
+    """Return the message of put_fix_message; arguments as there."""
+    message = np.zeros(14)
+    put_fix_message(uwb, anchors, noise, xhat, three, np.zeros(anchors.shape[0]), message)
+    return message
 
 
 @njit(cache=True)
@@ -58,7 +89,12 @@ def tested_fix_message(
     """Return the fix message (14) of those ranges of a uwb message that fit each other, and the clock (3) after it."""
     n = anchors.shape[0]
     fix = consistent_fix(uwb[2 : 2 + n], uwb[2 + n :], anchors, noise, xhat[:3], clock, consistency)
-    return message_of(fix.found, uwb[1], fix.p, fix.C), fix.clock
+    message = np.zeros(14)
+    if fix.found:
+        message[0], message[1] = 1.0, uwb[1]
+        put(fix.p, message, 2)
+        put(fix.C.ravel(), message, 5)
+    return message, fix.clock
 
 
 def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
@@ -90,6 +126,20 @@ def differentiable_tested_fix_message(
     prior = known if fix.unknowns == KNOWN else np.zeros(3)
     p, C = differentiable_offset_fix(fix.p, uwb[2 : 2 + n], fix.used, anchors, noise, prior)
     return np.concatenate(([1.0 + 0.0 * uwb[1], uwb[1]], p, C.ravel())), fix.clock
+
+
+@instead_of(put_fix_message)
+def put_differentiable_fix_message(
+    uwb: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    xhat: np.ndarray,
+    three: bool,
+    used: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Write differentiable_fix_message; arguments as put_fix_message."""
+    put(differentiable_fix_message(uwb, anchors, noise, xhat, three), out)
 
 
 @instead_of(fix_message)

@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.triples import cross, dot, minus, plus, times, triple
-from ortilo_drake.onboard.ranging.range_equations import fix_with_covariance
+from ortilo_drake.model.placing import fill
+from ortilo_drake.model.triples import Triple, cross, dot, minus, plus, times, triple
+from ortilo_drake.onboard.ranging.range_equations import NONE, Symmetric, fix_with_covariance, matrix
 
 COLLINEAR = 1e-3  # sine of the angle between two anchors seen from a third, below which they are on one line
 
@@ -27,9 +28,14 @@ def next_nearest(ranges: np.ndarray, there: np.ndarray, used: np.ndarray) -> int
 
 
 @njit(cache=True)
-def nearest_three(
-    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
-) -> tuple[bool, np.ndarray, np.ndarray]:
+def three_spheres(
+    ranges: np.ndarray,
+    there: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    p_last: Triple,
+    used: np.ndarray,
+) -> tuple[bool, Triple, Symmetric]:
     """Intersect the spheres around the three nearest anchors (the authors' method), in closed form.
 
     In the frame of the anchors, a_1 at the origin, a_2 = (b, 0, 0), a_3 = (c, e, 0):
@@ -41,12 +47,14 @@ def nearest_three(
         there: 1 where a range is there, else 0 (n).
         anchors: a_i in W (n, 3).
         noise: s_0 [m] and s_1, and s_2 [m] where it is not 0 (2 or 3), see range_equations.py.
-        p_last: the last estimate of p_WB, which picks between the two points (3).
+        p_last: the last estimate of p_WB, which picks between the two points.
+        used: to write to, 1 for the ranges that are used, else 0 (n).
 
     Returns:
-        Whether there is a fix; p_WB (3); its covariance C [m^2] (3, 3).
+        Whether there is a fix; p_WB; its covariance C [m^2].
     """
-    used, no_fix = np.zeros(len(ranges)), (False, p_last, np.zeros((3, 3)))
+    fill(used, 0.0)
+    no_fix = (False, p_last, NONE)
     first = next_nearest(ranges, there, used)
     second = next_nearest(ranges, there, used)
     third = next_nearest(ranges, there, used)
@@ -72,5 +80,14 @@ def nearest_three(
         return no_fix
     foot = plus(a_1, plus(times(x, e_x), times(y, e_y)))
     up, z = cross(e_x, e_y), np.sqrt(z_squared)
-    side = z if dot(minus(triple(p_last), foot), up) >= 0.0 else -z
-    return fix_with_covariance(np.array(plus(foot, times(side, up))), ranges, used, anchors, noise)
+    side = z if dot(minus(p_last, foot), up) >= 0.0 else -z
+    return fix_with_covariance(plus(foot, times(side, up)), ranges, used, anchors, noise)
+
+
+@njit(cache=True)
+def nearest_three(
+    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return three_spheres with position (3) and covariance (3, 3) as arrays."""
+    found, p, C = three_spheres(ranges, there, anchors, noise, triple(p_last), np.zeros(ranges.size))
+    return found, np.array(p), matrix(C)

@@ -14,6 +14,7 @@ N^-1 (J^T R^-1 R_v R^-1 J) N^-1, N = J^T R^-1 J. The part that lasts is for the 
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.triples import Triple
 
@@ -21,6 +22,7 @@ MAX_SD = 10.0  # a fix less certain than this, sqrt(tr C) [m], says nothing in a
 MIN_SD = 1e-3  # no range is believed better than this [m]: r -> 0 would else get infinite weight
 
 Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
+NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # the covariance of no fix
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,7 +81,7 @@ def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
 
 @njit(cache=True, error_model="numpy")
 def covariance_of_the_new(
-    p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
+    p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
 ) -> Symmetric:
     """Return N^-1 (J^T R^-1 R_v R^-1 J) N^-1 at p, C = N^-1; arguments as normal_equations, with s_2."""
     xx = xy = xz = yy = yz = zz = 0.0
@@ -96,14 +98,20 @@ def covariance_of_the_new(
     return xx, xy, xz, yy, yz, zz
 
 
-@njit(cache=True)
+@register_jitable
 def fix_with_covariance(
-    p: np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
-) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether the ranges make p a fix, p and C (3, 3); arguments as normal_equations."""
+    p: Triple, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
+) -> tuple[bool, Triple, Symmetric]:
+    """Return whether the ranges make p a fix, p and C; arguments as normal_equations."""
     definite, C = inverse(normal_equations(p, ranges, there, anchors, noise)[1])
     if definite and noise.size > 2 and noise[2] > 0.0:
         C = covariance_of_the_new(p, ranges, there, anchors, noise, C)
     if not (definite and C[0] + C[3] + C[5] <= MAX_SD**2):
-        return False, p, np.zeros((3, 3))
-    return True, p, np.array(((C[0], C[1], C[2]), (C[1], C[3], C[4]), (C[2], C[4], C[5])))
+        return False, p, NONE
+    return True, p, C
+
+
+@register_jitable
+def matrix(C: Symmetric) -> np.ndarray:
+    """Return a symmetric matrix as an array (3, 3)."""
+    return np.array(((C[0], C[1], C[2]), (C[1], C[3], C[4]), (C[2], C[4], C[5])))

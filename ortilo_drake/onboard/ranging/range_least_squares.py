@@ -6,10 +6,13 @@ Anchors in one plane cannot tell a position from its mirror image: the one neare
 import numpy as np
 from numba import njit
 
-from ortilo_drake.model.triples import dot, minus, plus, times, triple
+from ortilo_drake.model.triples import Triple, dot, minus, plus, times, triple
 from ortilo_drake.onboard.ranging.range_equations import (
+    NONE,
+    Symmetric,
     fix_with_covariance,
     inverse,
+    matrix,
     normal_equations,
     product,
 )
@@ -21,7 +24,7 @@ FLAT = 0.01  # anchors within about this of one plane count as in one plane [m]
 
 
 @njit(cache=True)
-def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> tuple[bool, np.ndarray]:
+def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> tuple[bool, Triple]:
     """Return whether there is a first guess of p without an estimate (not with anchors in one plane), and it.
 
     The squared ranges are linear in p and |p|^2. Less their mean over the anchors, b_i for a_i, |p|^2 is
@@ -44,19 +47,18 @@ def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> 
             xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
             yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
     definite, C = inverse((xx, xy, xz, yy, yz, zz))
-    return definite and C[0] + C[3] + C[5] < 1.0 / FLAT**2, np.array(product(C, g))
+    return definite and C[0] + C[3] + C[5] < 1.0 / FLAT**2, product(C, g)
 
 
 @njit(cache=True)
 def descend(
-    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_start: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Return the least cost reached from p_start, and where; cost inf without convergence.
+    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p: Triple
+) -> tuple[float, Triple]:
+    """Return the least cost reached from p, and where; cost inf without convergence.
 
     Gauss-Newton, damped (Levenberg) only where a step would raise the cost or N is singular; the cost never
     rises, so the descent cannot run away.
     """
-    p = triple(p_start)
     cost, N, g = normal_equations(p, ranges, there, anchors, noise)
     damping = 0.0
     for _ in range(MAX_STEPS):
@@ -70,27 +72,27 @@ def descend(
             if new_cost <= cost or short:
                 p, cost, N, g = new_p, new_cost, new_N, new_g
                 if short:
-                    return cost, np.array(p)
+                    return cost, p
                 damping = damping / 10.0 if damping > 1e-6 else 0.0
                 continue
         damping = max(10.0 * damping, 1e-3)
-    return np.inf, np.array(p)
+    return np.inf, p
 
 
 @njit(cache=True)
-def least_squares(
-    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
-) -> tuple[bool, np.ndarray, np.ndarray]:
+def fit_all(
+    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple
+) -> tuple[bool, Triple, Symmetric]:
     """Fit p to all ranges there are, minimising sum_i (r_i - |p - a_i|)^2 / sd_i^2, from the last estimate.
 
     The cost has other minima, near mirror images of p. A fit worse than POOR is tried again from
     linear_start, and that second fit is taken if it has less than half the cost.
 
-    Arguments and returns as nearest_three.
+    Arguments and returns as three_spheres, but for its room to work in.
     """
     count = np.sum(there)
     if count < 3.0:
-        return False, p_last, np.zeros((3, 3))
+        return False, p_last, NONE
     cost, p = descend(ranges, there, anchors, noise, p_last)
     if not cost <= POOR * count:
         possible, p_start = linear_start(ranges, there, anchors)
@@ -99,5 +101,14 @@ def least_squares(
             if new_cost < cost / 2.0:
                 cost, p = new_cost, new_p
     if not cost < np.inf:
-        return False, p_last, np.zeros((3, 3))
+        return False, p_last, NONE
     return fix_with_covariance(p, ranges, there, anchors, noise)
+
+
+@njit(cache=True)
+def least_squares(
+    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
+) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Return fit_all with position (3) and covariance (3, 3) as arrays."""
+    found, p, C = fit_all(ranges, there, anchors, noise, triple(p_last))
+    return found, np.array(p), matrix(C)

@@ -8,11 +8,13 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import chi2
 
+from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_interval
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.faults.catalogue import LENGTH, START, Case, catalogue
 from ortilo_drake.studies.faults.courses import BIN, Course, fly_courses
+from ortilo_drake.theory.consistency.consistency import mean_interval
 
 PASSES: Final = 1.5  # at most so many times the error without the fault
 WITHIN_3_SIGMA: Final = float(chi2(3).ppf(chi2(1).cdf(3.0**2)))  # NEES of a position as far off as 3 sigma is, 14.16
@@ -24,17 +26,24 @@ Settings = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True)
 class Phase:
-    """The estimate in one part of the flights that were not lost.
+    """The estimate in one part of the flights.
 
     Attributes:
-        error: root mean square of the distance of estimated and true position [m].
+        error: root mean square of the distance of estimated and true position, of all flights together that were not
+            lost [m].
         ratio: that over the error of the same seeds without the fault in the same ticks [1].
         nees: mean of the position's NEES, 3 if the filter is consistent.
+        nees_interval: its 95 % interval over flights, by Student's t; None of fewer than two.
+        errors: median over flights of the error of each [m], with the lost ones as worst and without them.
+        ratios: likewise of the ratio of each.
     """
 
     error: float
     ratio: float
     nees: float
+    nees_interval: Interval | None
+    errors: Middle
+    ratios: Middle
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,7 @@ class Row:
         scenario: its name.
         flights: how many.
         lost: how many of them.
+        lost_share: Wilson's 95 % interval of the share lost [1].
         before: until the fault; None if all flights were lost, as the two below.
         during: from its start to its end; to 10 s after the start if it does not end.
         after: from 2 s after its end, or from there on, to the flight's end.
@@ -61,6 +71,7 @@ class Row:
     scenario: str
     flights: int
     lost: int
+    lost_share: Interval
     before: Phase | None
     during: Phase | None
     after: Phase | None
@@ -165,8 +176,9 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     """
     pairs = [(a, b) for a, b in zip(courses, without, strict=True) if a.lost is None and b.lost is None]
     lost = _lost(courses)
+    share = share_interval(lost, len(courses))
     if not pairs:
-        return Row(case.name, scenario, len(courses), lost, None, None, None, None, False, False, False)
+        return Row(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
     square, calm, nees = (
         np.array(values)
         for values in (
@@ -179,20 +191,28 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     last = round((case.start + KNOWN if case.end is None else case.end) / BIN)
     then = last if case.end is None else last + round(SETTLES / BIN)
     before, during, after = (
-        _phase(square[:, part], calm[:, part], nees[:, part])
+        _phase(square[:, part], calm[:, part], nees[:, part], lost)
         for part in (slice(0, first), slice(first, last), slice(then, None))
     )
     recovery = recovery_time(square, calm, first if case.end is None else last)
     good_during = during.ratio <= PASSES or during.nees <= WITHIN_3_SIGMA
     good_after = after.ratio <= PASSES
     passed = lost == 0 and good_during and good_after
-    return Row(
-        case.name, scenario, len(courses), lost, before, during, after, recovery, good_during, good_after, passed
+    phases = before, during, after
+    return Row(case.name, scenario, len(courses), lost, share, *phases, recovery, good_during, good_after, passed)
+
+
+def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:
+    """Return a phase of flights that were not lost (flights, bins), and of so many that were."""
+    each, its_calm = square.mean(axis=1), calm.mean(axis=1)
+    return Phase(
+        error=float(np.sqrt(square.mean())),
+        ratio=float(np.sqrt(square.mean() / calm.mean())),
+        nees=float(nees.mean()),
+        nees_interval=mean_interval(nees.mean(axis=1)),
+        errors=middle_of(np.sqrt(each).tolist(), lost),
+        ratios=middle_of(np.sqrt(each / its_calm).tolist(), lost),
     )
-
-
-def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray) -> Phase:
-    return Phase(float(np.sqrt(square.mean())), float(np.sqrt(square.mean() / calm.mean())), float(nees.mean()))
 
 
 def recovery_time(square: np.ndarray, calm: np.ndarray, origin: int) -> float | None:

@@ -7,9 +7,11 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from ortilo_drake.flight.intervals import Interval, Middle
 from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultStudy, Phase, Row
 from ortilo_drake.studies.faults.in_short import in_short
 from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import count, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import STYLE
 from ortilo_drake.views.pictures import save_picture
 
@@ -17,6 +19,7 @@ _HEADER = [
     *("fault", "scenario", "lost", "before [mm]", "during [mm]", "after [mm]", "during, times", "after, times"),
     *("recovers in [s]", "NEES during", "NEES after", "passes"),
 ]
+_MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
 _WORST = 10.0  # times; more is drawn in the same colour
 
 
@@ -27,24 +30,53 @@ def fault_text(found: FaultStudy) -> str:
     lines += table(_HEADER, [_cells(row) for row in found.rows])
     lines += [
         f"Faults begin at {found.start:g} s; those that end last {found.length:g} s. Errors are root mean squares of "
-        "the estimated position's distance from the true one, of the flights that were not lost; times: over the same "
-        f"seeds without the fault. A fault is passed if no flight is lost, the error after it is at most {PASSES:g} "
-        "times the one without, and the estimate can be trusted while it lasts: its error is at most "
+        "the estimated position's distance from the true one, of all flights together that were not lost; times: over "
+        "the same seeds without the fault. A fault is passed if no flight is lost, the error after it is at most "
+        f"{PASSES:g} times the one without, and the estimate can be trusted while it lasts: its error is at most "
         f"{PASSES:g} times the one without, too, or the filter knows that it is larger: a mean NEES of at most "
         f"{WITHIN_3_SIGMA:.1f}, as of a position at the edge of 3 sigma (3 if the filter is consistent).",
         "",
+        "## Flight by flight",
+        "",
+        "Medians over flights of the error of each, a lost one worse than any that was kept, then of the kept ones; in "
+        "brackets 95 % intervals between order statistics, [?] of fewer than six flights.",
+        "",
     ]
+    lines += table(_MEDIANS, [_medians(row) for row in found.rows])
     return "\n".join(lines)
+
+
+def _medians(row: Row) -> list[str]:
+    cells = []
+    for scale, of in ((1e3, "errors"), (1.0, "ratios")):
+        for phase in (row.during, row.after):
+            middle: Middle | None = None if phase is None else getattr(phase, of)
+            cells.append("lost" if middle is None else of_all_and_kept(_scaled(middle, scale), row.lost))
+    return [row.fault, row.scenario, *cells]
+
+
+def _scaled(middle: Middle, scale: float) -> Middle:
+    def times(value: float | None) -> float | None:
+        return None if value is None else scale * value
+
+    def both(ends: Interval | None) -> Interval | None:
+        return None if ends is None else (scale * ends[0], scale * ends[1])
+
+    return Middle(times(middle.median), both(middle.interval), times(middle.kept), both(middle.kept_interval))
 
 
 def _cells(row: Row) -> list[str]:
     phases = (row.before, row.during, row.after)
     errors = ["-" if phase is None else f"{1e3 * phase.error:.0f}" for phase in phases]
     ratios = ["-" if phase is None else f"{phase.ratio:.2f}" for phase in phases[1:]]
-    nees = ["-" if phase is None else f"{phase.nees:.1f}" for phase in phases[1:]]
+    nees = ["-" if phase is None else _nees(phase) for phase in phases[1:]]
     recovery = "-" if row.during is None else "never" if row.recovery is None else f"{row.recovery:.1f}"
-    lost = f"{row.lost} of {row.flights}"
+    lost = count(row.lost, row.flights)
     return [row.fault, row.scenario, lost, *errors, *ratios, recovery, *nees, _verdict(row)]
+
+
+def _nees(phase: Phase) -> str:
+    return with_interval(phase.nees, phase.nees_interval)
 
 
 def _verdict(row: Row) -> str:

@@ -1,6 +1,7 @@
 """A study of faults in at most five lines."""
 
 from ortilo_drake.studies.faults.fault_flights import FaultStudy
+from ortilo_drake.views.numbers import count
 
 
 def in_short(found: FaultStudy) -> list[str]:
@@ -10,8 +11,8 @@ def in_short(found: FaultStudy) -> list[str]:
         its = [row for row in found.rows if row.scenario == scenario]
         passed, lost = sum(row.passed for row in its), sum(row.lost for row in its)
         flown = sum(row.flights for row in its)
-        line = f"`{scenario}` passes {passed} of {len(its)} faults and loses {lost} of {flown} flights"
-        lines.append(f"{line}, {without} of {found.flights} without a fault.")
+        line = f"`{scenario}` passes {passed} of {len(its)} faults and loses {count(lost, flown)} flights"
+        lines.append(f"{line}, {count(without, found.flights)} without a fault.")
     by_fault = {name: [row for row in found.rows if row.fault == name] for name in dict.fromkeys(_names(found))}
     none = [name for name, rows in by_fault.items() if not any(row.passed for row in rows)]
     every = [name for name, rows in by_fault.items() if all(row.passed for row in rows)]

@@ -18,9 +18,11 @@ from scipy.stats import chi2
 from ortilo_drake.model.pinhole import extent_box
 from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD, SENSORS, STAMP
 from ortilo_drake.model.white_noise import white_sd
+from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, quaternion_of
-from ortilo_drake.onboard.estimator.tight.model import sample_sds
+from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, make_layout
+from ortilo_drake.onboard.estimator.tight.model import initial_covariance, sample_sds
 from ortilo_drake.onboard.estimator.tight.ranges import CLOCK_SD, MIN_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
 from ortilo_drake.scenario.tight import TightFilter
@@ -94,6 +96,11 @@ class FlightGraph:
         self.graph.add(gtsam.PriorFactorPose3(X(0), start, weighted(np.repeat([angle_sd, p_sd], 3), np.inf)))
         self.graph.add(gtsam.PriorFactorVector(V(0), x_0[6:9], weighted(np.full(3, v_sd), np.inf)))
         sds = np.repeat([imu.accelerometer_sd, imu.gyroscope_sd], 3)
+        if (rest := rest_of(self._scenario)) is not None:  # what the level's error makes of them is taken for a part
+            layout = make_layout({"angles": 3}, 0)
+            noise = sample_sds(self._settings, self._scenario.samples("imu"), self._h)
+            sds = np.sqrt(np.diag(initial_covariance(self._settings, layout, rest, noise)))
+            sds = np.concatenate((sds[ACCEL : ACCEL + 3], sds[GYRO : GYRO + 3]))
         no_bias = gtsam.imuBias.ConstantBias()
         self.graph.add(gtsam.PriorFactorConstantBias(self._bias(0), no_bias, weighted(sds, np.inf)))
 
@@ -121,7 +128,7 @@ class FlightGraph:
     def _add_angles(self, k: int, tick: InertialTick, errors: Process | None) -> None:
         density = self._settings.imu.angle_density
         if tick.rpy is not None and density is not None:
-            sd = white_sd(density, self._h / self._scenario.samples("imu"))
+            sd = white_sd(density, self._scenario.imu_period)
             noise = weighted(np.full(3, sd / np.sqrt(tick.samples)), self._settings.huber)
             self.graph.add(angles_factor(X(k), errors.at(k * self._h) if errors else None, tick.rpy, noise))
 

@@ -23,6 +23,7 @@ import numpy as np
 from ortilo_drake.flight.flight import logged_rows
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, PAYLOAD, samples_in
+from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances, with_imu_rows
@@ -143,7 +144,7 @@ def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, n
             imu = _one_sample(messages.get("imu"), belief.samples("imu"))
             signals = with_imu_rows(*signals, imu, j, variances)
         ticks.append(_tick(measurement, *signals, row["control"] - hover))
-    return model, x_0, initial_covariance(settings, extras)[:N, :N], ticks
+    return model, x_0, initial_covariance(settings, extras, rest_of(belief), belief.yaw)[:N, :N], ticks
 
 
 def _one_sample(message: np.ndarray | None, n: int) -> np.ndarray:

@@ -52,4 +52,4 @@ def indices_of(found: Map) -> list[Index]:
 
 
 def _log(row: Row) -> float:
-    return float(np.log(row.rms)) if row.rms else float("nan")
+    return float(np.log(row.kept_rms)) if row.kept_rms else float("nan")

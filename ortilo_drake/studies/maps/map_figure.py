@@ -19,7 +19,7 @@ THEORY = "magenta"  # stands out of both maps' colours
 
 
 def map_figure(found: Map, path: Path, theory: MapTheory | None = None) -> Path | None:
-    """Draw the share of lost flights and the median RMS error; None for what is no grid of one or two axes.
+    """Draw the share of lost flights and the median RMS error of the kept; None for what is no grid of one or two axes.
 
     Args:
         found: the map.
@@ -55,12 +55,12 @@ def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -
         panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
     panels[0].set(ylabel="flights lost [1]", ylim=(0.0, 1.0))
     panels[0].legend()
-    rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.rms, row.rms_high)] for row in rows])
+    rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.kept_rms, row.rms_high)] for row in rows])
     panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the flights")
     panels[1].plot(x, rms[:, 1], "o-", color=BLUE)
     if theory is not None and np.isfinite(theory.rms).any():
         panels[1].plot(x, np.where(np.isfinite(theory.rms), theory.rms, np.nan), "--", color="k", lw=1.0, label=BOUND)
-    panels[1].set(ylabel="RMS error of the position [m]", ylim=(0.0, None))
+    panels[1].set(ylabel="RMS error of the position, of the kept [m]", ylim=(0.0, None))
     panels[1].legend()
     axis = found.sweep.axes[key]
     for panel in panels:
@@ -80,12 +80,12 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
         return np.array([figure_of(row) for row in found.rows], dtype=float).reshape(len(rows), len(columns))
 
     lost = cells(lambda row: row.lost / row.flights)
-    rms = cells(lambda row: np.nan if row.rms is None else row.rms)
+    rms = cells(lambda row: np.nan if row.kept_rms is None else row.kept_rms)
     finite = rms[np.isfinite(rms)]
     spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
     drawn = (
         (panels[0], lost, Normalize(0.0, 1.0), "YlOrRd", "flights lost [1]"),
-        (panels[1], rms, spread, "viridis", "median RMS error [m]; white: all lost"),
+        (panels[1], rms, spread, "viridis", "median RMS error of the kept [m]; white: all lost"),
     )
     for panel, values, norm, colors, label in drawn:
         image = panel.imshow(values, origin="lower", aspect="auto", cmap=colors, norm=norm)
@@ -135,6 +135,6 @@ def best_and_worst(found: Map) -> tuple[Row, Row]:
     """Return the point with the smallest and that with the largest share of lost flights, then by their errors."""
 
     def badness(row: Row) -> tuple[float, float]:
-        return row.lost / row.flights, np.inf if row.rms is None else row.rms
+        return row.lost / row.flights, np.inf if row.kept_rms is None else row.kept_rms
 
     return min(found.rows, key=badness), max(found.rows, key=badness)

@@ -2,14 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import binomtest
 
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.ensemble import flight_folder, fly_many
+from ortilo_drake.flight.intervals import (
+    Interval,
+    middle_of,
+    quantile,
+    quantile_interval,
+    share_interval,
+)
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers, run_all
 from ortilo_drake.model.typed_yaml import InputError
@@ -17,8 +22,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, read_chunk, write_chunk
 from ortilo_drake.studies.maps.point_flights import columns_of, fly_figures
 from ortilo_drake.studies.maps.sweep import Sweep, Until, Value, points_of, scenario_at
-
-LEVEL = 0.95  # of the intervals
+from ortilo_drake.theory.consistency.consistency import mean_interval
 
 
 @dataclass(frozen=True)
@@ -31,12 +35,17 @@ class Row:
         lost: how many were lost.
         lost_low: lower end of Wilson's 95 % interval of the share of lost flights [1].
         lost_high: its upper end [1].
-        rms: median root mean squared error of the estimated position [m], of the flights that were not lost, as all
-            that follow; None where all were.
-        rms_low: its lower quartile [m].
-        rms_high: its upper quartile [m].
+        rms: median root mean squared error of the estimated position [m]; infinite (null in JSON) where a lost flight
+            stands, as each is worse than any that was kept.
+        rms_interval: its 95 % interval; None of too few flights.
+        kept_rms: median of the flights that were not lost, as all that follow; None where all were.
+        kept_interval: its 95 % interval; None of too few.
+        rms_low: their lower quartile [m].
+        rms_high: their upper quartile [m].
         farthest: median of the largest distance from the path [m].
+        farthest_interval: its 95 % interval; None of too few.
         nees: mean of the position's NEES, 3 if the filter is consistent.
+        nees_interval: its 95 % interval by Student's t; None of fewer than two.
         arrived: measurements used over those due, by sensor [1], of all flights.
     """
 
@@ -46,10 +55,15 @@ class Row:
     lost_low: float
     lost_high: float
     rms: float | None
+    rms_interval: Interval | None
+    kept_rms: float | None
+    kept_interval: Interval | None
     rms_low: float | None
     rms_high: float | None
     farthest: float | None
+    farthest_interval: Interval | None
     nees: float | None
+    nees_interval: Interval | None
     arrived: dict[str, float]
 
 
@@ -68,17 +82,11 @@ class Map:
     by_drake: str | None
 
 
-def interval(lost: int, flights: int) -> tuple[float, float]:
-    """Return Wilson's interval of a share [1]."""
-    found = binomtest(lost, flights).proportion_ci(LEVEL, method="wilson")
-    return float(found.low), float(found.high)
-
-
 def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
     """Whether so many flights of a point say what was asked for."""
     if not isinstance(sweep.flights, Until):
         return flights >= sweep.flights
-    low, high = interval(lost, flights)
+    low, high = share_interval(lost, flights)
     return flights >= sweep.flights.at_most or high - low <= 2.0 * sweep.flights.half_width
 
 
@@ -178,17 +186,29 @@ def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list
     named = dict(zip(columns, figures.T, strict=True))
     is_lost = named["cause"] != NOT_LOST
     lost = int(is_lost.sum())
-    rms = np.sqrt(named["mse_x"] + named["mse_y"] + named["mse_z"])[~is_lost]
-    at = partial(_quantile, rms)
+    rms = np.sqrt(named["mse_x"] + named["mse_y"] + named["mse_z"])[~is_lost].tolist()
+    middle = middle_of(rms, lost)
     arrived = {
         sensor: float(named[f"arrived_{sensor}"].sum() / named[f"due_{sensor}"].sum())
         for sensor in (name.removeprefix("due_") for name in columns if name.startswith("due_"))
     }
-    farthest = _quantile(named["max_path_distance"][~is_lost], 0.5)
-    nees = float(np.mean(named["nees"][~is_lost])) if lost < len(figures) else None
-    share = interval(lost, len(figures))
-    return Row(point, len(figures), lost, *share, at(0.5), at(0.25), at(0.75), farthest, nees, arrived)
-
-
-def _quantile(values: np.ndarray, q: float) -> float | None:
-    return float(np.quantile(values, q)) if len(values) else None
+    farthest = named["max_path_distance"][~is_lost].tolist()
+    nees = named["nees"][~is_lost].tolist()
+    return Row(
+        point=point,
+        flights=len(figures),
+        lost=lost,
+        lost_low=share_interval(lost, len(figures))[0],
+        lost_high=share_interval(lost, len(figures))[1],
+        rms=middle.median,
+        rms_interval=middle.interval,
+        kept_rms=middle.kept,
+        kept_interval=middle.kept_interval,
+        rms_low=quantile(rms, 0.25),
+        rms_high=quantile(rms, 0.75),
+        farthest=quantile(farthest),
+        farthest_interval=quantile_interval(farthest),
+        nees=float(np.mean(nees)) if nees else None,
+        nees_interval=mean_interval(np.array(nees)),
+        arrived=arrived,
+    )

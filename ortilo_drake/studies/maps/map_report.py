@@ -4,13 +4,19 @@ import csv
 import io
 from typing import Any
 
+from ortilo_drake.flight.intervals import Middle
 from ortilo_drake.studies.maps.indices import indices_of
 from ortilo_drake.studies.maps.map_figure import best_and_worst
 from ortilo_drake.studies.maps.map_flights import Map, Row
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import count, of_all_and_kept, share, with_interval
 
 MOST_ROWS = 60  # of the report; the table of all points is a file of its own
+SAID = (
+    "RMS: median over flights, a lost one worse than any that was kept; all else is of the flights that were kept. In "
+    "brackets 95 % intervals: Wilson's of the share lost, of medians between order statistics; [?]: too few flights."
+)
 
 
 def map_text(found: Map, theory: MapTheory | None = None) -> str:
@@ -20,7 +26,7 @@ def map_text(found: Map, theory: MapTheory | None = None) -> str:
     best, worst = best_and_worst(found)
     lines = [f"# A map of {found.sweep.scenario} over {', '.join(found.sweep.axes)}", "", "## In short", ""]
     lines += [
-        f"- {flights:,} flights at {len(rows):,} points, {lost:,} lost ({lost / flights:.2%}).",
+        f"- {flights:,} flights at {len(rows):,} points, {lost:,} lost: {lost / flights:.2%} {share(lost, flights)}.",
         f"- Best: {_said(best)}.",
         f"- Worst: {_said(worst)}.",
     ]
@@ -35,8 +41,9 @@ def map_text(found: Map, theory: MapTheory | None = None) -> str:
         lines += table(["figure", "setting", "alone", "with the others"], cells)
     elif found.sweep.design.kind == "sensitivity":
         lines += ["No indices: the figures are the same everywhere, or all flights of a point were lost.", ""]
-    header = [*found.sweep.axes, "flights", "lost", "95 %", "RMS [m]", "middle half [m]", "farthest [m]", "NEES (3)"]
+    header = [*found.sweep.axes, "lost", "RMS [m]", "middle half [m]", "farthest [m]", "NEES (3)"]
     lines += ["## Points", "", *table(header, [_cells(row) for row in rows[:MOST_ROWS]])]
+    lines += [SAID, ""]
     if len(rows) > MOST_ROWS:
         lines += [f"The first {MOST_ROWS} of {len(rows)}; all of them are in map.csv.", ""]
     return "\n".join(lines)
@@ -53,16 +60,23 @@ def _on(theory: MapTheory) -> str:
 
 def _said(row: Row) -> str:
     where = ", ".join(f"{key} {_number(value)}" for key, value in row.point.items())
-    error = "" if row.rms is None else f", RMS error {row.rms:.3g} m"
-    return f"{where}: {row.lost} of {row.flights} lost{error}"
+    error = "" if row.kept_rms is None else f", RMS error {_rms(row)} m"
+    return f"{where}: {count(row.lost, row.flights)} lost{error}"
+
+
+def _rms(row: Row) -> str:
+    middle = Middle(row.rms, row.rms_interval, row.kept_rms, row.kept_interval)
+    return of_all_and_kept(middle, row.lost)
 
 
 def _cells(row: Row) -> list[str]:
     half = "-" if row.rms_low is None else f"{row.rms_low:.3g} to {row.rms_high:.3g}"
-    figures = ["-" if value is None else f"{value:.3g}" for value in (row.rms, row.farthest, row.nees)]
-    interval = f"{row.lost_low:.1%} to {row.lost_high:.1%}"
+    figures = [
+        "-" if value is None else with_interval(value, interval)
+        for value, interval in ((row.farthest, row.farthest_interval), (row.nees, row.nees_interval))
+    ]
     settings = [_number(value) for value in row.point.values()]
-    return [*settings, str(row.flights), str(row.lost), interval, figures[0], half, *figures[1:]]
+    return [*settings, count(row.lost, row.flights), _rms(row), half, *figures]
 
 
 def _number(value: Any) -> str:
@@ -70,13 +84,20 @@ def _number(value: Any) -> str:
 
 
 def map_csv(found: Map) -> str:
-    """Return a row for each point as CSV: its settings, then its figures; empty where there is none."""
+    """Return a row for each point as CSV: its settings, then its figures.
+
+    A figure is empty where there is none, and inf where a lost flight stands.
+    """
     text = io.StringIO()
     sensors = list(found.rows[0].arrived)
-    names = ["flights", "lost", "lost_low", "lost_high", "rms", "rms_low", "rms_high", "farthest", "nees"]
+    singles = ["flights", "lost", "lost_low", "lost_high", "rms", "kept_rms", "rms_low", "rms_high", "farthest", "nees"]
+    intervals = ["rms_interval", "kept_interval", "farthest_interval", "nees_interval"]
+    ends = [f"{name}_{end}" for name in intervals for end in ("low", "high")]
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*found.sweep.axes, *names, *(f"arrived_{sensor}" for sensor in sensors)])
+    writer.writerow([*found.sweep.axes, *singles, *ends, *(f"arrived_{sensor}" for sensor in sensors)])
     for row in found.rows:
-        figures = [getattr(row, name) for name in names] + [row.arrived[sensor] for sensor in sensors]
+        figures = [getattr(row, name) for name in singles]
+        figures += [end for name in intervals for end in getattr(row, name) or (None, None)]
+        figures += [row.arrived[sensor] for sensor in sensors]
         writer.writerow([*row.point.values(), *("" if value is None else value for value in figures)])
     return text.getvalue()

@@ -13,8 +13,13 @@ from ortilo_drake.views.figures import COLOR, OTHER, STYLE, TITLE
 from ortilo_drake.views.pictures import save_picture
 
 
+def _label(name: str, rows: list[Summary]) -> str:
+    lost = sum(row.lost is not None for row in rows)
+    return TITLE.get(name, name).replace("+", "+\n") + (f"\n{lost} of {len(rows)} lost" if lost else "")
+
+
 def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
-    """Draw the distribution of each table column over the flights, with the paper's median and quartiles."""
+    """Draw each table column's distribution over the flights that were kept, with the paper's median and quartiles."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 3.6), layout="constrained")
         for k, column in enumerate((*AXES, "path")):
@@ -31,9 +36,7 @@ def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
                     continue
                 axes.plot([i + 0.2] * 2, [paper["p25"], paper["p75"]], color="0.5", lw=4, solid_capstyle="butt")
                 axes.plot(i + 0.2, paper["median"], "k_", ms=12, mew=2)
-            axes.set_xticks(
-                range(len(summaries)), [TITLE.get(name, name).replace("+", "+\n") for name in summaries], fontsize=7
-            )
+            axes.set_xticks(range(len(summaries)), [_label(name, rows) for name, rows in summaries.items()], fontsize=7)
             axes.set_yscale("log")
             axes.set_title("path following" if column == "path" else f"estimation, {column}")
         figure.axes[0].set_ylabel("MSE [m²]  (grey: the paper's quartiles, bar: its median)")

@@ -18,7 +18,7 @@ def scenarios_of_tables(
     """Return the scenarios of the tables by their name there: the paper's two, and those beside them.
 
     Args:
-        preset: 'tuned', 'nominal' or 'paper'.
+        preset: one of PRESETS.
         settings: laid over all of them.
         of_cameras: laid over those that fly a camera, after these.
         beside: further scenarios.

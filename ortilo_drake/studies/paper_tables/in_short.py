@@ -1,6 +1,7 @@
 """The paper's tables in at most five lines."""
 
 from ortilo_drake.studies.paper_tables.tables import SCENARIOS, Tables
+from ortilo_drake.views.numbers import count, number, with_interval
 
 TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
@@ -11,18 +12,29 @@ def in_short(tables: Tables) -> list[str]:
     Args:
         tables: what make_tables returned.
     """
-    lost = [f"{TITLES.get(name, name)} {count} of {tables.flights}" for name, count in tables.lost.items()]
+    lost = [f"{TITLES.get(name, name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
     for name in SCENARIOS:
-        ours = [axis["median"] for axis in tables.estimation[name].values()]
-        paper = [f"{axis['median']:.4f}" for axis in tables.paper.estimation[name].values()]
-        found = [f"{value:.4f}" for value in ours if value is not None]
-        said = f"{', '.join(found)} m² in {', '.join(tables.estimation[name])}" if found else "none"
-        lines.append(f"{TITLES[name]}, median squared error: {said} (paper: {', '.join(paper)}).")
-    if tables.drop_in_x is not None:
-        change = tables.drop_in_x.median
-        lines.append(f"The camera {'lowers' if change >= 0.0 else 'raises'} that in x by {abs(change):.0%}.")
-    nees = [f"{TITLES.get(name, name)} {value:.2f}" for name, value in tables.nees.items() if value is not None]
+        lines.append(_medians(tables, name))
+    drop = tables.drop_in_x.median
+    if drop is not None:
+        lines.append(f"The camera {'lowers' if drop >= 0.0 else 'raises'} that in x by {abs(drop):.0%}.")
+    nees = [
+        f"{TITLES.get(name, name)} {with_interval(its.value, its.interval)}"
+        for name, its in tables.nees.items()
+        if its.value is not None
+    ]
     if nees:
         lines.append(f"Mean NEES of the position, 3 if the filter claims what it knows: {', '.join(nees)}.")
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
+
+
+def _medians(tables: Tables, name: str) -> str:
+    axes, lost = tables.estimation[name], tables.lost[name]
+    every, intervals = tables.with_lost[name], tables.with_lost_intervals[name]
+    found = [with_interval(every[axis]["median"], intervals[axis]["median"]) for axis in axes]
+    kept = [number(value) for its in axes.values() if (value := its["median"]) is not None]
+    paper = [f"{axis['median']:.4f}" for axis in tables.paper.estimation[name].values()]
+    said = f"{', '.join(found)} m² in {', '.join(axes)}"
+    beside = f"kept: {', '.join(kept) or 'none'}; " if lost else ""
+    return f"{TITLES[name]}, median squared error: {said} ({beside}paper: {', '.join(paper)})."

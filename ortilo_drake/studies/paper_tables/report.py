@@ -1,25 +1,34 @@
 """The tables as text: ours with intervals, beside the paper's."""
 
+from ortilo_drake.flight.efficiency import Ratio
 from ortilo_drake.studies.paper_tables.in_short import TITLES, in_short
-from ortilo_drake.studies.paper_tables.tables import ENOUGH_FLIGHTS, SCENARIOS, STATISTICS, Interval, Statistics, Tables
+from ortilo_drake.studies.paper_tables.tables import (
+    ENOUGH_FOR_A_MEAN,
+    QUANTILES,
+    AxisEfficiency,
+    Drop,
+    Interval,
+    Intervals,
+    Statistics,
+    Tables,
+)
+from ortilo_drake.studies.paper_tables.verdict import verdict
+from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import count, share, with_interval
 
 _NAME = {"mean": "mean", "median": "median", "p75": "75 %", "p25": "25 %"}
 
 
-def _mark(flights: int, statistic: str) -> str:
-    return "" if flights >= ENOUGH_FLIGHTS[statistic] else " (!)"
+def _mark(flights: int) -> str:
+    return "" if flights >= ENOUGH_FOR_A_MEAN else " (!)"
 
 
-def _cell(value: float | None, interval: Interval | None, mark: str) -> str:
-    if value is None:
-        return "none"
-    return f"{value:.4f}" + (f" [{interval[0]:.4f}, {interval[1]:.4f}]{mark}" if interval else "")
+def _mean(value: float | None, interval: Interval | None, flights: int) -> str:
+    return with_interval(value, interval) + (_mark(flights) if interval else "")
 
 
-def _shown(flights: int) -> list[str]:
-    """Return the statistics that a table shows: no quartiles of fewer flights than say something of them."""
-    quartiles = ("p75", "p25")
-    return [s for s in STATISTICS if s not in quartiles or flights >= ENOUGH_FLIGHTS[s]]
+def _ratio(ratio: Ratio, flights: int) -> str:
+    return _mean(ratio.value, ratio.interval, flights)
 
 
 def _title(scenario: str) -> str:
@@ -30,55 +39,101 @@ def _kept(tables: Tables, scenario: str) -> int:
     return tables.flights - tables.lost[scenario]
 
 
+def _of_the_kept(tables: Tables, scenario: str) -> str:
+    return " of the kept" if tables.lost[scenario] else ""
+
+
 def _of_flights(tables: Tables, scenario: str) -> list[str]:
     """Return the line above a table: how many flights its numbers are of."""
-    kept = _kept(tables, scenario)
-    whole = "none was lost" if kept == tables.flights else f"the other {tables.flights - kept} are not counted"
-    return [f"{_title(scenario)}: of {kept} flights that were not lost; {whole}.", ""]
+    lost = tables.lost[scenario]
+    counted = f"lost {count(lost, tables.flights)}; median and quartiles count each lost flight as worst"
+    return [f"{_title(scenario)}: of {tables.flights} flights, {counted if lost else 'none was lost'}.", ""]
 
 
 def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, dict[str, float] | None]]) -> list[str]:
     """Return the rows of a table: its columns as ours and the paper's, None where the paper has no such scenario."""
     heads = [head for name, (_, paper) in columns.items() for head in ([name, "paper"] if paper else [name])]
-    lines = [
-        *_of_flights(tables, scenario),
-        f"| {_title(scenario)} | " + " | ".join(heads) + " |",
-        "|---" * (1 + len(heads)) + "|",
-    ]
-    for statistic in _shown(_kept(tables, scenario)):
-        cells, mark = [], _mark(_kept(tables, scenario), statistic)
-        for name, (ours, paper) in columns.items():
-            cells.append(_cell(ours[statistic], tables.intervals[scenario][name][statistic], mark))
-            if paper:
-                cells.append(f"{paper[statistic]:.4f}")
-        lines.append(f"| {_NAME[statistic]} | " + " | ".join(cells) + " |")
-    return lines
+    kept, lost = _kept(tables, scenario), tables.lost[scenario]
+    its, every = tables.intervals[scenario], tables.with_lost_intervals[scenario]
+    rows = []
 
+    def add(title: str, cells: dict[str, str], statistic: str) -> None:
+        row = [title]
+        for name, (_, paper) in columns.items():
+            row += [cells[name], *([f"{paper[statistic]:.4f}"] if paper else [])]
+        rows.append(row)
 
-def _ratio(value: float | None, interval: Interval | None, mark: str) -> str:
-    if value is None:
-        return "none"
-    return f"{value:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]{mark}" if interval else "")
+    for statistic in _NAME:
+        if statistic in QUANTILES and lost:
+            all_flights = tables.with_lost[scenario]
+            add(
+                _NAME[statistic],
+                {name: with_interval(all_flights[name][statistic], every[name][statistic]) for name in columns},
+                statistic,
+            )
+        mark = _mark(kept) if statistic == "mean" else ""
+        cells = {}
+        for name, (ours, _) in columns.items():
+            interval = its[name][statistic]
+            cells[name] = with_interval(ours[statistic], interval) + (mark if interval else "")
+        add(_NAME[statistic] + _of_the_kept(tables, scenario), cells, statistic)
+    return [*_of_flights(tables, scenario), *table([_title(scenario), *heads], rows)]
 
 
 def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
     """Return the rows of a scenario's efficiency_table."""
-    table, kept = tables.efficiency[scenario], _kept(tables, scenario)
-    columns = list(table.values())
-    lines = [f"| {_title(scenario)} | " + " | ".join(table) + " |", "|---" * (1 + len(columns)) + "|"]
-    rows = {
-        name: [_ratio(ratio.value, ratio.interval, _mark(kept, "mean")) for ratio in ratios]
-        for name, ratios in (("all flights", [c.all for c in columns]), ("tick by tick", [c.ticks for c in columns]))
-    }
-    for statistic in _shown(kept):
-        mark = _mark(kept, statistic)
-        rows[_NAME[statistic]] = [_ratio(getattr(c, statistic), c.intervals[statistic], mark) for c in columns]
-    rows["mean floor [m²]"] = ["none" if c.floor is None else f"{c.floor:.6f}" for c in columns]
-    return lines + [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
+    axes, kept, lost = tables.efficiency[scenario], _kept(tables, scenario), tables.lost[scenario]
+    columns, of_the_kept = list(axes.values()), _of_the_kept(tables, scenario)
+
+    def quantiles(of: list[tuple[Statistics, Intervals]], statistic: str) -> list[str]:
+        return [with_interval(values[statistic], intervals[statistic]) for values, intervals in of]
+
+    rows = []
+    if lost:
+        rows += [
+            ["all together, lost ones up to their losses", *(_ratio(c.all_with_lost, kept + lost) for c in columns)],
+            ["tick by tick, likewise", *(_ratio(c.ticks_with_lost, kept + lost) for c in columns)],
+        ]
+    rows += [
+        [f"all together{of_the_kept}", *(_ratio(c.all, kept) for c in columns)],
+        [f"tick by tick{of_the_kept}", *(_ratio(c.ticks, kept) for c in columns)],
+        [f"mean{of_the_kept}", *(_mean(c.mean, c.intervals["mean"], kept) for c in columns)],
+    ]
+    for statistic in QUANTILES:
+        if lost:
+            rows.append(
+                [_NAME[statistic], *quantiles([(c.with_lost, c.with_lost_intervals) for c in columns], statistic)]
+            )
+        rows.append(
+            [_NAME[statistic] + of_the_kept, *quantiles([(_quantiles(c), c.intervals) for c in columns], statistic)]
+        )
+    floors = ["none" if c.floor is None else f"{c.floor:.6f}" for c in columns]
+    return table([_title(scenario), *axes], [*rows, [f"mean floor{of_the_kept} [m²]", *floors]])
+
+
+def _quantiles(column: AxisEfficiency) -> Statistics:
+    return {statistic: getattr(column, statistic) for statistic in QUANTILES}
+
+
+def _drop(drop: Drop) -> list[str]:
+    """Return the line on what the camera does to the median in x."""
+    if drop.kept is None:
+        return []
+    ways = [(drop.median, drop.interval), (drop.kept, drop.kept_interval)]
+    said = [
+        "lost" if value is None else f"{value:.1%}" + (f" [{_end(ends[0])}, {_end(ends[1])}]" if ends else " [?]")
+        for value, ends in ways
+    ]
+    kept = f" (of the kept flights by {said[1]})" if said[0] != said[1] else ""
+    return [f"- The camera lowers the median MSE in x by {said[0]}{kept}; paper 93.35 %."]
+
+
+def _end(value: float) -> str:
+    return "lost" if value == float("-inf") else f"{value:.1%}"
 
 
 def table_text(tables: Tables) -> str:
-    """Return tables I and II as Markdown, ours (bootstrap 95 % intervals) beside the paper's.
+    """Return tables I and II as Markdown, ours with 95 % intervals beside the paper's.
 
     Args:
         tables: what make_tables returned.
@@ -86,51 +141,53 @@ def table_text(tables: Tables) -> str:
     scenarios, paper = list(tables.estimation), tables.paper
     lines = [f"# The paper's tables, preset '{tables.preset}', {tables.flights} flights a scenario", ""]
     lines += in_short(tables)
+    lines += verdict(tables)
     lines += [
-        "Mean squared errors [m²] of flights not lost, with bootstrap 95 % intervals. An interval with (!) is too "
-        "narrow to mean that: it takes more flights to hold the true value in 90 % of all cases, "
-        f"{ENOUGH_FLIGHTS['mean']} for a mean and {ENOUGH_FLIGHTS['median']} for a median (found with "
-        f"log-normal errors). Quartiles are shown of {ENOUGH_FLIGHTS['p75']} flights and more.",
+        "Mean squared errors [m²] with 95 % intervals. Those of medians and quartiles are between order statistics and "
+        "hold for any distribution; [?]: too few flights for one, 6 for a median, 13 for a quartile. A lost flight "
+        "counts as worse than any that was kept; 'lost' stands where so many are lost that the number is of a lost "
+        "flight. Means are of the flights that were kept, with bootstrap intervals; (!): too narrow to hold the true "
+        f"mean in 90 % of all cases, which takes {ENOUGH_FOR_A_MEAN} flights (found with log-normal errors).",
+        "",
+        "## Table I: estimation error, xhat(k|k-1)",
         "",
     ]
-    lines += ["## Table I: estimation error, xhat(k|k-1)", ""]
     for scenario in scenarios:
         ours, its = tables.estimation[scenario], paper.estimation.get(scenario, {})
-        lines += [*_rows(tables, scenario, {a: (ours[a], its.get(a)) for a in ours}), ""]
+        lines += _rows(tables, scenario, {a: (ours[a], its.get(a)) for a in ours})
     lines += ["## Table II: path-following error, deviation in y at the actual x", ""]
     for scenario in scenarios:
-        columns = {"path": (tables.path[scenario], paper.path.get(scenario))}
-        lines += [*_rows(tables, scenario, columns), ""]
+        lines += _rows(tables, scenario, {"path": (tables.path[scenario], paper.path.get(scenario))})
     lines += ["## Efficiency: estimation error over the Cramer-Rao floor", ""]
     lines += [
         "No estimator from the same ranges, box centres and angles, and specific force and body rates where the "
         "filter reads them, has a mean squared error below the floor, on average over flights. What the scenario's "
         "truth lets differ counts as unknown; where it lets nothing differ the floor knows mass, force, torque and "
-        "biases, which a filter that estimates them does not. All flights: their mean error over their mean floor, "
-        "at best 1. Tick by tick: the mean of squared error over floor, where the blackouts count no "
+        "biases, which a filter that estimates them does not. All together: the flights' mean error over their mean "
+        "floor, at best 1. Tick by tick: the mean of squared error over floor, where the blackouts count no "
         "more than the rest. Below: over single flights, whose errors come from a few blackouts, so that some are "
         "below 1.",
         "",
     ]
     for scenario in scenarios:
-        lines += [*_efficiency_rows(tables, scenario), ""]
-    lines += ["## Beside the tables", ""]
-    drop = tables.drop_in_x
-    if drop is not None:
-        low, high = drop.interval
-        mark = _mark(min(_kept(tables, scenario) for scenario in SCENARIOS), "median")
-        lines.append(
-            f"- The camera lowers the median MSE in x by {drop.median:.1%} [{low:.1%}, {high:.1%}]{mark}; "
-            "paper 93.35 %."
-        )
+        lines += _efficiency_rows(tables, scenario)
+    lines += ["## Beside the tables", "", *_drop(tables.drop_in_x)]
     for scenario in scenarios:
         rates = [f"{sensor} {rate:.1%}" for sensor, rate in tables.arrivals[scenario].items() if rate is not None]
-        nees = tables.nees[scenario]
-        distance = tables.path_distance[scenario]["median"]
+        kept, lost = _kept(tables, scenario), tables.lost[scenario]
+        nees = _ratio(tables.nees[scenario], kept)
+        if lost:
+            every = _ratio(tables.nees_with_lost[scenario], kept + lost)
+            nees += f" of the kept, {every} with the lost up to their losses"
+        distance = with_interval(
+            tables.with_lost[scenario]["path_distance"]["median"],
+            tables.with_lost_intervals[scenario]["path_distance"]["median"],
+        )
         lines.append(
-            f"- {_title(scenario)}: {tables.lost[scenario]} of {tables.flights} flights lost, "
-            f"{tables.touched[scenario]} touched furniture; fixes used of due: {', '.join(rates) or 'none'}; "
-            f"mean position NEES {'none' if nees is None else format(nees, '.2f')} (3 if consistent); "
-            f"median squared distance to the path {_cell(distance, None, '')} m²; flown by {tables.players[scenario]}."
+            f"- {_title(scenario)}: {lost} of {tables.flights} flights lost "
+            f"{share(lost, tables.flights)}, {tables.touched[scenario]} touched furniture; "
+            f"fixes used of due: {', '.join(rates) or 'none'}; "
+            f"mean position NEES {nees} (3 if consistent); "
+            f"median squared distance to the path {distance} m²; flown by {tables.players[scenario]}."
         )
     return "\n".join(lines) + "\n"

@@ -1,22 +1,24 @@
 """The paper's tables I and II, ours beside its own."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
 from ortilo_drake.flight.efficiency import Ratio, ratio_of_means
 from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.intervals import LEVEL, Interval, quantile, quantile_interval, share_interval
 from ortilo_drake.flight.summary import Summary, players_of
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
-PRESETS = ("tuned", "nominal", "paper")
+PRESETS = ("tuned", "nominal", "paper", "printed")
 STATISTICS = ("mean", "median", "p75", "p25")
+QUANTILES = {"median": 0.5, "p75": 0.75, "p25": 0.25}
 
 Statistics = dict[str, float | None]  # by name of STATISTICS; None each of no values
-Interval = tuple[float, float]
+Intervals = dict[str, Interval | None]  # likewise; None of too few values
 
 
 @dataclass(frozen=True)
@@ -29,23 +31,48 @@ class PaperTables:
 
 @dataclass(frozen=True)
 class Drop:
-    """The share by which the camera lowers the median MSE in x, and its 95 % interval."""
+    """The share by which the camera lowers the median MSE in x.
 
-    median: float
-    interval: Interval
+    Attributes:
+        median: with lost flights as worst; None where the median without the camera is lost, or both are.
+        interval: its 95 % interval at least; None of too few flights.
+        kept: of the flights that were not lost.
+        kept_interval: its 95 % interval at least.
+    """
+
+    median: float | None
+    interval: Interval | None
+    kept: float | None
+    kept_interval: Interval | None
 
 
 @dataclass(frozen=True)
 class AxisEfficiency:
-    """An axis's efficiency over flights: statistics, their intervals, of all together, tick by tick, the mean floor."""
+    """An axis's efficiency over flights.
+
+    Attributes:
+        mean: over the flights that were not lost; likewise the next three.
+        intervals: of these four.
+        with_lost: the quantiles with each lost flight as worst.
+        with_lost_intervals: of these.
+        all: error of all flights that were not lost over their floor.
+        all_with_lost: the same with the lost ones up to their losses.
+        ticks: tick by tick, of those that were not lost.
+        ticks_with_lost: the same with the lost ones up to their losses.
+        floor: mean floor of those that were not lost [m^2].
+    """
 
     mean: float | None
     median: float | None
     p75: float | None
     p25: float | None
-    intervals: dict[str, Interval | None]
+    intervals: Intervals
+    with_lost: Statistics
+    with_lost_intervals: Intervals
     all: Ratio
+    all_with_lost: Ratio
     ticks: Ratio
+    ticks_with_lost: Ratio
     floor: float | None
 
 
@@ -54,17 +81,21 @@ class Tables:
     """The tables of an ensemble, as `ortilo tables --json` writes them; each field by scenario, but for a few.
 
     Attributes:
-        preset: 'tuned', 'nominal' or 'paper'.
+        preset: one of PRESETS.
         flights: of each scenario.
         lost: how many were lost; they are not averaged.
+        lost_share: Wilson's 95 % interval of the share of lost flights [1].
         touched: how many of the others touched furniture.
         estimation: statistics of the mean squared error by axis [m^2].
         path: statistics of the path-following error [m^2].
         path_distance: statistics of the mean squared distance to the path [m^2].
-        intervals: 95 % intervals by column, the axes and 'path', and statistic.
+        intervals: 95 % intervals by column, the axes, 'path' and 'path_distance', and statistic.
+        with_lost: median and quartiles of these columns with each lost flight as worst: null where one stands.
+        with_lost_intervals: their 95 % intervals: null at an end where a lost flight stands.
         efficiency: by axis.
         drop_in_x: of both scenarios together.
         nees: mean NEES of the position.
+        nees_with_lost: the same with the lost flights up to their losses.
         arrivals: mean rate of arrivals by sensor.
         players: who flew.
         paper: the paper's own tables.
@@ -73,14 +104,18 @@ class Tables:
     preset: str
     flights: int
     lost: dict[str, int]
+    lost_share: dict[str, Interval]
     touched: dict[str, int]
     estimation: dict[str, dict[str, Statistics]]
     path: dict[str, Statistics]
     path_distance: dict[str, Statistics]
-    intervals: dict[str, dict[str, dict[str, Interval | None]]]
+    intervals: dict[str, dict[str, Intervals]]
+    with_lost: dict[str, dict[str, Statistics]]
+    with_lost_intervals: dict[str, dict[str, Intervals]]
     efficiency: dict[str, dict[str, AxisEfficiency]]
-    drop_in_x: Drop | None
-    nees: dict[str, float | None]
+    drop_in_x: Drop
+    nees: dict[str, Ratio]
+    nees_with_lost: dict[str, Ratio]
     arrivals: dict[str, dict[str, float | None]]
     players: dict[str, str]
     paper: PaperTables
@@ -111,110 +146,155 @@ PAPER = PaperTables(
     path={scenario: dict(zip(STATISTICS, row, strict=True)) for scenario, row in _PAPER_PATH.items()},
 )
 
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "mean": np.mean,
-    "median": np.median,
-    "p75": lambda values, axis=-1: np.percentile(values, 75, axis=axis),
-    "p25": lambda values, axis=-1: np.percentile(values, 25, axis=axis),
-}
-
-# Flights needed for a percentile bootstrap's 95 % interval to hold the true value in 90 % of all cases, with log-normal
-# errors of sigma 1. Coverage by simulation: mean 0.39 with 2 flights, 0.83 with 13, 0.86 with 20, 0.90 with 60; median
-# 0.74 with 3, 0.93 with 5; quartile 0.75 with 5, 0.89 with 8, 0.91 with 10.
-ENOUGH_FLIGHTS = {"mean": 60, "median": 6, "p75": 10, "p25": 10}
+# Flights needed for a percentile bootstrap's 95 % interval of a mean to hold the true one in 90 % of all cases, with
+# log-normal errors of sigma 1. Coverage by simulation: 0.39 with 2 flights, 0.83 with 13, 0.86 with 20, 0.90 with 60.
+ENOUGH_FOR_A_MEAN = 60
 
 
-def statistics(values: list[float]) -> Statistics:
+def statistics(values: Sequence[float]) -> Statistics:
     """Return mean, median and quartiles; None each if there is no value."""
-    if not values:
-        return dict.fromkeys(STATISTICS)
-    return {name: float(_FUNCTIONS[name](np.array(values))) for name in STATISTICS}
+    mean = float(np.mean(values)) if len(values) else None
+    return {"mean": mean} | quantiles(values)
 
 
-def bootstrap_interval(values: list[float], statistic: str) -> Interval | None:
-    """Return the bootstrap 95 % interval (percentile method) of a statistic; None below two values."""
+def quantiles(values: Sequence[float]) -> Statistics:
+    """Return median and quartiles; None each if there is no value, infinite where a lost flight stands."""
+    return {name: quantile(values, q) for name, q in QUANTILES.items()}
+
+
+def mean_interval(values: Sequence[float]) -> Interval | None:
+    """Return the bootstrap 95 % interval (percentile method) of a mean; None below two values."""
     if len(values) < 2:
         return None
-    found = scipy.stats.bootstrap(
-        (np.array(values),),
-        _FUNCTIONS[statistic],
-        vectorized=True,
-        method="percentile",
-        rng=np.random.default_rng(0),
-    )
+    rng = np.random.default_rng(0)
+    found = scipy.stats.bootstrap((np.array(values),), np.mean, vectorized=True, method="percentile", rng=rng)
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
-def intervals_of(values: list[float]) -> dict[str, Interval | None]:
-    """Return the bootstrap interval of every statistic."""
-    return {statistic: bootstrap_interval(values, statistic) for statistic in STATISTICS}
+def mean_of(values: Sequence[float]) -> Ratio:
+    """Return a mean and its interval."""
+    return Ratio(statistics(values)["mean"], mean_interval(values))
 
 
-def drop_in_x(without: list[float], with_camera: list[float]) -> Drop | None:
-    """Return the share by which the camera lowers the median MSE in x, with its bootstrap 95 % interval.
+def intervals_of(values: Sequence[float]) -> Intervals:
+    """Return the interval of every statistic: by the bootstrap of the mean, by ranks of the others."""
+    return {"mean": mean_interval(values)} | quantile_intervals(values)
+
+
+def quantile_intervals(values: Sequence[float]) -> Intervals:
+    """Return the intervals of median and quartiles."""
+    return {name: quantile_interval(values, q) for name, q in QUANTILES.items()}
+
+
+def with_lost(kept: Sequence[float], flights: int) -> list[float]:
+    """Return a figure of all flights: infinite of those that were lost."""
+    return [*kept, *[math.inf] * (flights - len(kept))]
+
+
+def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float | None, Interval | None]:
+    """Return the drop of a median and its interval.
+
+    The interval joins those of both medians, each of half the error (Bonferroni): flights of a seed may be alike.
+    """
+    a, b = quantile(without), quantile(with_camera)
+    low, high = (quantile_interval(values, 0.5, 0.5 * (1.0 + LEVEL)) for values in (without, with_camera))
+    drop = None if not a or b is None or math.isinf(a) else 1.0 - b / a
+    ends = None
+    if low is not None and high is not None and 0.0 < low[0] < math.inf:
+        ends = (1.0 - high[1] / low[0], 1.0 - high[0] / low[1] if high[0] < math.inf else -math.inf)
+    return drop, ends
+
+
+def drop_in_x(without: Sequence[float], with_camera: Sequence[float], flights: tuple[int, int]) -> Drop:
+    """Return the share by which the camera lowers the median MSE in x.
 
     The paper's own 93.35 % is 1 - 0.0066 / 0.0993.
+
+    Args:
+        without: of the flights without the camera that were not lost.
+        with_camera: of those with it.
+        flights: how many flew, without and with it.
     """
-    if len(without) < 2 or len(with_camera) < 2:
-        return None
-
-    def drop(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
-        return 1.0 - np.median(b, axis=axis) / np.median(a, axis=axis)
-
-    samples = (np.array(without), np.array(with_camera))
-    found = scipy.stats.bootstrap(samples, drop, vectorized=True, method="percentile", rng=np.random.default_rng(0))
-    low, high = found.confidence_interval
-    return Drop(float(drop(*samples)), (float(low), float(high)))
+    every = (with_lost(kept, n) for kept, n in zip((without, with_camera), flights, strict=True))
+    return Drop(*_drop(*every), *_drop(without, with_camera))
 
 
 def efficiency_table(rows: list[Summary]) -> dict[str, AxisEfficiency]:
-    """Return each axis's efficiency over flights: statistics, of all together, tick by tick, and the mean floor."""
-    table = {}
-    for axis in AXES:
-        known = [s for s in rows if s.efficiency[axis] is not None]
-        values = [value for s in known if (value := s.efficiency[axis]) is not None]
-        floors = [s.floor[axis] for s in known if s.floor]
-        ticks = [value for s in known if (value := s.tick_efficiency[axis]) is not None]
-        table[axis] = AxisEfficiency(
-            **statistics(values),
-            intervals=intervals_of(values),
-            all=ratio_of_means([s.mse[axis] for s in known], floors),
-            ticks=Ratio(statistics(ticks)["mean"], bootstrap_interval(ticks, "mean")),
-            floor=float(np.mean(floors)) if floors else None,
-        )
-    return table
+    """Return each axis's efficiency over flights."""
+    return {axis: _efficiency(axis, rows) for axis in AXES}
+
+
+def _efficiency(axis: str, rows: list[Summary]) -> AxisEfficiency:
+    known = [s for s in rows if s.efficiency[axis] is not None]
+    kept = [s for s in known if s.lost is None]
+    values = [value for s in kept if (value := s.efficiency[axis]) is not None]
+    every = with_lost(values, len(known))
+
+    def whole(of: list[Summary]) -> Ratio:
+        return ratio_of_means([s.mse[axis] for s in of], [s.floor[axis] for s in of if s.floor])
+
+    def ticks(of: list[Summary]) -> Ratio:
+        return mean_of([value for s in of if (value := s.tick_efficiency[axis]) is not None])
+
+    return AxisEfficiency(
+        **statistics(values),
+        intervals=intervals_of(values),
+        with_lost=quantiles(every),
+        with_lost_intervals=quantile_intervals(every),
+        all=whole(kept),
+        all_with_lost=whole(known),
+        ticks=ticks(kept),
+        ticks_with_lost=ticks(known),
+        floor=statistics([s.floor[axis] for s in kept if s.floor])["mean"],
+    )
+
+
+def _columns(rows: list[Summary]) -> dict[str, list[float]]:
+    """Return the figures of flights by column; the path-following error where it is defined."""
+    path = [s.path_mse for s in rows if s.path_mse is not None]
+    distance = [s.path_distance_mse for s in rows]
+    return {axis: [s.mse[axis] for s in rows] for axis in AXES} | {"path": path, "path_distance": distance}
+
+
+def _with_lost(kept: list[Summary], lost: int) -> dict[str, list[float]]:
+    columns = _columns(kept)
+    is_defined = {name: bool(values) or not kept for name, values in columns.items()}
+    return {name: with_lost(values, len(values) + lost) if is_defined[name] else [] for name, values in columns.items()}
 
 
 def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
     """Return the tables of an ensemble, as `ortilo tables --json` writes them.
 
-    Lost flights are counted, not averaged.
+    Lost flights are counted, are worst in the quantiles that say so, and are left out of all means but those that do.
 
     Args:
-        preset: 'tuned', 'nominal' or 'paper'.
+        preset: one of PRESETS.
         summaries: the flights' summaries by scenario: 'imu_uwb', 'imu_uwb_yolo' and any others to stand beside them.
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
-    x = {name: [s.mse["x"] for s in rows] for name, rows in kept.items()}
-    estimation, path, intervals = {}, {}, {}
-    for name, rows in kept.items():
-        columns = {axis: [s.mse[axis] for s in rows] for axis in AXES}
-        columns["path"] = [s.path_mse for s in rows if s.path_mse is not None]
-        intervals[name] = {column: intervals_of(values) for column, values in columns.items()}
-        path[name] = statistics(columns.pop("path"))
-        estimation[name] = {axis: statistics(values) for axis, values in columns.items()}
+    lost = {name: len(rows) - len(kept[name]) for name, rows in summaries.items()}
+    columns = {name: _columns(rows) for name, rows in kept.items()}
+    every = {name: _with_lost(rows, lost[name]) for name, rows in kept.items()}
+    without, with_camera = SCENARIOS
+    flown = len(summaries[without]), len(summaries[with_camera])
     return Tables(
         preset=preset,
         flights=max(len(rows) for rows in summaries.values()),
-        lost={name: sum(s.lost is not None for s in rows) for name, rows in summaries.items()},
+        lost=lost,
+        lost_share={name: share_interval(lost[name], len(rows)) for name, rows in summaries.items()},
         touched={name: sum(bool(s.contacts) for s in rows) for name, rows in kept.items()},
-        estimation=estimation,
-        path=path,
-        path_distance={name: statistics([s.path_distance_mse for s in rows]) for name, rows in kept.items()},
-        intervals=intervals,
-        efficiency={name: efficiency_table(rows) for name, rows in kept.items()},
-        drop_in_x=drop_in_x(x["imu_uwb"], x["imu_uwb_yolo"]),
-        nees={name: statistics([s.nees for s in rows])["mean"] for name, rows in kept.items()},
+        estimation={name: {axis: statistics(of[axis]) for axis in AXES} for name, of in columns.items()},
+        path={name: statistics(of["path"]) for name, of in columns.items()},
+        path_distance={name: statistics(of["path_distance"]) for name, of in columns.items()},
+        intervals={name: {column: intervals_of(v) for column, v in of.items()} for name, of in columns.items()},
+        with_lost={name: {column: quantiles(v) for column, v in of.items()} for name, of in every.items()},
+        with_lost_intervals={
+            name: {column: quantile_intervals(v) for column, v in of.items()} for name, of in every.items()
+        },
+        efficiency={name: efficiency_table(rows) for name, rows in summaries.items()},
+        drop_in_x=drop_in_x(columns[without]["x"], columns[with_camera]["x"], flown),
+        nees={name: mean_of([s.nees for s in rows]) for name, rows in kept.items()},
+        nees_with_lost={name: mean_of([s.nees for s in rows]) for name, rows in summaries.items()},
         arrivals={
             name: {
                 sensor: statistics([rate for s in rows if (rate := s.arrivals[sensor]) is not None])["mean"]

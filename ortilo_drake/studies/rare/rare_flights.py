@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
-from scipy import stats
 
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.ensemble import flight_folder
+from ortilo_drake.flight.intervals import share_interval
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
@@ -130,8 +130,7 @@ def counted_of(flights: int, events: int) -> Counted:
 
     Of no event in n >= 20 flights its upper end is 16 to 28 % above the exact one-sided limit, 1 - 0.05^(1/n).
     """
-    share = stats.binomtest(events, flights).proportion_ci(LEVEL, method="wilson")
-    return Counted(flights, events, float(share.low), float(share.high))
+    return Counted(flights, events, *share_interval(events, flights))
 
 
 def rare_flights(

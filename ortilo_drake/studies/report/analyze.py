@@ -126,7 +126,7 @@ def honesty_section(
 
     summaries = fly_many(scenario, range(flights), out / "flights", workers, count)
     flown = flights_of(scenario, range(flights), out / "flights")
-    efficiency = efficiency_table([s for s in summaries if s.lost is None])
+    efficiency = efficiency_table(summaries)
     report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
     names = {scenario.name: flown}
     figures = [

@@ -20,10 +20,13 @@ def honesty_text(found: Honesty) -> list[str]:
     lines += table(["", "no blackout near", "in a blackout", "just after one", "whole flight"], rows)
     lines += ["Efficiency, the mean squared error over the Cramér-Rao floor (at best 1):", ""]
     axes = found.efficiency.values()
-    rows = [
-        [name, *(_mean(ratio.value, ratio.interval) for ratio in ratios)]
-        for name, ratios in (("all flights", [a.all for a in axes]), ("tick by tick", [a.ticks for a in axes]))
-    ]
+    ratios = {"all flights": [a.all for a in axes], "tick by tick": [a.ticks for a in axes]}
+    if found.lost:
+        ratios |= {
+            "all flights, with the lost up to their losses": [a.all_with_lost for a in axes],
+            "tick by tick, likewise": [a.ticks_with_lost for a in axes],
+        }
+    rows = [[name, *(_mean(ratio.value, ratio.interval) for ratio in of)] for name, of in ratios.items()]
     return lines + table(["", *found.efficiency], rows)
 
 

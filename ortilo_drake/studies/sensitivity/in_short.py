@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, NONE, Limit, Sensitivity
+from ortilo_drake.views.numbers import count
 
 
 def in_short(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
@@ -14,7 +15,7 @@ def in_short(found: Sensitivity, careful: Mapping[str, float], together: str) ->
         together: the name of all mismatches at once, which is left out where single ones are compared.
     """
     calm = next(row for row in found.rows if row.mismatch == NONE)
-    lines = [f"Without any mismatch {calm.lost} of {calm.flights} flights are lost."]
+    lines = [f"Without any mismatch {count(calm.lost, calm.flights)} flights are lost."]
     alone = [limit for limit in found.limits if limit.mismatch != together]
     known = [limit for limit in alone if limit.value]
 

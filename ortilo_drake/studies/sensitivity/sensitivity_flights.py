@@ -8,12 +8,14 @@ from typing import Final
 import numpy as np
 
 from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_interval
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown, LossLevel, loss_level
 from ortilo_drake.studies.sensitivity.mismatches import Mismatch, Settings, all_together, mismatches_of
 from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladder, next_level
 from ortilo_drake.studies.sensitivity.outcomes import Outcome, fly_outcomes
 from ortilo_drake.studies.sensitivity.sequential_test import loses_more
+from ortilo_drake.theory.consistency.consistency import mean_interval
 
 LOST_SHARE: Final = 0.05
 NONE: Final = "none"
@@ -30,16 +32,23 @@ class Row:
         value: of the mismatch.
         flights: how many.
         lost: how many of them.
-        mse: medians over the others of the estimate's mean squared error per axis [m^2]; None if all were lost.
-        nees: mean over the others of the position's NEES, 3 if the filter is consistent; None if all were lost.
+        lost_share: Wilson's 95 % interval of the share lost [1].
+        mse: median of the estimate's mean squared error per axis [m^2], with the lost flights as worst and without.
+        nees: mean of the position's NEES over the flights that were not lost, 3 if the filter is consistent; None if
+            all were lost.
+        nees_interval: its 95 % interval by Student's t; None of fewer than two.
+        nees_with_lost: the same of all flights, lost ones up to their losses; infinite if one diverged.
     """
 
     mismatch: str
     value: float
     flights: int
     lost: int
-    mse: dict[str, float] | None
+    lost_share: Interval
+    mse: dict[str, Middle]
     nees: float | None
+    nees_interval: Interval | None
+    nees_with_lost: float
 
 
 @dataclass(frozen=True)
@@ -178,7 +187,16 @@ def _lost(outcomes: Sequence[Outcome]) -> int:
 
 
 def _row(mismatch: str, value: float, outcomes: Sequence[Outcome]) -> Row:
-    kept = [flown for flown in outcomes if not flown.lost]
-    mse = {axis: float(np.median([flown.mse[axis] for flown in kept])) for axis in AXES} if kept else None
-    nees = float(np.mean([flown.nees for flown in kept])) if kept else None
-    return Row(mismatch, value, len(outcomes), _lost(outcomes), mse, nees)
+    kept, lost = [flown for flown in outcomes if not flown.lost], _lost(outcomes)
+    nees = np.array([flown.nees for flown in kept])
+    return Row(
+        mismatch=mismatch,
+        value=value,
+        flights=len(outcomes),
+        lost=lost,
+        lost_share=share_interval(lost, len(outcomes)),
+        mse={axis: middle_of([flown.mse[axis] for flown in kept], lost) for axis in AXES},
+        nees=float(nees.mean()) if kept else None,
+        nees_interval=mean_interval(nees),
+        nees_with_lost=float(np.nan_to_num(np.mean([flown.nees for flown in outcomes]), nan=np.inf)),
+    )

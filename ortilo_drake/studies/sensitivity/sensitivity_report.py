@@ -12,6 +12,7 @@ from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, all_together
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
 from ortilo_drake.studies.sensitivity.sequential_test import ERROR
 from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
@@ -22,18 +23,31 @@ NO_LIMITS = (
     f"{ERROR:.0%}): no mismatch has a value that loses just {LOST_SHARE:.0%}, so none was searched."
 )
 ALL_BEYOND = f"No mismatch was found to lose {LOST_SHARE:.0%} of the flights at any value up to the largest flown."
+SAID = (
+    "MSE: median over flights, a lost one worse than any that was kept, then that of the kept ones. NEES: mean of the "
+    "kept, 3 if the filter is consistent, and of all with the lost up to their losses. In brackets 95 % intervals: "
+    "Wilson's of the share lost, of medians between order statistics; [?]: too few flights."
+)
 _BAR, _UNKNOWN = BLUE, "#999999"
 
 
 def sensitivity_text(found: Sensitivity) -> str:
     """Return the report in Markdown."""
-    header = ["what the filter does not know", "value", "lost", *(f"MSE {axis} [m²]" for axis in AXES), "NEES"]
+    header = [
+        "what the filter does not know",
+        "value",
+        "lost",
+        *(f"MSE {axis} [m²]" for axis in AXES),
+        "NEES",
+        "with the lost",
+    ]
     lines = [f"# What must you know, how well: {found.scenario}", ""]
     if is_lost_without(found):
         lines += ["## In short", "", f"- {NO_LIMITS}", ""]
     else:
         lines += in_short(found, _CAREFUL, _TOGETHER.name)
     lines += table(header, [_cells(row) for row in found.rows])
+    lines += [SAID, ""]
     if is_lost_without(found):
         return "\n".join(lines)
     if all(limit.value is None for limit in found.limits):
@@ -52,9 +66,10 @@ def is_lost_without(found: Sensitivity) -> bool:
 
 
 def _cells(row: Row) -> list[str]:
-    errors = ["-"] * 3 if row.mse is None else [f"{row.mse[axis]:.5f}" for axis in AXES]
-    nees = "-" if row.nees is None else f"{row.nees:.1f}"
-    return [row.mismatch, f"{row.value:g}", f"{row.lost} of {row.flights}", *errors, nees]
+    errors = [of_all_and_kept(row.mse[axis], row.lost) for axis in AXES]
+    nees = "-" if row.nees is None else with_interval(row.nees, row.nees_interval)
+    every = [number(row.nees_with_lost) if row.lost else nees]
+    return [row.mismatch, f"{row.value:g}", count(row.lost, row.flights), *errors, nees, *every]
 
 
 def _value(limit: Limit) -> str:

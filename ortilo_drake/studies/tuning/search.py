@@ -17,10 +17,11 @@ import numpy as np
 from scipy import stats
 
 from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.flight.intervals import share_interval
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.maps.map_flights import figures_of_points, interval
+from ortilo_drake.studies.maps.map_flights import figures_of_points
 from ortilo_drake.studies.maps.point_flights import columns_of
 from ortilo_drake.studies.tuning.search_file import Search, base_of, scenario_with, setting_in, settings_at
 
@@ -104,7 +105,7 @@ def judge(start: np.ndarray, found: np.ndarray) -> Judged:
         drawn = stats.bootstrap((difference,), np.mean, confidence_level=LEVEL, method="percentile", rng=0)
         low, high = map(float, drawn.confidence_interval)
     counts = [int(np.sum(costs >= LOST)) for costs in (start, found)]
-    lost = [(count, *interval(count, len(start))) for count in counts]
+    lost = [(count, *share_interval(count, len(start))) for count in counts]
     return Judged(len(start), float(start.mean()), float(found.mean()), float(difference.mean()), low, high, *lost)
 
 

@@ -13,7 +13,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.faults import Stuck
 from ortilo_drake.world.faults.message_fault import held_after, stuck_says, with_fault
 from ortilo_drake.world.faults.range_faults import Moment
-from ortilo_drake.world.faults.table import TABLES, FaultTable, Numbered, table_of
+from ortilo_drake.world.faults.table import FaultTable, Numbered, table_of
 from ortilo_drake.world.faults.timing import is_active, is_ahead
 from ortilo_drake.world.sensors.sample_collector import sample_of
 
@@ -24,20 +24,14 @@ def fault_out(
     message: np.ndarray,
     state: np.ndarray,
     anchors: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     out: np.ndarray,
 ) -> None:
     """Say a message under a fault, see with_fault; of several samples each of them."""
-    fault = FaultTable(kinds, starts, ends, streams, first, values)
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
-        put(with_fault(sample, fault, 0, Moment(state, sample[STAMP], anchors, seed, n.h)), sample)
+        put(with_fault(sample, faults, 0, Moment(state, sample[STAMP], anchors, seed, n.h)), sample)
 
 
 def stuck_out(
@@ -45,22 +39,16 @@ def stuck_out(
     message: np.ndarray,
     held: np.ndarray,
     holds: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     out: np.ndarray,
 ) -> None:
     """Say a message of a sensor that may be stuck, see stuck_says; of several samples each of them."""
-    fault = FaultTable(kinds, starts, ends, streams, first, values)
     put(message, out)
     put(held, holds)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
         if sample[ARRIVED] != 0.0:
-            active = is_active(fault, 0, sample[STAMP])
+            active = is_active(faults, 0, sample[STAMP])
             said = stuck_says(sample, holds, active)
             put(held_after(sample, holds, active), holds)
             put(said, sample)
@@ -70,34 +58,23 @@ def stuck_step(
     n: Any,
     message: np.ndarray,
     held: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
 ) -> None:
     """Hold what the message of this tick said, see held_after."""
-    fault = FaultTable(kinds, starts, ends, streams, first, values)
     for i in range(n.samples):
         sample = sample_of(message, i, n.samples)
         if sample[ARRIVED] != 0.0:
-            put(held_after(sample, held, is_active(fault, 0, sample[STAMP])), held)
+            put(held_after(sample, held, is_active(faults, 0, sample[STAMP])), held)
 
 
 def lasts_out(
     message: np.ndarray,
     changed: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     out: np.ndarray,
 ) -> None:
     """Say a message as a fault of one's own changed it while the fault lasts, as it was before and after."""
-    lasts = is_active(FaultTable(kinds, starts, ends, streams, first, values), 0, message[STAMP])
+    lasts = is_active(faults, 0, message[STAMP])
     put(changed if message[ARRIVED] != 0.0 and lasts else message, out)
 
 
@@ -105,21 +82,15 @@ def asked_out(
     n: Any,
     k: int,
     delay: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     out: np.ndarray,
 ) -> None:
     """Say a number (1) that is not negative where a sensor is to measure.
 
     It is where its message is sent; and in every tick before it is stuck, as it will say again what it said last.
     """
-    faults = FaultTable(kinds, starts, ends, streams, first, values)
     fill(out, delay[0])
-    for i in range(kinds.size):
+    for i in range(faults.kinds.size):
         if is_ahead(faults, i, (k - n.before) * n.h):
             out[0] = max(out[0], 0.0)
 
@@ -128,7 +99,7 @@ FAULT = Element(
     "fault",
     out=fault_out,
     numbers=(Number("samples", kind="i8"), Number("h")),
-    tables=(Array("anchors", 2), *TABLES),
+    tables=(Array("anchors", 2),),
     allocates=True,
 )
 STUCK = Element(
@@ -136,13 +107,12 @@ STUCK = Element(
     out=stuck_out,
     step=stuck_step,
     numbers=(Number("samples", kind="i8"),),
-    tables=TABLES,
     state=(Array("held"),),
     work=(Array("holds"),),
     allocates=True,
 )
-LASTS = Element("lasts", out=lasts_out, tables=TABLES)
-ASKED = Element("asked", out=asked_out, numbers=(Number("before", kind="i8"), Number("h")), tables=TABLES)
+LASTS = Element("lasts", out=lasts_out)
+ASKED = Element("asked", out=asked_out, numbers=(Number("before", kind="i8"), Number("h")))
 
 
 def fault_boxes(
@@ -163,21 +133,21 @@ def fault_boxes(
     """
     boxes: list[Box] = []
     for its in faults:
-        given = Given({"samples": samples}, tables=table_of([its])._asdict())
+        given, table = Given({"samples": samples}), table_of([its])
         name, reads = f"{sensor}_fault_{its.i}", {"message": message.name}
         if isinstance(its.fault, Stuck):
             size = message.size if samples == 1 else (message.size - PAYLOAD) // samples
             held = np.zeros(size - PAYLOAD)
             given = given.with_(Given(start={"held": held}))
-            message = Box(name, STUCK, message.size, given, {"holds": held.shape}, reads)
+            message = Box(name, STUCK, message.size, given, {"holds": held.shape}, reads).taking(faults=table)
         elif (own := find_part("fault", its.fault.kind)) is not None:
             changed = own_fault_box(own, its, message, samples, h)
             boxes.append(replace(changed, name=f"{name}_own"))
             reads |= {"changed": f"{name}_own"}
-            message = Box(name, LASTS, message.size, Given(tables=table_of([its])._asdict()), reads=reads)
+            message = Box(name, LASTS, message.size, reads=reads).taking(faults=table)
         else:
             given = given.with_(Given({"h": h}, tables={"anchors": anchors}))
-            message = Box(name, FAULT, message.size, given, reads=reads)
+            message = Box(name, FAULT, message.size, given, reads=reads).taking(faults=table)
         boxes.append(message)
     return boxes
 
@@ -209,5 +179,5 @@ def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Bo
     stuck = [its for its in faults if isinstance(its.fault, Stuck)]
     if not stuck:
         return None
-    given = Given({"before": samples > 1, "h": h}, tables=table_of(stuck)._asdict())
-    return Box(f"{sensor}_asked", ASKED, 1, given, reads={"delay": f"{sensor}_link"})
+    given, reads = Given({"before": samples > 1, "h": h}), {"delay": f"{sensor}_link"}
+    return Box(f"{sensor}_asked", ASKED, 1, given, reads=reads).taking(faults=table_of(stuck))

@@ -6,7 +6,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array
 from ortilo_drake.scenario.faults import (
     AnchorMoved,
     AnchorsDying,
@@ -53,16 +52,6 @@ class FaultTable(NamedTuple):
     streams: np.ndarray
     first: np.ndarray
     values: np.ndarray
-
-
-TABLES: Final = (  # a FaultTable as an element takes it
-    Array("kinds", kind="i8"),
-    Array("starts"),
-    Array("ends"),
-    Array("streams", kind="u8"),
-    Array("first", kind="i8"),
-    Array("values"),
-)
 
 
 class Numbered(NamedTuple):

@@ -14,7 +14,7 @@ from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle, mixing_inverse, mixing_matrix
 from ortilo_drake.scenario.faults import AnyFault, Gust, LoadDropped, RotorWeak
-from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, TABLES, FaultTable, numbered, settings_of, table_of
+from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, FaultTable, numbered, settings_of, table_of
 from ortilo_drake.world.faults.timing import is_active
 from ortilo_drake.world.vehicle.rotors import times
 
@@ -71,43 +71,33 @@ def wrench_out(
     n: Any,
     k: int,
     control: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     out: np.ndarray,
 ) -> None:
     """Say u (4) of wrench_at."""
-    put(wrench_at(control, FaultTable(kinds, starts, ends, streams, first, values), k * n.h), out)
+    put(wrench_at(control, faults, k * n.h), out)
 
 
 def force_out(
     n: Any,
     k: int,
     disturbance: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     out: np.ndarray,
 ) -> None:
     """Say d (6) of force_at."""
-    put(force_at(disturbance, FaultTable(kinds, starts, ends, streams, first, values), k * n.h), out)
+    put(force_at(disturbance, faults, k * n.h), out)
 
 
-WRENCH = Element("wrench_faults", out=wrench_out, numbers=(Number("h"),), tables=TABLES, allocates=True)
-FORCE = Element("force_faults", out=force_out, numbers=(Number("h"),), tables=TABLES, allocates=True)
+WRENCH = Element("wrench_faults", out=wrench_out, numbers=(Number("h"),), allocates=True)
+FORCE = Element("force_faults", out=force_out, numbers=(Number("h"),), allocates=True)
 
 
 def wrench_faults_box(faults: FaultTable, h: float) -> Box:
     """Return what says u under the faults of wrench_table, where the rotors have no dynamics: it reads u_c (4)."""
-    return Box("wrench_faults", WRENCH, N_U, Given({"h": h}, tables=faults._asdict()))
+    return Box("wrench_faults", WRENCH, N_U, Given({"h": h})).taking(faults=faults)
 
 
 def force_faults_box(faults: FaultTable, h: float) -> Box:
     """Return what says the disturbance under the faults of force_table: it reads it as it is drawn (6)."""
-    return Box("force_faults", FORCE, 6, Given({"h": h}, tables=faults._asdict()))
+    return Box("force_faults", FORCE, 6, Given({"h": h})).taking(faults=faults)

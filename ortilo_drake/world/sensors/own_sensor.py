@@ -5,10 +5,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
-from ortilo_drake.loop.shares import Fields, fields_of, function_of
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -17,10 +15,10 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.noise import put_normals, stream_id
 
 
+@lru_cache(maxsize=64)
 def saying(measure: Callable[..., np.ndarray]) -> Callable[..., None]:
     """Return a function that says a sensor's message of what its share measures."""
 
-    @register_jitable
     def say(
         numbers: Any, n: Any, k: int, seed: int, sent: np.ndarray, state: np.ndarray, v: np.ndarray, out: np.ndarray
     ) -> None:
@@ -36,22 +34,15 @@ def saying(measure: Callable[..., np.ndarray]) -> Callable[..., None]:
     return say
 
 
-@lru_cache(maxsize=64)
-def element_of(share: Compiled, fields: Fields) -> Element:
-    """Return the element of a share, whose numbers have these fields."""
-    return Element(
+def own_sensor_box(name: str, share: Compiled, scenario: Scenario, room: Room) -> Box:
+    """Return a sensor by its share: it reads `sent` (1), not negative where its message is sent, and the state (12)."""
+    element = Element(
         "own_sensor",
-        out=function_of(fields, saying(share.measure), "n", "k", "seed", "sent", "state", "v", "out"),
-        numbers=(*fields.numbers, Number("stream", kind="u8"), Number("h")),
-        tables=fields.tables,
+        out=saying(share.measure),
+        numbers=(Number("stream", kind="u8"), Number("h")),
         work=(Array("v"),),
         allocates=True,
     )
-
-
-def own_sensor_box(name: str, share: Compiled, scenario: Scenario, room: Room) -> Box:
-    """Return a sensor by its share: it reads `sent` (1), not negative where its message is sent, and the state (12)."""
-    numbers = share.numbers(scenario, room)
-    fields = fields_of(numbers)
-    given = fields.given(numbers).with_(Given({"stream": stream_id(name), "h": scenario.h}))
-    return Box(name, element_of(share, fields), PAYLOAD + share.payload, given, {"v": (share.noises,)})
+    given = Given({"stream": stream_id(name), "h": scenario.h})
+    box = Box(name, element, PAYLOAD + share.payload, given, {"v": (share.noises,)})
+    return box.taking(numbers=share.numbers(scenario, room))

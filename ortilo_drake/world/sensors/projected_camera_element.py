@@ -31,28 +31,12 @@ def camera_out(
     seeds: np.ndarray,
     sent: np.ndarray,
     state: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    sizes: np.ndarray,
-    boxes: np.ndarray,
-    cylinders: np.ndarray,
+    room: Surroundings,
+    camera: Camera,
+    tables: Tables,
+    faults: FaultTable,
     labels: np.ndarray,
     streams: np.ndarray,
-    found: np.ndarray,
-    inside: np.ndarray,
-    visible: np.ndarray,
-    errors: np.ndarray,
-    quantiles: np.ndarray,
-    slow: np.ndarray,
-    limits: np.ndarray,
-    false_classes: np.ndarray,
-    false_sizes: np.ndarray,
-    fault_kinds: np.ndarray,
-    fault_starts: np.ndarray,
-    fault_ends: np.ndarray,
-    fault_streams: np.ndarray,
-    fault_first: np.ndarray,
-    fault_values: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Say the detections message of the landmarks that are there, in a tick in which it is sent, else zeros."""
@@ -60,59 +44,21 @@ def camera_out(
     if sent[0] < 0.0:
         return
     time = k * n.h
-    room = Surroundings(positions, outlines, sizes, boxes, cylinders)
-    faults = FaultTable(fault_kinds, fault_starts, fault_ends, fault_streams, fault_first, fault_values)
     scene = scene_at(room, faults, time)
-    camera = Camera(n.p_BC, n.f, n.c, n.image)
-    tables = Tables(found, inside, visible, errors, quantiles, slow, limits, false_classes, false_sizes)
     x = state
     if np.any(n.turned):
-        x = body_that_looks_ahead(state, n.p_BC, n.turned)
-    of_nodes, there = seeds_of_nodes(slow, seeds, k), scene.there
+        x = body_that_looks_ahead(state, camera.p_BC, n.turned)
+    of_nodes, there = seeds_of_nodes(tables.slow, seeds, k), scene.there
     seen = x, scene.room, labels[there], camera, tables
     put(detections_message(*seen, seed, of_nodes, streams[there], n.false_stream, time, n.h), out)
 
 
-FAULTS = (
-    Array("fault_kinds", kind="i8"),
-    Array("fault_starts"),
-    Array("fault_ends"),
-    Array("fault_streams", kind="u8"),
-    Array("fault_first", kind="i8"),
-    Array("fault_values"),
-)
 PROJECTED_CAMERA = Element(
     "projected_camera",
-    allocates=True,
     out=camera_out,
-    numbers=(
-        Number("p_BC", (3,)),
-        Number("turned", (3,)),
-        Number("f"),
-        Number("c", (2,)),
-        Number("image", (2,)),
-        Number("false_stream", kind="u8"),
-        Number("h"),
-    ),
-    tables=(
-        Array("positions", 2),
-        Array("outlines", 3),
-        Array("sizes", 2),
-        Array("boxes", 2),
-        Array("cylinders", 2),
-        Array("labels", kind="i8"),
-        Array("streams", 2, "u8"),
-        Array("found", 2),
-        Array("inside", 2),
-        Array("visible", 2),
-        Array("errors", 2),
-        Array("quantiles", 2),
-        Array("slow", 2),
-        Array("limits"),
-        Array("false_classes"),
-        Array("false_sizes", 2),
-        *FAULTS,
-    ),
+    numbers=(Number("turned", (3,)), Number("false_stream", kind="u8"), Number("h")),
+    tables=(Array("labels", kind="i8"), Array("streams", 2, "u8")),
+    allocates=True,
 )
 
 
@@ -129,9 +75,11 @@ def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...
         InputError: if the file of measured errors is missing or wrong.
     """
     streams, false_stream = noise_streams(room)
-    numbers = room.camera.scaled_to(settings.width).constants._asdict()
-    numbers |= {"turned": np.zeros(3), "false_stream": false_stream, "h": h}
-    tables = surroundings(room)._asdict() | tables_of(settings, room, h)._asdict()
-    tables |= {"labels": room.landmark_labels, "streams": streams}
-    tables |= {f"fault_{name}": values for name, values in scene_table(faults)._asdict().items()}
-    return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, Given(numbers, tables=tables))
+    numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}
+    given = Given(numbers, tables={"labels": room.landmark_labels, "streams": streams})
+    return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, given).taking(
+        room=surroundings(room),
+        camera=room.camera.scaled_to(settings.width).constants,
+        tables=tables_of(settings, room, h),
+        faults=scene_table(faults),
+    )

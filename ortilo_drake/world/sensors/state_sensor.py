@@ -6,10 +6,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
 from ortilo_drake.model.clock import tick_of
-from ortilo_drake.model.parts import Compiled
-from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP
-from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.seeded_system import SeededSystem
 
@@ -48,14 +45,3 @@ class StateSensor(SeededSystem):
         if payload is not None:
             message[ARRIVED], message[STAMP], message[PAYLOAD:] = 1.0, time, payload
         output.set_value(message)
-
-
-def compiled_sensor(name: str, compiled: Compiled, scenario: Scenario, room: Room) -> StateSensor:
-    """Return a sensor in the world by the functions that compiled flights call as well."""
-    numbers = compiled.numbers(scenario, room)
-
-    def measure(x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray | None:
-        payload = compiled.measure(numbers, np.ascontiguousarray(x), v, t)
-        return payload if payload.size else None
-
-    return StateSensor(name, compiled.payload, compiled.noises, measure, scenario.seed, scenario.h)

@@ -10,7 +10,7 @@ from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import mixing_inverse, mixing_matrix
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.faults.table import TABLES, FaultTable
+from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.faults.vehicle_faults import wrench_table
 from ortilo_drake.world.vehicle.continuous import PASSED, Physics, integrate, put_control, put_felt, steps_a_tick
 from ortilo_drake.world.vehicle.rotors import commanded_speeds
@@ -25,18 +25,12 @@ def continuous_step(
     wrench: np.ndarray,
     mixing: np.ndarray,
     unmixing: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     rates: np.ndarray,
     u: np.ndarray,
     room: np.ndarray,
 ) -> None:
     """Go on by a tick under held u and d; keep what was passed at the instants in between that divide it evenly."""
-    faults = FaultTable(kinds, starts, ends, streams, first, values)
     physics = Physics(n.mass, n.inertia, n.kinematics, n.longest_step, n.time_constant, wrench, mixing, faults)
     size = N_X + mixing.shape[1]
     state, passed = body[:size], body[size:]
@@ -64,17 +58,11 @@ def felt_out(
     speeds: np.ndarray,
     wrench: np.ndarray,
     mixing: np.ndarray,
-    kinds: np.ndarray,
-    starts: np.ndarray,
-    ends: np.ndarray,
-    streams: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
+    faults: FaultTable,
     room: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Say u as it acts on the body (4), as the rotors make it."""
-    faults = FaultTable(kinds, starts, ends, streams, first, values)
     put_felt(out, speeds, wrench, mixing, faults, k * n.h, room)
 
 
@@ -90,7 +78,7 @@ CONTINUOUS = Element(
         Number("time_constant", (2,)),
         Number("h"),
     ),
-    tables=(Array("wrench", 2), Array("mixing", 2), Array("unmixing", 2), *TABLES),
+    tables=(Array("wrench", 2), Array("mixing", 2), Array("unmixing", 2)),
     state=(Array("body"),),
     work=(Array("rates", 2), Array("u"), Array("room")),
     shows="body",
@@ -101,7 +89,7 @@ ROTORS_FELT = Element(
     "rotors_felt",
     out=felt_out,
     numbers=(Number("h"),),
-    tables=(Array("wrench", 2), Array("mixing", 2), *TABLES),
+    tables=(Array("wrench", 2), Array("mixing", 2)),
     work=(Array("room"),),
     allocates=True,
 )
@@ -135,18 +123,19 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: b
         "h": h,
     }
     faults = wrench_table(scenario.faults if has_rotors else (), vehicle)
-    tables = {"wrench": np.eye(N_U), "mixing": M, **faults._asdict()}
+    tables = {"wrench": np.eye(N_U), "mixing": M}
     passed = np.zeros((samples - 1) * PASSED)
     body = np.concatenate((x_0, speeds, passed))
     parts = {"x": (0, N_X), "speeds": (N_X, speeds.size), "passed": (N_X + speeds.size, passed.size)}
     given = Given(numbers, start={"body": body}, tables=tables | {"unmixing": M_inverse})
     work = {"rates": (4, N_X + speeds.size), "u": (N_U,), "room": (speeds.size + N_U,)}
     boxes = [
-        Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts),
+        Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts).taking(faults=faults),
         Box("plant", STATE, N_X, reads={"body": "vehicle.x"}),
     ]
     if has_rotors and feels:
         felt = Given({"h": h}, tables=tables)
         room = {"room": work["room"]}
-        boxes.append(Box("rotors_felt", ROTORS_FELT, N_U, felt, room, reads={"speeds": "vehicle.speeds"}))
+        its = Box("rotors_felt", ROTORS_FELT, N_U, felt, room, reads={"speeds": "vehicle.speeds"})
+        boxes.append(its.taking(faults=faults))
     return boxes

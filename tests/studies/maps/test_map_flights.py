@@ -1,5 +1,6 @@
 """Maps: figures by engine and Drake, chunks that are kept, points that fly until enough is known."""
 
+import io
 import logging
 import math
 import os
@@ -9,9 +10,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.intervals import middle_of, share_interval
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import load_scenario, with_seed
@@ -19,7 +22,7 @@ from ortilo_drake.studies.maps import map_flights
 from ortilo_drake.studies.maps.chunks import CHUNK, chunk_file, chunks_of, read_chunk, write_chunk
 from ortilo_drake.studies.maps.indices import indices_of
 from ortilo_drake.studies.maps.map_figure import map_figure
-from ortilo_drake.studies.maps.map_flights import Map, Row, fly_map, interval, is_enough
+from ortilo_drake.studies.maps.map_flights import Map, Row, fly_map, is_enough
 from ortilo_drake.studies.maps.map_report import map_csv, map_text
 from ortilo_drake.studies.maps.point_flights import columns_of, fly_figures
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
@@ -65,12 +68,6 @@ def test_a_damaged_chunk_is_not_read_and_says_so(tmp_path: Path, caplog: pytest.
     write_chunk(tmp_path, range(1, 4), columns, figures)
     chunk_file(tmp_path, range(1, 4)).rename(file)
     assert read_chunk(tmp_path, range(3), columns) is None  # another chunk's
-
-
-def test_wilsons_interval_is_the_root_of_its_equation() -> None:
-    lost, n, z = 3, 40, 1.959963984540054
-    for end in interval(lost, n):
-        assert math.isclose((lost / n - end) ** 2, z**2 * end * (1.0 - end) / n, rel_tol=1e-9)
 
 
 def test_flights_go_on_until_the_interval_is_narrow_or_there_are_enough() -> None:
@@ -128,10 +125,18 @@ def test_a_folder_that_cannot_be_written_ends_it_with_a_line(tmp_path: Path) -> 
         fly_map(sweep(axes={"uwb.link.loss": [0.5]}, flights=1), "sweep", tmp_path / "file", 1)
 
 
+def row_of(point: dict, value: float, lost: int, flights: int = 10) -> Row:
+    """Return a row whose flights that were kept all have one error."""
+    middle = middle_of([value] * (flights - lost), lost)
+    share = share_interval(lost, flights)
+    of_value = middle.median, middle.interval, middle.kept, middle.kept_interval, value, value
+    return Row(point, flights, lost, *share, *of_value, 1.0, None, 3.0, (2.9, 3.1), {"uwb": 0.5})
+
+
 def made_map(values: np.ndarray, of: Sweep) -> Map:
     rows = []
     for point, value in zip(points_of(of), values.tolist(), strict=True):
-        rows.append(Row(point, 10, 0, 0.0, 0.3, value, value, value, 1.0, 3.0, {"uwb": 0.5}))
+        rows.append(row_of(point, value, lost=0))
     return Map(of, rows, None)
 
 
@@ -145,6 +150,20 @@ def test_sobols_indices_are_those_of_ishigamis_function() -> None:
     np.testing.assert_allclose([i.first for i in found], [0.314, 0.442, 0.0], atol=0.03)
     np.testing.assert_allclose([i.total for i in found], [0.558, 0.442, 0.244], atol=0.03)
     assert "with the others" in map_text(made_map(np.exp(y), of))
+
+
+def test_a_row_says_what_was_lost_and_counts_it_as_worst() -> None:
+    of = sweep(axes={"uwb.link.loss": [0.0, 0.5, 0.9]})
+    rows = [row_of(point, 0.2, lost) for point, lost in zip(points_of(of), (0, 2, 7), strict=True)]
+    found = Map(of, rows, None)
+    text = map_text(found)
+    assert "| 0 | 0 of 10 [0, 28 %] | 0.2000 [0.2000, 0.2000] | 0.2 to 0.2 | 1.0 [?] | 3.0 [2.9, 3.1] |" in text
+    assert "| 0.5 | 2 of 10 [5.7, 51 %] | 0.2000 [0.2000, lost]; kept 0.2000 [0.2000, 0.2000] |" in text
+    assert "| 0.9 | 7 of 10 [40, 89 %] | lost [0.20, lost]; kept 0.20 [?] |" in text
+    table = pd.read_csv(io.StringIO(map_csv(found)))
+    assert list(table["rms"]) == [0.2, 0.2, np.inf]
+    assert list(table["kept_rms"]) == [0.2, 0.2, 0.2]
+    assert list(table["rms_interval_high"]) == [0.2, np.inf, np.inf]
 
 
 @pytest.mark.parametrize(

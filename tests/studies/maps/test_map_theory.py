@@ -29,7 +29,8 @@ def made(axes: dict, lost: Callable[[dict], int], **fields: object) -> Map:
     base = {"scenario": "nominal_imu_uwb", "settings": BURSTS, "axes": axes, "flights": 1000}
     of = validate(Sweep, base | fields, "sweep")
     rows = [
-        Row(p, 1000, lost(p), 0.0, 1.0, 0.05 + 0.1 * i, 0.04, 0.2, 1.0, 3.0, {}) for i, p in enumerate(points_of(of))
+        Row(p, 1000, lost(p), 0.0, 1.0, *[0.05 + 0.1 * i, None] * 2, 0.04, 0.2, 1.0, None, 3.0, None, {})
+        for i, p in enumerate(points_of(of))
     ]
     return Map(of, rows, None)
 

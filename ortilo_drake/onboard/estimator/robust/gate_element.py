@@ -18,11 +18,7 @@ def gate_out(
     belief: np.ndarray,
     past: np.ndarray,
     late: np.ndarray,
-    C: np.ndarray,
-    first: np.ndarray,
-    block: np.ndarray,
-    gates: np.ndarray,
-    sees: np.ndarray,
+    weighing: Weighing,
     opening: np.ndarray,
     refusals: np.ndarray,
     seen: np.ndarray,
@@ -34,13 +30,10 @@ def gate_out(
     for j in range(delta.size):
         if delta[j] != 0.0:
             put(belief if late[j] < 0 else past[late[j] * belief.size :][: belief.size], beliefs[j])
-    weighing = Weighing(
-        C, first, block, gates, sees, n.huber, n.dof, n.time, n.tolerates, n.most, n.reacquire_after, n.watched, n.drift
-    )
     factors, next_refusals, next_seen, next_mean, opens = judge(
         y, delta, V2, beliefs, refusals, seen, mean, k * n.h, weighing
     )
-    used = weighed(y, delta, V2, factors, first, block)
+    used = weighed(y, delta, V2, factors, weighing.first, weighing.block)
     put(used, out)
     at = used.size
     for said in (opening[opens], next_refusals.reshape(next_refusals.size), next_seen, next_mean):
@@ -56,24 +49,12 @@ def gate_step(refusals: np.ndarray, seen: np.ndarray, mean: np.ndarray, out: np.
         at += kept.size
 
 
-_NUMBERS = (
-    *(Number(name) for name in ("huber", "dof", "time", "tolerates", "most", "reacquire_after", "drift", "h")),
-    Number("watched", kind="i8"),
-)
 GATE = Element(
     "robust_gate",
     out=gate_out,
     step=gate_step,
-    numbers=_NUMBERS,
-    tables=(
-        Array("late", kind="i8"),
-        Array("C", 2),
-        Array("first", kind="i8"),
-        Array("block", kind="i8"),
-        Array("gates"),
-        Array("sees", 2, "b1"),
-        Array("opening", 2),
-    ),
+    numbers=(Number("h"),),
+    tables=(Array("late", kind="i8"), Array("opening", 2)),
     state=(Array("refusals", 2), Array("seen"), Array("mean")),
     work=(Array("beliefs", 2),),
     allocates=True,
@@ -94,9 +75,7 @@ def gate_box(weighing: Weighing, opening: np.ndarray, late: list[int], h: float)
     parts, at = {}, 0
     for name, size in (("y", p), ("delta", s), ("V2", q), ("opening", n)):
         parts[name], at = (at, size), at + size
-    values = weighing._asdict()
-    numbers = {number.name: values.pop(number.name) for number in _NUMBERS if number.name != "h"}
-    tables = values | {"opening": opening, "late": late}
-    given = Given(numbers | {"h": h}, {"refusals": refusals, "seen": seen, "mean": mean}, tables)
+    given = Given({"h": h}, {"refusals": refusals, "seen": seen, "mean": mean}, {"opening": opening, "late": late})
     size = at + refusals.size + seen.size + mean.size
-    return Box("robust_gate", GATE, size, given, {"beliefs": (s, n + n * n)}, parts=parts)
+    box = Box("robust_gate", GATE, size, given, {"beliefs": (s, n + n * n)}, parts=parts)
+    return box.taking(weighing=weighing)

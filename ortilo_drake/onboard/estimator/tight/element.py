@@ -8,7 +8,6 @@ from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.tight.aids import Aids
@@ -17,7 +16,7 @@ from ortilo_drake.onboard.estimator.tight.layout import Layout
 from ortilo_drake.onboard.estimator.tight.model import first_states
 from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, PRESENT, clone_of, take_messages
 from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, RATES, Motion, keep_pose, one_ahead
-from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch
+from ortilo_drake.onboard.estimator.tight.watch import LAST
 
 
 @register_jitable
@@ -67,35 +66,21 @@ def tight_step(
     watched: np.ndarray,
     belief: np.ndarray,
     ahead: np.ndarray,
-    keeps: np.ndarray,
-    steps: np.ndarray,
-    anchors: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    labels: np.ndarray,
+    layout: Layout,
+    motion: Motion,
+    aids: Aids,
     own: np.ndarray,
     rows: np.ndarray,
 ) -> None:
     """Take what arrived in tick k, each message at its stamp, and predict tick k + 1."""
-    at = n.layout
-    layout = Layout(at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7], at[8], at[9])
-    motion = Motion(
-        n.variances, n.coasting, keeps, steps, n.mass, n.inertia, n.h, n.silent, n.watches != 0, n.yaw
-    )  # fmt: skip
-    opens = n.watch
-    aids = Aids(
-        anchors, n.lever, n.range_noise, n.differences != 0,
-        positions, outlines, labels, Camera(n.p_BC, n.f, n.c, n.image), n.pixel_noise, n.margin, n.inside,
-        n.angle_sd, n.gates, n.huber, Watch(opens[0], opens[1], opens[2], opens[3], opens[4], opens[5]),
-    )  # fmt: skip
     for i in range(3):
         belief[N_X + i] += reference[i] - belief[i]
-    take_messages(x, C, kept, watched, samples_of(imu, n.samples), uwb, camera, k * n.h, layout, motion, aids)
+    take_messages(x, C, kept, watched, samples_of(imu, n.samples), uwb, camera, k * motion.h, layout, motion, aids)
     for i in range(own.size - 1):
         fix, value, V = fix_in(fixes, own, i)
-        if clone_of(fix, k * n.h, n.h, layout.clones) == PRESENT:
+        if clone_of(fix, k * motion.h, motion.h, layout.clones) == PRESENT:
             C_own = rows[own[i] : own[i + 1]]
-            take_fix(x, C, layout, value, V, C_own, kept[RATES : RATES + 3], n.gates[0], n.huber)
+            take_fix(x, C, layout, value, V, C_own, kept[RATES : RATES + 3], aids.gates[0], aids.huber)
     one_ahead(x, C, kept, control, motion, ahead)
     keep_pose(x, C, layout)
     put_ahead(ahead, belief)
@@ -141,42 +126,8 @@ def heard_out(
 TIGHT = Element(
     "tight",
     step=tight_step,
-    numbers=(
-        Number("layout", (10,), "i8"),
-        Number("samples", kind="i8"),
-        Number("variances", (2,)),
-        Number("coasting", (2,)),
-        Number("mass"),
-        Number("inertia", (3,)),
-        Number("h"),
-        Number("silent", (2,)),
-        Number("watches", kind="i8"),
-        Number("yaw"),
-        Number("lever", (3,)),
-        Number("range_noise", (2,)),
-        Number("differences", kind="i8"),
-        Number("p_BC", (3,)),
-        Number("f"),
-        Number("c", (2,)),
-        Number("image", (2,)),
-        Number("pixel_noise", (3,)),
-        Number("margin"),
-        Number("inside"),
-        Number("angle_sd"),
-        Number("gates", (3,)),
-        Number("huber"),
-        Number("watch", (6,)),
-    ),
-    tables=(
-        Array("keeps"),
-        Array("steps"),
-        Array("anchors", 2),
-        Array("positions", 2),
-        Array("outlines", 3),
-        Array("labels", kind="i8"),
-        Array("own", kind="i8"),
-        Array("rows", 2),
-    ),
+    numbers=(Number("samples", kind="i8"),),
+    tables=(Array("own", kind="i8"), Array("rows", 2)),
     state=(Array("x"), Array("C", 2), Array("kept"), Array("watched"), Array("belief")),
     work=(Array("ahead"),),
     shows="belief",
@@ -238,13 +189,10 @@ def tight_box(
     x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
     belief = np.zeros(N_XBAR + N_XBAR * N_XBAR)
     put_ahead(ahead, belief)
-    values = motion._asdict() | aids._asdict() | aids.camera._asdict()
-    values |= {"layout": np.array(layout), "watch": np.array(aids.watch), "samples": samples}
-    values |= {"own": starts_of(own), "rows": np.vstack((np.empty((0, N_X)), *own.values()))}
-    numbers = {number.name: values[number.name] for number in TIGHT.numbers}
-    tables = {table.name: values[table.name] for table in TIGHT.tables}
+    tables = {"own": starts_of(own), "rows": np.vstack((np.empty((0, N_X)), *own.values()))}
     start = {"x": x, "C": C_0, "kept": kept, "watched": np.zeros(LAST + payloads), "belief": belief}
-    return Box("filter", TIGHT, belief.size, Given(numbers, start, tables), {"ahead": (N_AHEAD,)})
+    box = Box("filter", TIGHT, belief.size, Given({"samples": samples}, start, tables), {"ahead": (N_AHEAD,)})
+    return box.taking(layout=layout, motion=motion, aids=aids)
 
 
 def heard_box(

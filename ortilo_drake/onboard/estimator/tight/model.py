@@ -7,6 +7,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import white_sd
+from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import (
@@ -106,7 +107,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
         np.array([pixels.sd, pixels.growth, pixels.slow_share]),
         fix.margin,
         -np.inf if fix.inside is None else fix.inside,
-        white_sd(settings.imu.angle_density or 0.0, scenario.h / scenario.samples("imu")),
+        white_sd(settings.imu.angle_density or 0.0, scenario.imu_period),
         np.array([float(chi2.ppf(*of)) for of in gates]),
         settings.huber,
         watch_of(settings, scenario.h),
@@ -124,8 +125,17 @@ def _counts(layout: Layout) -> tuple[int, int]:
     return anchors, max(size(layout.survey) // 3, size(layout.pixel_slow) // 2)
 
 
-def initial_covariance(settings: Settings, layout: Layout) -> np.ndarray:
-    """Return the first covariance (n, n); all clones are the first pose."""
+def initial_covariance(
+    settings: Settings, layout: Layout, rest: Rest | None = None, noise: tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """Return the first covariance (n, n); all clones are the first pose.
+
+    Args:
+        settings: of the filter.
+        layout: of its states.
+        rest: how the vehicle stood still before take-off, from which the imu's biases follow; None if it did not.
+        noise: of a sample of body rates [rad/s] and specific force [m/s^2]; read where it stood still.
+    """
     imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
     sd = np.zeros(layout.core)
     sd[P : P + 3], sd[THETA : THETA + 3], sd[V : V + 3] = settings.initial_sd
@@ -141,9 +151,16 @@ def initial_covariance(settings: Settings, layout: Layout) -> np.ndarray:
     ):
         if at >= 0:
             sd[at : at + len(sds)] = sds
+    C_0 = np.diag(sd**2)
+    if rest is not None:
+        beta = [layout.angles + i if layout.angles >= 0 else -1 for i in range(3)]
+        zero_gyroscope(C_0, GYRO, rest.variance(noise[0] ** 2, imu.gyroscope_rate))
+        variance = rest.variance(noise[1] ** 2, imu.accelerometer_rate)
+        angle_sd = white_sd(imu.angle_density or 0.0, rest.period)
+        zero_accelerometer(C_0, ACCEL, beta, variance, rest.variance(angle_sd**2, imu.angles_rate))
     pose = [P, P + 1, P + 2, THETA, THETA + 1, THETA + 2]
     from_ = np.concatenate((np.arange(layout.core), *([pose] * layout.clones))).astype(int)
-    return np.diag(sd**2)[np.ix_(from_, from_)]
+    return C_0[np.ix_(from_, from_)]
 
 
 def first_states(

@@ -1,0 +1,151 @@
+"""The C header of an exported half: what it takes and says, its numbers, and what it keeps from tick to tick."""
+
+from typing import Final
+
+import numpy as np
+
+from ortilo_drake.codegen.half import NAMED, Half
+from ortilo_drake.loop.element import Box
+from ortilo_drake.model.signals import (
+    ACT_SIZE,
+    ACTS,
+    CONTROL_NAMES,
+    DETECTION_SIZE,
+    IMU_SIZE,
+    MAX_DETECTIONS,
+    PAYLOAD,
+    XBAR_NAMES,
+)
+
+KINDS: Final = {"f8": "double", "i8": "int64_t", "u8": "uint64_t", "b1": "uint8_t"}
+HEAD: Final = (
+    ("double arrived;", "1 in the tick in which the message is there, else 0"),
+    ("double stamp;", "when its content was true [s], tick 0 at 0 s"),
+)
+IMU: Final = (
+    ("double angles[3];", "roll, pitch, yaw [rad]: R_WB = R_z R_y R_x, W east, north, up, B forward, left, up"),
+    ("double rates[3];", "w_WB_B [rad/s]"),
+    ("double force[3];", "specific force f_B [m/s^2]: [0, 0, 9.81] at rest"),
+)
+PAYLOADS: Final = {
+    "imu": IMU,
+    "detections": (
+        (f"double boxes[{MAX_DETECTIONS}][{DETECTION_SIZE}];",
+         "label (-1: unused), score, u_min, v_min, u_max, v_max [px]"),
+    ),
+    "velocity": (("double v_WB[3];", "[m/s]"), ("double angle_rates[3];", "of roll, pitch, yaw [rad/s]")),
+    "acted": (
+        (f"double acts[{ACTS}][{ACT_SIZE}];",
+         "since [s] (-1: unused), stamp of the tick that sent it [s], u (4); newest first"),
+    ),
+}  # fmt: skip
+OUTPUTS: Final = {
+    "control": f"u: {', '.join(CONTROL_NAMES)} [N, N m in B], f_T along z_B",
+    "estimate": f"predicted for this tick: {', '.join(XBAR_NAMES)}",
+    "covariance": "of the estimate, row by row",
+    "reference": "r, its velocity and its acceleration in W",
+    "y": "the measurement as the filter takes it",
+    "delta": "1 for each sensor of which the filter takes a value",
+    "V2": "the values' covariances, one after the other",
+    "force": "disturbance force in W as estimated [N]",
+}
+
+
+def c_name(name: str) -> str:
+    """Return how a box or a message is called in C."""
+    return NAMED.get(name, name)
+
+
+def fields_of(name: str, size: int) -> tuple[tuple[str, str], ...]:
+    """Return the members of an input's struct, each with what it is."""
+    name = c_name(name)
+    if name == "uwb":
+        n = (size - PAYLOAD) // 2
+        ranges = (f"double ranges[{n}];", "to each anchor, in the order of the room [m]")
+        return (*HEAD, ranges, (f"double there[{n}];", "1 where its range is there, else 0"))
+    if name in PAYLOADS and not (name == "imu" and size != IMU_SIZE):
+        return (*HEAD, *PAYLOADS[name])
+    return (
+        *HEAD,
+        (f"double payload[{size - PAYLOAD}];", "samples, or what a sensor of one's own says"),
+    )
+
+
+def aligned(members: list[tuple[str, str]]) -> list[str]:
+    """Return members with their comments in a column."""
+    width = max(len(member) for member, _ in members)
+    return [f"    {member:{width}} /* {what} */" if what else f"    {member}" for member, what in members]
+
+
+def struct(name: str, members: list[tuple[str, str]]) -> str:
+    """Return a struct's definition."""
+    return "\n".join(["typedef struct {", *aligned(members), f"}} {name};\n"])
+
+
+def dimensions(shape: tuple[int, ...]) -> str:
+    """Return an array's dimensions in C; what is empty has one number, which nobody reads."""
+    return "".join(f"[{max(d, 1)}]" for d in shape)
+
+
+def flown(half: Half) -> list[Box]:
+    """Return the boxes that compute anything or hold anything, in the order of a tick."""
+    order = {box.name: box for box in (*half.wiring.out_order, *half.wiring.step_order)}
+    return [*order.values(), *(box for name, box in half.wiring.boxes.items() if name not in order)]
+
+
+def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
+    """Return what of a box never changes in flight, numbers first: its name, its kind and its values."""
+    found = list[tuple[str, str, np.ndarray]]()
+    for number in box.element.constants:
+        found.append((number.name, number.kind, np.asarray(box.given.numbers[number.name])))
+    for table in box.element.arrays:
+        found.append((table.name, table.kind, np.asarray(box.given.tables[table.name])))
+    return found
+
+
+def header_text(half: Half, name: str, sizes: dict[str, int]) -> str:
+    """Return ortilo.h.
+
+    Args:
+        half: what is exported.
+        name: of the scenario.
+        sizes: of states, of what is said and of room to work in, see c_source.py.
+    """
+    inputs = [(f"ortilo_{c_name(box)} {c_name(box)};", "") for box in half.inputs]
+    outputs = [(f"double {signal}[{wire.size}];", OUTPUTS[signal]) for signal, wire in half.outputs.items()]
+    parts = [
+        f"/* The onboard half of {name}: see README.md. Units are SI, angles in radians. */",
+        '#ifndef ORTILO_H\n#define ORTILO_H\n#include <stdint.h>\n#ifdef __cplusplus\nextern "C" {\n#endif\n',
+        *(struct(f"ortilo_{c_name(box)}", [*fields_of(box, size)]) for box, size in half.inputs.items()),
+        struct("ortilo_inputs", inputs),
+        struct("ortilo_outputs", outputs),
+        "/* Numbers that may be changed without exporting again: noise, gains, anchors, limits. */",
+    ]
+    held = []
+    for box in flown(half):
+        constants = constants_of(box)
+        if constants:
+            members = [(f"{KINDS[kind]} {what}{dimensions(values.shape)};", "") for what, kind, values in constants]
+            parts.append(struct(f"ortilo_{box.name}_numbers", members))
+            held.append((f"ortilo_{box.name}_numbers {box.name};", ""))
+    parts += [
+        struct("ortilo_numbers", held),
+        "extern const ortilo_numbers ortilo_default_numbers;\n",
+        struct("ortilo_state", [
+            (f"double values[{max(sizes['state'], 1)}];", "all that one tick leaves to the next"),
+            ("int64_t tick;", "the next one"),
+        ]),
+        struct("ortilo", [
+            ("const ortilo_numbers *numbers;", ""),
+            ("ortilo_state state;", ""),
+            (f"double said[{max(sizes['said'], 1)}];", "within a tick"),
+            (f"double work[{max(sizes['work'], 1)}];", "within a call"),
+        ]),
+        "/* Begin at tick 0 with the first estimate; numbers NULL are the scenario's. */",
+        "void ortilo_init(ortilo *self, const ortilo_numbers *numbers);",
+        "/* Fly one tick: what arrived since the one before comes in, the command for the next goes out. */",
+        "void ortilo_tick(ortilo *self, const ortilo_inputs *inputs, ortilo_outputs *outputs);",
+        "/* All that a tick leaves to the next is self->state: copy it to save it, copy it back to resume. */\n",
+        "#ifdef __cplusplus\n}\n#endif\n#endif",
+    ]  # fmt: skip
+    return "\n".join(parts) + "\n"

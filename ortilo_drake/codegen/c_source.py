@@ -1,0 +1,136 @@
+"""The C source of an exported half: its numbers, its first state, and a tick.
+
+The tick is that of loop/source.py in C, a line for each call of an element's function. It is compiled with the user's
+own compiler; the object file has the functions.
+"""
+
+import math
+import textwrap
+
+import numpy as np
+
+from ortilo_drake.codegen.c_header import c_name, constants_of, flown
+from ortilo_drake.codegen.half import Half
+from ortilo_drake.codegen.ir import symbol_of
+from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.native import parameters
+from ortilo_drake.loop.source import Places, place_of, places_of
+from ortilo_drake.loop.wiring import Wire
+
+
+def number_text(value: float) -> str:
+    """Return a number in C, floats to the last bit."""
+    if not isinstance(value, float):
+        return f"{int(value)}"
+    if math.isfinite(value):
+        return value.hex().replace(".0000000000000", "")
+    return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+
+
+def values_text(values: np.ndarray) -> str:
+    """Return an initializer in C; of what is empty, of the one number that nobody reads."""
+    if values.size == 0:
+        return "{0}"
+    if values.ndim == 0:
+        return number_text(values.item())
+    if values.ndim == 1:
+        text = ", ".join(number_text(value) for value in values.tolist())
+        return "{" + textwrap.fill(text, 110, subsequent_indent="     ", break_on_hyphens=False) + "}"
+    return "{" + ",\n     ".join(values_text(row) for row in values) + "}"
+
+
+def numbers_text(half: Half) -> str:
+    """Return the default numbers."""
+    lines = ["const ortilo_numbers ortilo_default_numbers = {"]
+    for box in flown(half):
+        if constants := constants_of(box):
+            given = [f"    .{name} = {values_text(np.asarray(values, kind))}," for name, kind, values in constants]
+            lines += [f"  .{box.name} = {{", *given, "  },"]
+    return "\n".join([*lines, "};\n"])
+
+
+def first_state(half: Half, places: Places) -> np.ndarray:
+    """Return all states at tick 0, one after the other."""
+    found = np.zeros(max(places.sizes[1], 1))
+    for (name, state), (at, shape) in places.state.items():
+        found[at : at + math.prod(shape)] = np.ravel(half.wiring.boxes[name].given.start[state])
+    return found
+
+
+def declaration(box: Box, what: str) -> str:
+    """Return the declaration of a box's function as the object file has it."""
+    said = list[str]()
+    for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
+        said += ["int64_t"] if name == "k" else ["const void *"] + ["int64_t"] * max(dimensions, 0)
+    return f"void {symbol_of(box, what)}({', '.join(said)});"
+
+
+def address(half: Half, places: Places, wire: Wire) -> str:
+    """Return the address of what a wire reads."""
+    letter, at = place_of(half.wiring, places, wire)
+    return f"{letter} + {at}"
+
+
+def call(half: Half, places: Places, box: Box, what: str) -> str:
+    """Return the call of a box's `out` or `step`."""
+    element, said = box.element, list[str]()
+    tables = {table.name for table in element.arrays}
+    for name, _, _ in parameters(element, element.functions[what]):
+        if name == "n":
+            said.append(f"&n->{box.name}" if element.constants else "n")
+        elif name == "k":
+            said.append("k")
+        elif name in tables:
+            said += [f"n->{box.name}.{name}", *map(str, np.shape(box.given.tables[name]))]
+        elif name in element.own:
+            where, letter = (places.work, "W") if name in box.work else (places.state, "S")
+            at, shape = where[box.name, name]
+            said += [f"{letter} + {at}", *map(str, shape)]
+        else:
+            wire = Wire(box.name, 0, box.size) if name == "out" else half.wiring.wires[box.name, name]
+            said += [address(half, places, wire), str(wire.size)]
+    return f"    {symbol_of(box, what)}({', '.join(said)});"
+
+
+def source_text(half: Half) -> tuple[str, dict[str, int]]:
+    """Return ortilo.c, and how many numbers states, room to work in and what is said take."""
+    wiring, places = half.wiring, places_of(half.wiring)
+    declared = [declaration(box, what) for box in flown(half) for what in box.element.functions]
+    first = first_state(half, places)
+    came = [
+        f"    memcpy({address(half, places, Wire(name, 0, size))}, &inputs->{c_name(name)}, {size} * sizeof(double));"
+        for name, size in half.inputs.items()
+    ]
+    went = [
+        f"    memcpy(outputs->{name}, {address(half, places, wire)}, sizeof outputs->{name});"
+        for name, wire in half.outputs.items()
+    ]
+    lines = [
+        '#include "ortilo.h"',
+        "#include <math.h>",
+        "#include <stddef.h>",
+        "#include <string.h>\n",
+        *declared,
+        "",
+        numbers_text(half),
+        f"static const double first_state[{len(first)}] =",
+        f"    {values_text(first)};\n",
+        "void ortilo_init(ortilo *self, const ortilo_numbers *numbers) {",
+        "    memset(self, 0, sizeof *self);",
+        "    self->numbers = numbers != NULL ? numbers : &ortilo_default_numbers;",
+        "    memcpy(self->state.values, first_state, sizeof first_state);",
+        "}\n",
+        "void ortilo_tick(ortilo *self, const ortilo_inputs *inputs, ortilo_outputs *outputs) {",
+        "    const ortilo_numbers *const n = self->numbers;",
+        "    double *const S = self->state.values, *const W = self->work, *const Y = self->said;",
+        "    const int64_t k = self->state.tick;",
+        "    (void)n, (void)W, (void)k;",
+        *came,
+        *(call(half, places, box, "out") for box in wiring.out_order),
+        *went,
+        *(call(half, places, box, "step") for box in wiring.step_order),
+        "    self->state.tick = k + 1;",
+        "}\n",
+    ]
+    _, states, work, said, _ = places.sizes
+    return "\n".join(lines), {"state": states, "said": said, "work": work}

@@ -1,0 +1,85 @@
+"""The export of an onboard half: object code, C header and source, golden vectors and their test, in one folder."""
+
+import json
+import platform
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import llvmlite
+import numba
+
+from ortilo_drake.codegen.c_header import header_text
+from ortilo_drake.codegen.c_source import source_text
+from ortilo_drake.codegen.golden import flown_ticks, golden_text
+from ortilo_drake.codegen.half import onboard_half
+from ortilo_drake.codegen.ir import neutral_irs
+from ortilo_drake.codegen.object_code import object_code
+from ortilo_drake.codegen.readme import readme_text
+from ortilo_drake.codegen.targets import target_of
+from ortilo_drake.flight.files import write_bytes, write_text
+from ortilo_drake.loop.digest import digest_of
+from ortilo_drake.scenario import Scenario, load_scenario
+
+TEMPLATES: Final = Path(__file__).with_name("templates")
+TICKS: Final = 300
+
+
+def export(
+    scenario: str | Path | Scenario,
+    target: str,
+    folder: str | Path,
+    ticks: int = TICKS,
+    says: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Write the onboard half of a scenario for a processor; return the manifest.
+
+        od.export("imu_uwb", "cortex-m7", "half")
+
+    All is made before anything is written.
+
+    Args:
+        scenario: as load_scenario; its seed is that of the golden vectors.
+        target: a processor of codegen/targets.py.
+        folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, CMakeLists.txt, README.md
+            and manifest.json.
+        ticks: of the golden vectors.
+        says: called with a line for each step.
+
+    Raises:
+        InputError: if a part cannot be exported, or there is no such processor.
+    """
+    scenario, to = load_scenario(scenario), target_of(target)
+    half = onboard_half(scenario)
+    says(f"compiling {sum(len(box.element.functions) for box in half.wiring.boxes.values())} functions")
+    irs = neutral_irs(scenario)
+    code = object_code(irs, to)
+    source, sizes = source_text(half)
+    says(f"flying {ticks} ticks for the golden vectors")
+    golden = golden_text(*flown_ticks(scenario, half, ticks))
+    header = header_text(half, scenario.name, sizes)
+    manifest = {
+        "scenario": json.loads(scenario.model_dump_json()),
+        "target": {"name": target, "triple": to.triple, "cpu": to.cpu, "features": to.features},
+        "digest": digest_of(*sorted(irs.items()), source),
+        "state_bytes": 8 * (sizes["state"] + 1),
+        "ram_bytes": 8 * (sizes["state"] + sizes["said"] + sizes["work"] + 2),
+        "object_bytes": len(code),
+        "versions": {
+            "ortilo_drake": version("ortilo_drake"), "python": platform.python_version(),
+            "numba": numba.__version__, "llvmlite": llvmlite.__version__,
+        },
+    }  # fmt: skip
+    there = Path(folder)
+    write_bytes(there / "ortilo_elements.o", code)
+    for name, text in {
+        "ortilo.c": source,
+        "ortilo.h": header,
+        "golden.h": golden,
+        "README.md": readme_text(half, scenario, target, manifest),
+        "manifest.json": json.dumps(manifest, indent=2) + "\n",
+        **{name: (TEMPLATES / name).read_text() for name in ("test_golden.c", "CMakeLists.txt")},
+    }.items():
+        write_text(there / name, text)
+    return manifest

@@ -1,0 +1,69 @@
+"""Golden vectors: what came in and what went out in the first ticks of a flight, to the last bit, as a C header."""
+
+from typing import Final
+
+import numpy as np
+
+from ortilo_drake.codegen.c_header import c_name
+from ortilo_drake.codegen.half import Half
+from ortilo_drake.diagrams.wiring.onboard import port_of
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.scenario import Scenario
+
+COMPARED: Final = ("control", "estimate", "covariance")
+FNV: Final = (1469598103934665603, 1099511628211)  # offset and prime of the 64-bit hash of Fowler, Noll and Vo
+
+
+def hash_of(words: np.ndarray) -> int:
+    """Return the hash FNV-1a of whole numbers of 64 bits, taken as one number each."""
+    found = FNV[0]
+    for word in words:
+        found = ((found ^ int(word)) * FNV[1]) & (2**64 - 1)
+    return found
+
+
+def flown_ticks(scenario: Scenario, half: Half, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the inputs of each tick, one after the other (ticks, i), and each output (ticks, n), as Drake flies it.
+
+    Args:
+        scenario: what is flown, with its seed.
+        half: what is exported of it.
+        ticks: how many.
+    """
+    world, onboard = WorldHalf(scenario), OnboardHalf(scenario)
+    width = sum(half.inputs.values())
+    came, went = np.zeros((ticks, width)), {name: np.zeros((ticks, half.outputs[name].size)) for name in COMPARED}
+    for k in range(ticks):
+        messages, at = world.sample(), 0
+        for box, size in half.inputs.items():
+            said = messages.get(c_name(box), messages.get(port_of(box)))
+            if said is not None:
+                came[k, at : at + size] = said
+            at += size
+        onboard.take(messages)
+        outputs = onboard.outputs()
+        for name in COMPARED:
+            went[name][k] = outputs[name].ravel()
+        world.advance(outputs["control"])
+        onboard.advance()
+    return came, went
+
+
+def words_text(name: str, values: np.ndarray) -> str:
+    """Return an array of C of floats' bits, a row a tick."""
+    rows = np.ascontiguousarray(values).view(np.uint64)
+    text = ",\n".join("{" + ",".join(f"0x{word:x}u" for word in row) + "}" for row in rows)
+    return f"static const uint64_t {name}[{rows.shape[0]}][{rows.shape[1]}] = {{\n{text}}};\n"
+
+
+def golden_text(came: np.ndarray, went: dict[str, np.ndarray]) -> str:
+    """Return golden.h: the inputs' bits, the control's and the estimate's, and a hash of the covariance."""
+    hashes = ",\n".join(f"0x{hash_of(row):x}u" for row in went["covariance"].view(np.uint64))
+    return (
+        "/* What came in and what must go out, as the bits of doubles. */\n#include <stdint.h>\n"
+        f"#define TICKS {len(came)}\n"
+        + words_text("golden_inputs", came)
+        + words_text("golden_control", went["control"])
+        + words_text("golden_estimate", went["estimate"])
+        + f"static const uint64_t golden_covariance[TICKS] = {{\n{hashes}}};\n"
+    )

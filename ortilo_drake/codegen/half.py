@@ -1,0 +1,73 @@
+"""Which boxes are exported, and what comes in and goes out."""
+
+from typing import NamedTuple
+
+from pydrake.trajectories import Trajectory
+
+from ortilo_drake.diagrams.estimator import shown_boxes
+from ortilo_drake.diagrams.wiring.messages import message_boxes
+from ortilo_drake.diagrams.wiring.onboard import measured_in, onboard_boxes
+from ortilo_drake.loop.element import OUTSIDE, Element, outside, takes
+from ortilo_drake.loop.wiring import Wire, Wiring
+from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.planner.planned import planned
+from ortilo_drake.scenario import Belief
+
+NAMED = {"acted_delivered": "acted"}  # as Drake's ports are named
+
+
+class Half(NamedTuple):
+    """The onboard half as it is exported.
+
+    Attributes:
+        wiring: of its boxes.
+        inputs: size of each message that it takes, by the name of its box.
+        outputs: where each output stands, by its name.
+    """
+
+    wiring: Wiring
+    inputs: dict[str, int]
+    outputs: dict[str, Wire]
+
+
+def onboard_half(scenario: Belief) -> Half:
+    """Return the onboard half of a scenario, of which the belief is all that is taken.
+
+    Raises:
+        InputError: in one line, naming the part that cannot be exported and why.
+    """
+    belief = scenario.belief
+    if belief.is_rendered:
+        raise InputError("export: camera.kind: rendered: its network is not exported; with projected boxes come in")
+    room, plan = belief.load_room(), planned(belief)
+    if not isinstance(plan, Trajectory):
+        raise InputError("export: planner: must be a path; one that is a System or an element is not exported")
+    messages = message_boxes(belief, room, detects=True)
+    around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
+    ticks = int(plan.end_time() * belief.control_rate) + 2
+    boxes = onboard_boxes(belief, room, plan, ticks, messages)
+    boxes += shown_boxes(belief, boxes)
+    wiring = Wiring([*around, *boxes])
+    for box in wiring.boxes.values():
+        if box.system is not None:
+            raise InputError(f"export: {box.name}: {box.system.get_name()}: is a System of Drake's, must be an element")
+        if why := why_not(box.element):
+            raise InputError(f"export: {box.name}: the element {box.element.name!r} {why}")
+    read = {wire.box for wire in wiring.wires.values()}
+    read |= {held for name in read for held in wiring.boxes[name].holds}
+    inputs = {name: box.size for name, box in wiring.boxes.items() if box.element is OUTSIDE and name in read}
+    signals = {"control": "servo", "estimate": "shown.estimate", "covariance": "shown.covariance"}
+    signals |= {"reference": "reference"} | measured_in(boxes)
+    if "known" in wiring.boxes:
+        signals["force"] = "known.force"
+    return Half(wiring, inputs, {name: wiring.wire(said, "outputs") for name, said in signals.items()})
+
+
+def why_not(element: Element) -> str | None:
+    """Return why an element cannot be exported, None if it can."""
+    if element.allocates:
+        return "makes arrays while it flies: nothing is allocated on a vehicle"
+    if any({"seed", "seeds"} & {*takes(function)} for function in element.functions.values()):
+        return "draws noise"
+    return None

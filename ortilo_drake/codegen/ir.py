@@ -1,0 +1,154 @@
+"""The compiled functions of elements as LLVM IR that is of no processor.
+
+numba writes IR for the processor that it runs on. A process of its own, told that it runs on a generic one, writes what
+any processor can be given. What compiled code calls of Python where it would raise becomes unreachable: C has no
+exceptions, and the tests run the same code with them.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import lru_cache
+from types import ModuleType
+from typing import Final
+
+from ortilo_drake.codegen.half import onboard_half
+from ortilo_drake.loop.element import Box
+from ortilo_drake.loop.native import known_to, native_text
+from ortilo_drake.model.parts import load_plugin, plugin_files
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+GENERIC: Final = {
+    "NUMBA_CPU_NAME": "generic",
+    "NUMBA_CPU_FEATURES": "",
+    "NUMBA_LOOP_VECTORIZE": "0",
+    "NUMBA_SLP_VECTORIZE": "0",
+}
+RAISES: Final = re.compile(
+    r"^(?:NRT_(?:incref|decref|Free|MemInfo_call_dtor)|Py\w+|_Py\w+"
+    r"|numba_(?:do_raise|gil_ensure|gil_release|unpickle|runtime_build_excinfo_struct))$"
+)
+# numba asks C whether an array can be read in another shape. One whose numbers stand in a row always can.
+RESHAPE: Final = """
+define internal i32 @numba_attempt_nocopy_reshape(i64 %nd, ptr %dims, ptr %strides, i64 %newnd, ptr %newdims,
+                                                  ptr %newstrides, i64 %size, i32 %by_column) alwaysinline {
+entry:
+  br label %next
+next:
+  %i = phi i64 [ %newnd, %entry ], [ %j, %body ]
+  %stride = phi i64 [ %size, %entry ], [ %wider, %body ]
+  %more = icmp sgt i64 %i, 0
+  br i1 %more, label %body, label %done
+body:
+  %j = sub i64 %i, 1
+  %at = getelementptr i64, ptr %newstrides, i64 %j
+  store i64 %stride, ptr %at
+  %of = getelementptr i64, ptr %newdims, i64 %j
+  %dim = load i64, ptr %of
+  %wider = mul i64 %stride, %dim
+  br label %next
+done:
+  ret i32 1
+}
+"""
+
+
+def symbol_of(box: Box, what: str) -> str:
+    """Return the name in C of a box's function."""
+    return f"ortilo_{box.name}_{what}"
+
+
+def box_ir(box: Box) -> dict[str, str]:
+    """Return the IR of a box's functions by their names in C, as numba makes it in this process.
+
+    Raises:
+        InputError: if a function calls what is not there without Python.
+    """
+    element, module = box.element, ModuleType("ortilo_exported")
+    vars(module).update(known_to(element))
+    text = native_text(element).replace("cache=True", "cache=False")
+    exec(compile(text, f"<{element.name}>", "exec"), vars(module))
+    found = {}
+    for what in element.functions:
+        its = getattr(module, f"{what}_c")
+        symbol = symbol_of(box, what)
+        found[symbol] = neutral(its._library.get_llvm_str(), its._wrapper_name, symbol)
+    return found
+
+
+def neutral(ir: str, name: str, symbol: str) -> str:
+    """Return IR of numba for no processor in particular, its function called by another name.
+
+    Raises:
+        InputError: if it calls what is not there without Python.
+    """
+    ir = re.sub(r"^target (?:datalayout|triple) = .*$", "", ir, flags=re.M)
+    ir = re.sub(r'"(?:target-cpu|target-features|tune-cpu)"="[^"]*"', "", ir)
+    ir = ir.replace(f'@"{name}"', f"@{symbol}").replace(f"@{name}(", f"@{symbol}(")
+    if "declare double @sqrt(double)" in ir:  # the processor's own, exact on all of them
+        ir = re.sub(r"call ((?:\w+ )*?)double @sqrt\(", r"call \1double @llvm.sqrt.f64(", ir)
+        ir = re.sub(r"declare double @(?:llvm\.sqrt\.f64|sqrt)\(double.*", "", ir)
+        ir += "\ndeclare double @llvm.sqrt.f64(double)\n"
+    lines, skipping = list[str](), False
+    for line in ir.splitlines():
+        defined = re.match(r'define .*?@"?(NRT_\w+)"?\(', line)
+        declared = re.match(r'declare (.*?)@"?([\w.]+)"?\((.*)\)', line)
+        if defined:
+            lines += [f"define linkonce_odr void @{defined[1]}(ptr %0) alwaysinline {{", "  ret void", "}"]
+            skipping = True
+        elif skipping:
+            skipping = line != "}"
+        elif declared and RAISES.match(declared[2]):
+            said = re.sub(r"\b(?:noalias|noundef|nonnull|dso_local|local_unnamed_addr)\b", "", declared[1]).strip()
+            lines += [f"define internal {said} @{declared[2]}({declared[3]}) {{", "  unreachable", "}"]
+        elif declared and declared[2] == "numba_attempt_nocopy_reshape":
+            lines.append(RESHAPE)
+        elif declared and re.match(r"NRT_|numba_|_?Py", declared[2]):
+            raise InputError(f"export: {symbol}: calls {declared[2]}: needs Python, or memory while it flies")
+        elif not (declared and declared[2].startswith("llvm.x86.")):
+            lines.append(line)
+    return "\n".join(lines)
+
+
+@lru_cache(maxsize=4)
+def neutral_irs(scenario: Scenario) -> dict[str, str]:
+    """Return the IR of all functions of a scenario's onboard half, made in a process of its own.
+
+    Raises:
+        InputError: as onboard_half and box_ir.
+    """
+    told = json.dumps({"scenario": scenario.model_dump_json(), "plugins": plugin_files()})
+    command = (sys.executable, "-m", "ortilo_drake.codegen.ir")
+    done = subprocess.run(
+        command, input=told, capture_output=True, text=True, check=False, env=os.environ | GENERIC, encoding="utf-8"
+    )
+    if done.returncode == 2:
+        raise InputError(done.stderr.strip())
+    if done.returncode != 0:
+        raise RuntimeError(f"the process that compiles ended with code {done.returncode}:\n{done.stderr}")
+    found: dict[str, str] = json.loads(done.stdout)
+    return found
+
+
+def main() -> int:
+    """Read a scenario from standard input and write the IR of its onboard half to standard output."""
+    told = json.load(sys.stdin)
+    try:
+        for file in told["plugins"]:
+            load_plugin(file)
+        half = onboard_half(Scenario.model_validate_json(told["scenario"]))
+        found: dict[str, str] = {}
+        for box in half.wiring.boxes.values():
+            found |= box_ir(box)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    json.dump(found, sys.stdout)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

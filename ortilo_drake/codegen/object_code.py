@@ -1,0 +1,77 @@
+"""Object code of IR for a processor."""
+
+import re
+from collections.abc import Iterable
+
+import llvmlite.binding as llvm
+
+from ortilo_drake.codegen.targets import Target
+from ortilo_drake.model.typed_yaml import InputError
+
+IN_REGISTERS = "arm_aapcs_vfpcc"  # how a function of ARM takes doubles where the triple ends with 'hf'
+
+
+def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
+    """Return the object file of neutral IR; the names by which the IR is given are seen by a linker, no others.
+
+    Raises:
+        InputError: if this LLVM was built without the processor.
+    """
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    try:
+        found = llvm.Target.from_triple(target.triple)
+    except RuntimeError as error:
+        raise InputError(f"--target: {target.cpu}: {error}") from None
+    reloc = "static" if target.is_arm32 else "pic"
+    machine = found.create_target_machine(
+        cpu=target.cpu, features=target.features, opt=level, reloc=reloc, codemodel="default"
+    )
+    whole = linked(irs.values(), target, str(machine.target_data))
+    for function in whole.functions:
+        if not function.is_declaration and function.name not in irs:
+            function.linkage = "internal"
+    for variable in whole.global_variables:
+        if not variable.is_declaration:
+            variable.linkage = "internal"
+    whole.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=level)
+    options.loop_vectorization = options.slp_vectorization = False
+    for _ in range(2):  # the second sees what the first found unreachable
+        builder = llvm.create_pass_builder(machine, options)
+        builder.getModulePassManager().run(whole, builder)
+    code: bytes = machine.emit_object(whole)
+    return with_any_float_abi(code) if target.is_arm32 else code
+
+
+def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
+    """Return one module of all IR, for a processor."""
+    whole = None
+    for ir in irs:
+        module = llvm.parse_assembly(with_hard_floats(ir) if target.calls_sqrt else ir)
+        module.triple, module.data_layout = target.triple, layout
+        if whole is None:
+            whole = module
+        else:
+            whole.link_in(module)
+    return whole
+
+
+def with_any_float_abi(code: bytes) -> bytes:
+    """Return an object file of ARM that says that it can be linked with either way of handing floats over.
+
+    llvmlite cannot say it. The attribute Tag_ABI_FP_number_model (23) = 3 is overwritten by Tag_ABI_VFP_args (28) = 3,
+    "compatible with both", of "ABI for the Arm Architecture: Addenda". What is exported takes no floats by value.
+    """
+    at = code.index(b"aeabi\x00")
+    told = code.index(bytes((23, 3)), at)
+    return code[:told] + bytes((28, 3)) + code[told + 2 :]
+
+
+def with_hard_floats(ir: str) -> str:
+    """Return IR in which a processor without doubles calls the square root of its library, in its own way.
+
+    What is exported takes pointers and whole numbers alone, and is the same either way.
+    """
+    ir = re.sub(r"declare double @llvm\.sqrt\.f64\(double.*", f"declare {IN_REGISTERS} double @sqrt(double)", ir)
+    return re.sub(r"call ((?:\w+ )*?)double @llvm\.sqrt\.f64\(", rf"call \1{IN_REGISTERS} double @sqrt(", ir)

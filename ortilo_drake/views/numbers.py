@@ -1,0 +1,68 @@
+"""Numbers as text: no more digits than their intervals know, and lost flights by name."""
+
+import math
+
+from ortilo_drake.flight.intervals import Interval, Middle, share_interval
+
+LOST = "lost"
+
+
+def number(value: float, half_width: float | None = None) -> str:
+    """Return a number to the decimal place of the first digit of its interval's half width, but one digit at least.
+
+    Without a half width it has two digits.
+    """
+    if math.isinf(value):
+        return LOST
+    first = _place(value)
+    if value == 0.0 and not half_width:
+        return "0"
+    places = first + 1 if half_width is None else max(first, _place(half_width)) if half_width > 0.0 else first + 3
+    return f"{round(value, places):.{max(places, 0)}f}"
+
+
+def _place(value: float) -> int:
+    """Return the decimal place of the first digit: 1 of 0.3, 0 of 3, -1 of 30."""
+    return -math.floor(math.log10(float(f"{abs(value):.0e}"))) if value else 0
+
+
+def with_interval(value: float | None, interval: Interval | None) -> str:
+    """Return a number and its interval; [?] where there are too few flights for one, 'none' where there is nothing."""
+    if value is None:
+        return "none"
+    if interval is None or math.isinf(interval[0]):
+        return number(value) + ("" if interval else " [?]")
+    low, high = interval
+    width = _half_width(value, low, high)
+    return f"{number(value, width)} [{number(low, width)}, {number(high, width)}]"
+
+
+def _half_width(value: float, low: float, high: float) -> float | None:
+    """Return the geometric mean of a number's distances to the ends that are no lost flight's, None if it is lost."""
+    apart = [abs(end - value) for end in (low, high) if math.isfinite(end)] if math.isfinite(value) else []
+    if not apart:
+        return None
+    return math.sqrt(apart[0] * apart[-1]) or 0.5 * max(apart)
+
+
+def of_all_and_kept(middle: Middle, lost: int) -> str:
+    """Return a median with the lost flights as worst, then that of the kept ones; the first alone if none was lost."""
+    every = with_interval(middle.median, middle.interval)
+    if not lost or middle.kept is None:
+        return every
+    return f"{every}; kept {with_interval(middle.kept, middle.kept_interval)}"
+
+
+def count(events: int, trials: int) -> str:
+    """Return a count of trials and Wilson's interval of its share."""
+    return f"{events} of {trials} {share(events, trials)}"
+
+
+def share(events: int, trials: int) -> str:
+    """Return Wilson's interval of a share in percent."""
+    low, high = (100.0 * end for end in share_interval(events, trials))
+    return f"[{_percent(low)}, {_percent(high)} %]"
+
+
+def _percent(percent: float) -> str:
+    return f"{percent:.2g}" if percent < 10.0 else f"{percent:.0f}"
