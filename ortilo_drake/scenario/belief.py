@@ -122,7 +122,7 @@ class Belief(Frozen):
 
     @property
     def imu_period(self) -> float:
-        """Of how long a sample of the imu has the noise: from one to the next where it is faster than the tick, else h [s]."""
+        """Of how long a sample of the imu has the noise [s]: of a tick, or less where it is faster than that."""
         return self.h / self.samples("imu")
 
     @property
