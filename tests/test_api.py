@@ -58,9 +58,9 @@ def test_keywords_are_the_settings_of_the_command_line() -> None:
     assert od.load_scenario(load_scenario("nominal_imu_uwb"), seed=3, uwb__link__loss=0.3, **HOVER) == load_scenario(
         "nominal_imu_uwb", WORDS, 3
     )
-    numbers = {"estimator__W__force_sd": np.float64(0.2)}
+    numbers = {"estimator__W__force_density": np.float64(0.0365)}
     assert od.load_scenario("nominal_imu_uwb", **numbers) == load_scenario(
-        "nominal_imu_uwb", ("estimator.W.force_sd=0.2",)
+        "nominal_imu_uwb", ("estimator.W.force_density=0.0365",)
     )
 
 
@@ -87,7 +87,7 @@ def test_values_are_those_of_yaml_and_pythons_own_like_them(tmp_path: Path) -> N
     words = (f"room={room}", "uwb.link.loss=0.3", "planner={kind: hover, point: [8.0, 1.0, 1.5]}")
     assert found == load_scenario("nominal_imu_uwb", words, 3)
     assert od.load_scenario("nominal_imu_uwb", uwb=found.uwb).uwb == found.uwb
-    assert od.load_scenario("nominal_imu_uwb", estimator__W__force_sd=1e-7).estimator.W.force_sd == 1e-7
+    assert od.load_scenario("nominal_imu_uwb", estimator__W__force_density=1e-7).estimator.W.force_density == 1e-7
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from ortilo_drake.scenario import Disturbance, DisturbanceW, LqServo, Scenario, 
 MOST_TILT = 0.1  # [rad]
 _SIGMAS = 3.0
 _SOFTER = (10.0, 100.0, 1e3, 1e4, 1e5)  # factors on the weights of the control that are tried against a lag
-_PARTS = {"force_sd": lambda vehicle: vehicle.mass, "torque_sd": lambda vehicle: vehicle.inertia[0]}
+_PARTS = {"force_density": lambda vehicle: vehicle.mass, "torque_density": lambda vehicle: vehicle.inertia[0]}
 
 
 def vehicle_fit(scenario: Scenario) -> list[str]:
@@ -28,7 +28,7 @@ def vehicle_fit(scenario: Scenario) -> list[str]:
     shaken = found = _disturbed(scenario, "world.disturbance", scenario.world.disturbance)
     W, force = getattr(scenario.estimator, "W", None), getattr(scenario.estimator, "force", "none")
     if isinstance(W, DisturbanceW) and force == "none":
-        believed = Disturbance(force_sd=W.force_sd, torque_sd=W.torque_sd)
+        believed = Disturbance(force_density=W.force_density, torque_density=W.torque_density)
         found = found + _disturbed(scenario, "estimator.W", believed)
     if scenario.world.rotors.kind == "first_order":
         found = found + _lagging(scenario) + ([] if shaken else _saturated(scenario))
@@ -41,7 +41,7 @@ def stationary(scenario: Scenario, disturbance: Disturbance) -> tuple[np.ndarray
     Phibar, Gammabar = augmented_pair(vehicle, h, yaw)
     L = servo_gain(vehicle, scenario.servo.weights, h, yaw)
     _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
-    sd = np.repeat([disturbance.force_sd, disturbance.torque_sd], 3)
+    sd = np.repeat(disturbance.sds(h), 3)
     W = block_diag(Gamma_d @ np.diag(sd**2) @ Gamma_d.T, np.zeros((N_I, N_I)))
     X = solve_discrete_lyapunov(Phibar - Gammabar @ L, W)
     return X, L @ X @ L.T
@@ -58,16 +58,17 @@ def _disturbed(scenario: Scenario, field: str, disturbance: Disturbance) -> list
     tilt = tilt_sd(scenario, disturbance)
     if tilt <= MOST_TILT:
         return []
-    share = disturbance.force_sd / scenario.vehicle.hover_thrust
-    sds = {name: float(getattr(disturbance, name)) for name in _PARTS}
-    less = {name: min(sds[name], sds[name] * of(scenario.vehicle) / of(M100)) for name, of in _PARTS.items()}
+    force, torque = disturbance.sds(scenario.h)
+    share = force / scenario.vehicle.hover_thrust
+    now = {name: float(getattr(disturbance, name)) for name in _PARTS}
+    less = {name: min(now[name], now[name] * of(scenario.vehicle) / of(M100)) for name, of in _PARTS.items()}
     while tilt_sd(scenario, Disturbance(**less)) > MOST_TILT:
-        less = {name: sd / 2.0 for name, sd in less.items()}
-    mend = " ".join(f"--set {field}.{name}={_number(sd)}" for name, sd in less.items() if sd < sds[name])
+        less = {name: density / 2.0 for name, density in less.items()}
+    mend = " ".join(f"--set {field}.{name}={_number(its)}" for name, its in less.items() if its < now[name])
     what = "would tilt" if field.startswith("world") else "is what the filter reckons with: as it would tilt"
     return [
-        f"{field}: a force of {disturbance.force_sd:g} N, {share:.0%} of the weight, and a torque of "
-        f"{disturbance.torque_sd:g} N m in every tick {what} this vehicle by {np.degrees(tilt):.0f} degrees (sd), it "
+        f"{field}: a force of {force:.3g} N, {share:.0%} of the weight, and a torque of "
+        f"{torque:.3g} N m in every tick {what} this vehicle by {np.degrees(tilt):.0f} degrees (sd), it "
         f"will hardly fly; with these it does: {mend}"
     ]
 

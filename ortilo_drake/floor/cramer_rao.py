@@ -80,7 +80,7 @@ def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np
 def rate_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     """Return the rows of the imu's body rates at true states (n, 12), to first order the Euler-angle rates."""
     n, ticks = scenario.samples("imu"), np.flatnonzero(arrived(scenario, "imu", truth))
-    parts, variances = [], np.full(len(ticks), scenario.imu.rate_sd**2)
+    parts, variances = [], np.full(len(ticks), scenario.imu.sds(scenario.h / n)[1] ** 2)
     for age in scenario.h * np.arange(n) / n:
         for j, rate in enumerate(STATE_NAMES[9:]):
             C = rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age, scenario.yaw)])
@@ -90,7 +90,7 @@ def rate_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
 
 def specific_force_sd(scenario: Scenario) -> float:
     """Return the standard deviation of a tick's mean specific force, as a force [N]."""
-    return scenario.vehicle.mass * scenario.imu.specific_force_sd / float(np.sqrt(scenario.samples("imu")))
+    return scenario.vehicle.mass * scenario.imu.sds(scenario.h)[2]
 
 
 def reads_force(scenario: Scenario) -> bool:
@@ -100,7 +100,7 @@ def reads_force(scenario: Scenario) -> bool:
 
 def measured_share(scenario: Scenario) -> float:
     """Return k of unknown_errors.py: the share of the specific force in what is known of a step's white force."""
-    sigma = scenario.world.disturbance.force_sd
+    sigma = scenario.world.disturbance.sds(scenario.h)[0]
     if not reads_force(scenario) or sigma == 0.0:
         return 0.0
     return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2)
@@ -109,7 +109,7 @@ def measured_share(scenario: Scenario) -> float:
 def force_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     """Return the rows of what specific force tells of the force that lasts and of its own bias, and not of x."""
     ticks = np.repeat(np.flatnonzero(arrived(scenario, "imu", truth)), 3)
-    variance = scenario.world.disturbance.force_sd**2 + specific_force_sd(scenario) ** 2
+    variance = scenario.world.disturbance.sds(scenario.h)[0] ** 2 + specific_force_sd(scenario) ** 2
     return rows_of(ticks, np.zeros((len(ticks), N_X)), np.full(len(ticks), variance), np.arange(len(ticks)) % 3)
 
 
@@ -144,9 +144,9 @@ def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi and W (12 x 12) of a tick, W of what is not measured of the world's disturbance."""
     Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
-    disturbance = scenario.world.disturbance
-    force_sd = disturbance.force_sd * np.sqrt(1.0 - measured_share(scenario))
-    return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, disturbance.torque_sd, scenario.yaw)
+    force_sd, torque_sd = scenario.world.disturbance.sds(scenario.h)
+    force_sd *= float(np.sqrt(1.0 - measured_share(scenario)))
+    return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, torque_sd, scenario.yaw)
 
 
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:

@@ -121,6 +121,11 @@ class Belief(Frozen):
         return n
 
     @property
+    def imu_period(self) -> float:
+        """Of how long a sample of the imu has the noise [s]: of a tick, or less where it is faster than that."""
+        return self.h / self.samples("imu")
+
+    @property
     def samples_at_rest(self) -> int:
         """How many samples the imu takes while the vehicle rests on the floor before take-off, at least a message's."""
         if "imu" not in self.sensors or self.imu.standstill == 0.0:

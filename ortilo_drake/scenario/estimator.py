@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.scenario.onboard import Gate, PositiveVec3
 from ortilo_drake.scenario.robust import Robust
 
@@ -30,7 +31,8 @@ class Noise(Frozen):
     Attributes:
         uwb: variances of a uwb fix per axis [m^2].
         camera: variances of a camera fix per axis [m^2].
-        imu: variances of roll, pitch and yaw [rad^2].
+        imu: variances of roll, pitch and yaw [rad^2], as those below of a sample every 1/30 s; a sample every T
+            seconds is believed to have 1 / (30 T) of them.
         specific_force: variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'.
         rates: variances of the imu's body rates per axis [rad^2/s^2]; read with rates 'measured'.
     """
@@ -43,21 +45,25 @@ class Noise(Frozen):
 
 
 class DisturbanceW(Frozen):
-    """W = Gamma_d diag(force_sd^2, torque_sd^2) Gamma_d^T of a disturbance held over each tick.
+    """W = Gamma_d diag(force^2, torque^2) Gamma_d^T / h of a white disturbance held over each tick h.
 
     Attributes:
         kind: 'disturbance'.
-        force_sd: standard deviation of the force per axis [N].
-        torque_sd: standard deviation of the torque per axis [N m].
+        force_density: of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s.
+        torque_density: of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s.
     """
 
     kind: Literal["disturbance"] = "disturbance"
-    force_sd: Positive = 0.27
-    torque_sd: Positive = 0.005
+    force_density: Positive = 0.27 * USUAL_ROOT
+    torque_density: Positive = 0.005 * USUAL_ROOT
+
+    def sds(self, h: float) -> tuple[float, float]:
+        """Return the standard deviations of force [N] and torque [N m] in a tick [s]."""
+        return white_sd(self.force_density, h), white_sd(self.torque_density, h)
 
 
 class DiagonalW(Frozen):
-    """W diagonal, a variance a tick for each group of states.
+    """W diagonal, a variance for each group of states in a tick of 1/30 s; a tick h has 30 h of it.
 
     Attributes:
         kind: 'diagonal'.

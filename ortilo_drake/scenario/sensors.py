@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
+from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.scenario.link import Link, LinkRate, Probability
 
 
@@ -31,21 +32,26 @@ class ImuSetup(SensorSetup):
 
 
 class Imu(ImuSetup):
-    """An IMU with its own attitude filter: white noise on each output.
+    """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(period of its samples).
 
     Attributes:
         link: rate and delivery of its messages.
         standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
             accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
-        angle_sd: standard deviation of roll, pitch and yaw [rad].
-        rate_sd: standard deviation of the body rates per axis [rad/s].
-        specific_force_sd: standard deviation of the specific force per axis [m/s^2].
+        angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
+        rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
+        specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
     """
 
     link: Link = Link()
-    angle_sd: NonNegativeFloat = 0.01
-    rate_sd: NonNegativeFloat = 0.01
-    specific_force_sd: NonNegativeFloat = 0.05
+    angle_density: NonNegativeFloat = 0.01 * USUAL_ROOT
+    rate_density: NonNegativeFloat = 0.01 * USUAL_ROOT
+    specific_force_density: NonNegativeFloat = 0.05 * USUAL_ROOT
+
+    def sds(self, period: float) -> tuple[float, float, float]:
+        """Return the standard deviations of angles, rates and specific force of a sample every so many seconds."""
+        rate, force = white_sd(self.rate_density, period), white_sd(self.specific_force_density, period)
+        return white_sd(self.angle_density, period), rate, force
 
 
 class ProportionalNoise(Frozen):

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario.estimator import InitialSd
 from ortilo_drake.scenario.onboard import Gate
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
@@ -41,9 +42,9 @@ class InertialNoise(Frozen):
 
     Attributes:
         datasheet: whose noise density the body rates and the specific force have; 'none' goes by the next two.
-        rate_sd: noise of one sample of the body rates per axis [rad/s].
-        specific_force_sd: of one sample of the specific force per axis [m/s^2].
-        angle_sd: of one sample of roll, pitch and yaw [rad]; null leaves the angles out.
+        rate_density: noise of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.001 rad/s at 30 Hz.
+        specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
+        angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz, null leaves them out.
         gyroscope_sd: bias of the body rates per axis at first [rad/s]; not read after a standstill, imu.standstill.
         gyroscope_rate: its random walk, a standard deviation after 1 s [rad/s].
         accelerometer_sd: bias of the specific force per axis at first [m/s^2]; likewise.
@@ -57,9 +58,9 @@ class InertialNoise(Frozen):
     """
 
     datasheet: Literal["none", "icm_42688_p", "bmi088"] = "none"
-    rate_sd: Positive = 0.001
-    specific_force_sd: Positive = 0.05
-    angle_sd: Positive | None = 0.01
+    rate_density: Positive = 0.001 * USUAL_ROOT
+    specific_force_density: Positive = 0.05 * USUAL_ROOT
+    angle_density: Positive | None = 0.01 * USUAL_ROOT
     gyroscope_sd: NonNegativeFloat = 3.0e-4
     gyroscope_rate: NonNegativeFloat = 1.0e-5
     accelerometer_sd: NonNegativeFloat = 0.1

@@ -71,12 +71,12 @@ _LEVEL = _tight(lambda s: s.estimator.imu.level_sd > 0.0 or s.estimator.imu.yaw_
 _W, _B, _T = "estimator.walks.", "estimator.biases.", "estimator."
 
 RULES = (
-    Rule(("imu.rate_sd", *_imu("rates")), _RATES, "estimator.kind tight, or estimator.rates measured"),
-    Rule(("imu.specific_force_sd", *_imu("specific_force")), _FORCE, "estimator.kind tight, or force measured"),
+    Rule(("imu.rate_density", *_imu("rates")), _RATES, "estimator.kind tight, or estimator.rates measured"),
+    Rule(("imu.specific_force_density", *_imu("specific_force")), _FORCE, "estimator.kind tight, or force measured"),
     Rule(
-        ("imu.angle_sd", *_imu("level", "yaw", "angles")[:-2]),
-        _tight(lambda s: s.estimator.imu.angle_sd is not None),
-        "estimator.imu.angle_sd that is not null",
+        ("imu.angle_density", *_imu("level", "yaw", "angles")[:-2]),
+        _tight(lambda s: s.estimator.imu.angle_density is not None),
+        "estimator.imu.angle_density that is not null",
     ),
     Rule(("truth.imu",), _flies("imu"), "an imu that flies"),
     Rule(("multilateration", "truth.uwb", "truth.survey.anchors", "truth.survey.anchors_sd"), _flies("uwb"), "uwb"),
@@ -138,7 +138,7 @@ RULES = (
     ),
     # The tight one.
     Rule(
-        (_T + "imu.rate_sd", _T + "imu.specific_force_sd"),
+        (_T + "imu.rate_density", _T + "imu.specific_force_density"),
         _tight(lambda s: s.estimator.imu.datasheet == "none"),
         "estimator.imu.datasheet none",
     ),

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 
 
 class IdealRotors(Frozen):
@@ -28,15 +29,19 @@ class FirstOrderRotors(Frozen):
 
 
 class Disturbance(Frozen):
-    """Force in W and torque in B, Gaussian, drawn anew every tick and held over it.
+    """Force in W and torque in B, Gaussian and white: drawn anew every tick h, held over it, of sd density / sqrt(h).
 
     Attributes:
-        force_sd: standard deviation of the force per axis [N].
-        torque_sd: standard deviation of the torque per axis [N m].
+        force_density: of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s.
+        torque_density: of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s.
     """
 
-    force_sd: NonNegativeFloat = 0.27
-    torque_sd: NonNegativeFloat = 0.005
+    force_density: NonNegativeFloat = 0.27 * USUAL_ROOT
+    torque_density: NonNegativeFloat = 0.005 * USUAL_ROOT
+
+    def sds(self, h: float) -> tuple[float, float]:
+        """Return the standard deviations of force [N] and torque [N m] in a tick [s]."""
+        return white_sd(self.force_density, h), white_sd(self.torque_density, h)
 
 
 class World(Frozen):

@@ -7,6 +7,7 @@ from ortilo_drake.model.measurement import CAMERA, IMU, UWB
 from ortilo_drake.model.parts import Sensor, find_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, uwb_size
+from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.scenario import Belief, Scenario
@@ -59,9 +60,9 @@ BUILT_IN = {
         "imu",
         ImuSettings,
         IMU,
-        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.angle_sd),
+        sd=lambda scenario, room, states: np.full((len(states), 3), scenario.imu.sds(scenario.imu_period)[0]),
         payload=IMU_SIZE - PAYLOAD,
-        V=lambda scenario: _diagonal(scenario.estimator.V.imu),
+        V=lambda scenario: np.diag(white_variances(scenario.estimator.V.imu, scenario.imu_period)),
     ),
 }
 

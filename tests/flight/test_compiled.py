@@ -116,7 +116,7 @@ def test_the_ready_made_scenarios_of_the_papers_sensors_are_compiled() -> None:
 
 
 def test_a_lost_flight_ends_where_drakes_does(flown: Flown) -> None:
-    changes = (SHORT, "world.disturbance.force_sd=12", "settle=20")
+    changes = (SHORT, "world.disturbance.force_density=2.19", "settle=20")
     engine = Engine(load_scenario("nominal_imu_uwb", changes))
     flight = engine.fly(2)
     assert flight.attrs["lost"] != "null"

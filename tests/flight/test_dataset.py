@@ -137,7 +137,7 @@ def test_the_log_is_what_filter_and_servo_consumed(name: str, settings: tuple[st
 
 
 def test_the_plant_flies_the_logged_control_over_the_tick_that_follows() -> None:
-    still = "world.disturbance={force_sd: 0.0, torque_sd: 0.0}"
+    still = "world.disturbance={force_density: 0.0, torque_density: 0.0}"
     scenario, flight = flown_here("nominal_imu_uwb", SHORT, still, "world.kinematics=linear")
     I_x, I_y, I_z = scenario.vehicle.inertia
     A, B = np.zeros((12, 12)), np.zeros((12, 4))

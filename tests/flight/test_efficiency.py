@@ -112,7 +112,7 @@ def test_a_summary_holds_floor_and_efficiency_of_its_flight() -> None:
 
 
 def test_without_disturbance_nothing_is_uncertain_and_there_is_no_efficiency() -> None:
-    flight = hovering(0, "world.disturbance.force_sd=0.0", "world.disturbance.torque_sd=0.0")
+    flight = hovering(0, "world.disturbance.force_density=0.0", "world.disturbance.torque_density=0.0")
     found = summary(flight)
     assert found.floor == {"x": 0.0, "y": 0.0, "z": 0.0}
     assert found.efficiency == found.tick_efficiency == {"x": None, "y": None, "z": None}

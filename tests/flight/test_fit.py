@@ -35,7 +35,7 @@ def test_the_vehicles_that_come_with_us_fit_every_scenario(name: str, vehicle: t
     [
         ("rotors", (SMALL,), ["world.disturbance", "estimator.W"]),
         ("tight_imu_uwb", (SMALL,), ["world.disturbance"]),
-        ("nominal_imu_uwb", ("world.disturbance.force_sd=12.0",), ["world.disturbance"]),
+        ("nominal_imu_uwb", ("world.disturbance.force_density=2.19",), ["world.disturbance"]),
         ("rotors", (SLUGGISH,), ["vehicle.rotor_time_constant"]),
     ],
 )
@@ -65,7 +65,7 @@ def test_the_tilt_is_that_of_the_loop_flown_tick_by_tick() -> None:
     _, Gamma_d = discretize(hover_A(0.8), hover_B_d(vehicle), h)
     L = servo_gain(vehicle, scenario.servo.weights, h, 0.8)
     rng, x, i = np.random.default_rng(4), np.zeros((12, 2000)), np.zeros((3, 2000))
-    sd = np.repeat([disturbance.force_sd, disturbance.torque_sd], 3)[:, np.newaxis]
+    sd = np.repeat(disturbance.sds(h), 3)[:, np.newaxis]
     for _ in range(1200):
         u = -L @ np.vstack([x, i])
         i = i - x[:3]

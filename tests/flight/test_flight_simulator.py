@@ -50,7 +50,7 @@ def test_rendered_flights_too_with_pictures_that_come_late() -> None:
 
 
 def test_a_lost_flight_leaves_nothing_to_the_next() -> None:
-    scenario = load_scenario("nominal_imu_uwb", (*HOVER, "world.disturbance.force_sd=60", "planner.duration=4"))
+    scenario = load_scenario("nominal_imu_uwb", (*HOVER, "world.disturbance.force_density=11", "planner.duration=4"))
     simulator = FlightSimulator(scenario)
     flights = [simulator.fly(seed) for seed in (1, 2, 1)]
     assert all(flight.attrs["lost"] != "null" for flight in flights)

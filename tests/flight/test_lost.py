@@ -115,9 +115,9 @@ def test_furniture_is_touched_but_does_not_end_a_flight(point: tuple[float, floa
 @pytest.mark.parametrize(
     ("cause", "settings"),
     [
-        ("tumbled", ("world.disturbance.torque_sd=5.0", "planner={kind: hover, point: [8, 1, 1.5]}")),
+        ("tumbled", ("world.disturbance.torque_density=0.913", "planner={kind: hover, point: [8, 1, 1.5]}")),
         ("left the room", ("planner={kind: hover, point: [8, 1, 0.02]}",)),
-        ("hit a wall", ("world.disturbance.force_sd=2.0", "planner={kind: hover, point: [3.0, 4.04, 1.5]}")),
+        ("hit a wall", ("world.disturbance.force_density=0.365", "planner={kind: hover, point: [3.0, 4.04, 1.5]}")),
     ],
 )
 def test_a_lost_flight_ends_early_with_time_and_cause(cause: str, settings: tuple[str, ...]) -> None:

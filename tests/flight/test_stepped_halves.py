@@ -51,7 +51,7 @@ def test_rendered_halves_fly_the_closed_loop_bit_for_bit(settings: tuple[str, ..
 
 
 def test_a_lost_flight_ends_at_the_same_tick() -> None:
-    flight = same_flight(load_scenario("nominal_imu_uwb", ("world.disturbance.torque_sd=0.6",)))
+    flight = same_flight(load_scenario("nominal_imu_uwb", ("world.disturbance.torque_density=0.11",)))
     assert flight.attrs["lost"] != "null"
 
 

@@ -30,6 +30,7 @@ from ortilo_drake.floor.information_rows import (
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import Scenario, Uwb, load_scenario
 from ortilo_drake.scenario.sensors import MeasuredErrors
 from ortilo_drake.world.noise import stream_id
@@ -405,7 +406,7 @@ def test_a_scenario_is_bounded_by_the_worlds_noise_and_not_by_what_the_filter_be
 def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
     settings = (
         "camera.kind=projected",
-        "imu.angle_sd=0.02",
+        f"imu.angle_density={0.02 * USUAL_ROOT}",
         "uwb.link.rate=7.5",
         f"camera.link.rate={30 / 7}",
         "imu.link.rate=15.0",
@@ -429,14 +430,19 @@ def test_a_scenarios_bound_is_that_of_what_its_three_sensors_tell() -> None:
 def test_with_specific_force_and_rates_it_is_a_dense_filter_of_the_force_as_well() -> None:
     """A Kalman filter of [x; force of the step just flown], of angles, rates and that force, everything else known."""
     ticks = 300
-    noise = ("imu.angle_sd=0.01", "imu.rate_sd=0.002", "imu.specific_force_sd=0.05", "sensors=[imu]")
+    noise = (
+        f"imu.angle_density={0.01 * USUAL_ROOT}",
+        f"imu.rate_density={0.002 * USUAL_ROOT}",
+        f"imu.specific_force_density={0.05 * USUAL_ROOT}",
+        "sensors=[imu]",
+    )
     scenario, truth = load_scenario("imu_uwb", noise), np.zeros((ticks, 12))
     truth[:, :3] = [8.0, 1.0, 1.5]
     bound = state_bound(scenario, truth)
     assert bound is not None
     m, o = scenario.vehicle.mass, np.zeros((3, 3))
     Phi = np.block([[PHI, np.zeros((12, 3))], [np.zeros((3, 15))]])
-    by_noise = np.vstack([B, np.hstack([scenario.world.disturbance.force_sd * np.eye(3), o])])
+    by_noise = np.vstack([B, np.hstack([scenario.world.disturbance.sds(scenario.h)[0] * np.eye(3), o])])
     C = np.zeros((9, 15))
     C[:3, 3:6], C[3:6, 9:12], C[6:, 12:] = np.eye(3), np.eye(3), np.eye(3) / m
     V = np.diag(np.repeat([0.01**2, 0.002**2, 0.05**2], 3))

@@ -17,6 +17,7 @@ from ortilo_drake.floor.information_rows import GRADIENT, SOURCE, TICK
 from ortilo_drake.floor.unknown_errors import unknown_errors
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import load_scenario
 
 TICKS = 24
@@ -30,7 +31,11 @@ TRUTH = (
     "truth.survey={anchors: [0.02, 0.0, 0.01], anchors_sd: 0.03}",
     "truth.start={position: [0.2, -0.2, 0.1], yaw_sd: 0.09}",
 )
-NOISE = ("imu.angle_sd=0.01", "imu.rate_sd=0.002", "imu.specific_force_sd=0.05")
+NOISE = (
+    f"imu.angle_density={0.01 * USUAL_ROOT}",
+    f"imu.rate_density={0.002 * USUAL_ROOT}",
+    f"imu.specific_force_density={0.05 * USUAL_ROOT}",
+)
 FLYING = "imu.standstill=0"  # nothing was zeroed before take-off
 
 
@@ -92,7 +97,7 @@ def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unkn
     b_rate = process([0.001] * 3, walk=[0.0005] * 3)
     common, own = process([0.02]), process([0.05] * n)
     slow, shift, survey = process([0.035] * n, time=0.4), process([0.02, 0.0, 0.01]), process([0.03] * (3 * n))
-    w = [unknown.new(*[disturbance.force_sd] * 3, *[disturbance.torque_sd] * 3) for _ in range(TICKS)]
+    w = [unknown.new(*np.repeat(disturbance.sds(h), 3)) for _ in range(TICKS)]
     size, there = unknown.count, arrived(scenario, "uwb", truth)
     assert there.sum() > 5
 
@@ -181,8 +186,8 @@ def test_of_biases_that_were_zeroed_at_rest_the_mean_noise_is_left() -> None:
     biases = "truth.imu={rates_sd: 0.1, specific_force_sd: 0.3}"
     scenario = load_scenario("imu_uwb", (biases, "imu.standstill=2", "imu.link.rate=30"))
     errors, imu = unknown_errors(scenario, scenario.load_room(), 0.0), scenario.imu
-    turned = np.hypot(imu.specific_force_sd, GRAVITY * imu.angle_sd)
-    left = np.array([turned, turned, imu.specific_force_sd, *[imu.rate_sd] * 3]) / np.sqrt(60)
+    turned = np.hypot(imu.specific_force_density, GRAVITY * imu.angle_density)
+    left = np.array([turned, turned, imu.specific_force_density, *[imu.rate_density] * 3]) / np.sqrt(2.0)  # over 2 s
     np.testing.assert_allclose(errors.sd, left, rtol=1e-12)
 
 

@@ -122,7 +122,7 @@ def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        ("estimator.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_sd=9"),
+        ("estimator.initial_sd=[0.5, 0.3, 0.5, 0.5]", "world.disturbance.force_density=1.64"),
         ("uwb.link.blackouts=[{kind: time, start: 3, end: 1000}]", "sensors=[uwb]"),
     ],
 )
@@ -157,10 +157,9 @@ def check_packets(scenario: Scenario):  # type: ignore[no-untyped-def]
 
 
 def test_limits_grow_with_what_they_come_from() -> None:
-    here, noisy = (
-        limits_of(SCENARIO),
-        limits_of(load_scenario("nominal_imu_uwb_yolo", (*SETTINGS, "imu.angle_sd=0.02"))),
-    )
+    density = SCENARIO.imu.angle_density  # of 0.01 rad in a tick
+    noisy = limits_of(load_scenario("nominal_imu_uwb_yolo", (*SETTINGS, f"imu.angle_density={2.0 * density!r}")))
+    here = limits_of(SCENARIO)
     np.testing.assert_allclose(noisy["imu"].high[2:5] - here["imu"].high[2:5], 0.1)
     biased = limits_of(load_scenario("nominal_imu_uwb_yolo", (*SETTINGS, "uwb.walls={kind: bias, per_wall: 1}")))
     walls = len(SCENARIO.load_room().wall_boxes)

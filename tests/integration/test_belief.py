@@ -25,8 +25,8 @@ SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 BASE = ("sensors=[uwb, camera, imu, altimeter, flow]", "camera.kind=projected", SHORT)
 # All that only the world draws by, beside its truth.
 WORLDS = (
-    "world={kinematics: rigid_body, disturbance: {force_sd: 0.5}}",
-    "imu={angle_sd: 0.03, rate_sd: 0.02, specific_force_sd: 0.2}",
+    "world={kinematics: rigid_body, disturbance: {force_density: 0.0913}}",
+    "imu={angle_density: 0.00548, rate_density: 0.00365, specific_force_density: 0.0365}",
     "imu.link={loss: 0.1, delay: 2}",
     "uwb={noise: {kind: constant, sd: 0.2}, max_distance: 50}",
     "camera.errors={kind: parametric}",

@@ -215,7 +215,7 @@ def test_a_second_run_of_the_tables_flies_nothing_and_gives_the_same(
 @pytest.mark.long
 @pytest.mark.parametrize("preset", ["paper", "tuned", "nominal", "printed"])
 def test_tables_of_lost_flights_count_them(capsys: pytest.CaptureFixture[str], tmp_path: Path, preset: str) -> None:
-    storm = "world.disturbance.torque_sd=5.0"
+    storm = "world.disturbance.torque_density=0.913"
     words = ["--flights", "1", "--workers", "1", "--preset", preset, "--set", HOVER, "--set", storm]
     result = tmp_path / "tables.json"
     assert run("tables", *words, "--out", str(tmp_path), "--json", str(result)) == 0

@@ -32,7 +32,7 @@ def test_a_link_that_loses_nothing_flies_the_same_bits(name: str) -> None:
 
 
 def test_the_log_holds_the_commands_whatever_the_link_makes_of_them() -> None:
-    calm = ("world.disturbance={force_sd: 0, torque_sd: 0}", SHORT)
+    calm = ("world.disturbance={force_density: 0, torque_density: 0}", SHORT)
     flight = fly(load_scenario("nominal_imu_uwb", (*calm, "command_link.loss={kind: bernoulli, probability: 1.0}",
                                            "command_link.when_lost=zero")))  # fmt: skip
     start = flight["truth"].values[0]

@@ -35,7 +35,12 @@ from ortilo_drake.world.noise import normals, stream_id
 
 H, N = 1.0 / 30.0, 8
 AGE = (N - 1) * H / (2 * N)
-FAST, EXACT = "imu.link.rate=240", "imu={link: {rate: 240}, angle_sd: 0, rate_sd: 0, specific_force_sd: 0}"
+EXACT = "imu={link: {rate: 240}, angle_density: 0, rate_density: 0, specific_force_density: 0}"
+DENSITIES = dict(zip(("angle", "rate", "specific_force"), np.sqrt(H / N) * np.array([0.01, 0.001, 0.05]), strict=True))
+FAST = (
+    f"imu={{link: {{rate: 240}}, {', '.join(f'{name}_density: {its}' for name, its in DENSITIES.items())}}}",
+    "estimator.V.imu=[1.25e-5, 1.25e-5, 1.25e-5]",
+)
 SHORT = ("settle=0", "planner={kind: hover, duration: 1.0}")
 
 
@@ -53,7 +58,7 @@ def imu_messages(scenario: Scenario, ticks: int, u: np.ndarray) -> tuple[np.ndar
 def test_samples_are_the_state_between_the_ticks_as_scipy_integrates_it(rate: int) -> None:
     n = rate // 30
     scenario = load_scenario(
-        "nominal_imu_uwb", ("world.disturbance={force_sd: 0, torque_sd: 0}", EXACT, f"imu.link.rate={rate}")
+        "nominal_imu_uwb", ("world.disturbance={force_density: 0, torque_density: 0}", EXACT, f"imu.link.rate={rate}")
     )
     u = np.array([1.05 * M100.hover_thrust, 0.3, -0.2, 0.1])
     states, samples = imu_messages(scenario, 6, u)
@@ -76,9 +81,9 @@ def test_samples_are_the_state_between_the_ticks_as_scipy_integrates_it(rate: in
 
 
 def test_each_sample_has_the_noise_of_its_number_and_the_first_tick_has_one() -> None:
-    changes = ("world.disturbance={force_sd: 0, torque_sd: 0}",)
+    changes = ("world.disturbance={force_density: 0, torque_density: 0}",)
     u = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
-    _, samples = imu_messages(load_scenario("nominal_imu_uwb", (*changes, FAST)), 4, u)
+    _, samples = imu_messages(load_scenario("nominal_imu_uwb", (*changes, *FAST)), 4, u)
     _, exact = imu_messages(load_scenario("nominal_imu_uwb", (*changes, EXACT)), 4, u)
     assert not samples[0, :-1].any()
     sd, seed = np.repeat([0.01, 0.001, 0.05], 3), load_scenario("nominal_imu_uwb").seed
@@ -90,7 +95,7 @@ def test_each_sample_has_the_noise_of_its_number_and_the_first_tick_has_one() ->
 
 @pytest.fixture(scope="module")
 def flight() -> xr.Dataset:
-    return fly(load_scenario("nominal_imu_uwb", (FAST, "seed=3")))
+    return fly(load_scenario("nominal_imu_uwb", (*FAST, "seed=3")))
 
 
 def test_the_filter_gets_the_mean_of_a_tick_with_an_eighth_of_the_variance(flight: xr.Dataset) -> None:
@@ -114,7 +119,7 @@ def test_the_filter_gets_the_mean_of_a_tick_with_an_eighth_of_the_variance(fligh
 def test_the_innovations_of_the_means_are_as_large_as_the_filter_says(flight: xr.Dataset) -> None:
     rows = ["phi_imu", "theta_imu", "psi_imu"]
     nu = flight["innovation"].sel(output=rows).values[30:]
-    C = load_scenario("nominal_imu_uwb", (FAST,)).measurement.C_of("imu")
+    C = load_scenario("nominal_imu_uwb", (*FAST,)).measurement.C_of("imu")
     S = C @ flight["covariance"].values[30:, :12, :12] @ C.T + 1e-4 / N * np.eye(3)
     nis = np.einsum("ki,kij,kj->k", nu, np.linalg.inv(S), nu)
     # White innovations: the sum is of chi-square. With V whole it would be 0.14 a degree of freedom.
@@ -137,7 +142,7 @@ def test_the_filter_is_consistent_and_knows_the_attitude_better(flight: xr.Datas
 
 
 def test_the_floor_counts_every_sample_at_its_age() -> None:
-    scenario = load_scenario("nominal_imu_uwb", (FAST,))
+    scenario = load_scenario("nominal_imu_uwb", (*FAST,))
     rows = own_rows("imu", scenario, scenario.load_room(), np.zeros((1, 12)))
     assert len(rows) == 3 * N
     J = information(rows)
@@ -154,7 +159,7 @@ LATE = ("imu.link={rate: 240, delay: 1, random_delay: 2}", "estimator.delay=repl
 
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [("nominal_imu_uwb", (FAST,)), ("flow", REGISTERED), ("altimeter", LATE)],
+    [("nominal_imu_uwb", (*FAST,)), ("flow", REGISTERED), ("altimeter", LATE)],
     ids=["imu", "registered", "late"],
 )
 def test_halves_logs_and_replays_carry_the_same_bits(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:
@@ -171,7 +176,7 @@ def test_halves_logs_and_replays_carry_the_same_bits(name: str, settings: tuple[
 
 
 def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path) -> None:
-    scenario = load_scenario("nominal_imu_uwb", ("settle=0", "planner={kind: hover, duration: 0.1}", FAST))
+    scenario = load_scenario("nominal_imu_uwb", ("settle=0", "planner={kind: hover, duration: 0.1}", *FAST))
     fly_logged(scenario, tmp_path / "log")
     logged = read_logged(log_file(tmp_path / "log"), lambda topic: topic == "/imu/data")
     stamps = [from_cdr("sensor_msgs/msg/Imu", message.data).header.stamp for message in logged]
@@ -181,7 +186,7 @@ def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path)
 
 
 def test_over_a_link_the_flight_is_that_of_a_single_process(bus: str) -> None:
-    scenario = load_scenario("flow", (*SHORT, FAST, *REGISTERED))
+    scenario = load_scenario("flow", (*SHORT, *FAST, *REGISTERED))
     alone = fly(scenario)
     del alone.attrs["real_time_factor"]
     with answering(scenario, bus) as answered:
@@ -192,7 +197,7 @@ def test_over_a_link_the_flight_is_that_of_a_single_process(bus: str) -> None:
 
 
 def test_packets_hold_samples_of_this_tick_in_their_order() -> None:
-    scenario = load_scenario("nominal_imu_uwb", (FAST,))
+    scenario = load_scenario("nominal_imu_uwb", (*FAST,))
     flight, tick = flight_of(scenario, 77, FLIGHT_KEY), 300
     samples = np.zeros((N, IMU_SIZE))
     samples[:, 0], samples[:, STAMP] = 1.0, (tick - 1 + np.arange(1, N + 1) / N) * H

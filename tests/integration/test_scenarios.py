@@ -96,7 +96,7 @@ def test_the_papers_world_is_the_one_that_theory_fixes(name: str) -> None:
     assert scenario.control_rate == 30.0
     assert scenario.world.kinematics == "small_angle"
     assert scenario.world.rotors.kind == "ideal"
-    assert (scenario.world.disturbance.force_sd, scenario.world.disturbance.torque_sd) == (0.27, 0.005)
+    assert scenario.world.disturbance.sds(scenario.h) == (0.27, 0.005)
     assert (uwb.noise.kind, uwb.noise.fraction) == ("proportional", 0.0075)
     assert uwb.walls.kind == "none"
     assert uwb.link.rate == 10.0
@@ -105,7 +105,7 @@ def test_the_papers_world_is_the_one_that_theory_fixes(name: str) -> None:
     blackouts = [(b.kind, b.axis, b.start, b.end) for b in uwb.link.blackouts]
     assert blackouts == [("position", "x", 1.5, 5.5), ("position", "x", 12.9, 14.0), ("position", "x", 16.9, 18.8)]
     assert scenario.every("imu") == 1
-    assert scenario.imu.angle_sd == 0.01
+    assert scenario.imu.sds(scenario.h)[0] == 0.01
     assert scenario.camera.link.rate == 10.0
     assert isinstance(planner, GcsPlanner)
     assert (planner.start, planner.goal) == ((0.0, 0.0), (21.0, -3.2))
@@ -135,9 +135,13 @@ def test_the_tuned_preset_takes_w_from_the_disturbance_and_estimates_velocities(
         scenario = load_scenario(name)
         W, disturbance = scenario.estimator.W, scenario.world.disturbance
         assert scenario.servo.velocities == "estimate"
-        assert (W.kind, W.force_sd, W.torque_sd) == ("disturbance", disturbance.force_sd, disturbance.torque_sd)
+        assert (W.kind, W.force_density, W.torque_density) == (
+            "disturbance",
+            disturbance.force_density,
+            disturbance.torque_density,
+        )
         assert (scenario.estimator.V.uwb, scenario.estimator.V.camera) == (None, None)  # from each fix
-        assert scenario.estimator.V.imu == pytest.approx((scenario.imu.angle_sd**2,) * 3)
+        assert scenario.estimator.V.imu == pytest.approx((scenario.imu.sds(scenario.h)[0] ** 2,) * 3)
 
 
 def test_with_and_without_the_camera_only_the_sensors_differ() -> None:

@@ -155,7 +155,7 @@ def test_imu(decoded):
     same_attitude([xyzw(m.orientation) for m in found], np.array(sent)[:, 2:5])
     np.testing.assert_array_equal([xyz(m.angular_velocity) for m in found], np.array(sent)[:, 5:8])
     np.testing.assert_array_equal([xyz(m.linear_acceleration) for m in found], np.array(sent)[:, 8:11])
-    sd = scenario().imu.specific_force_sd
+    sd = scenario().imu.sds(scenario().h)[2]
     np.testing.assert_allclose(np.reshape(found[0].linear_acceleration_covariance, (3, 3)), sd**2 * np.eye(3))
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in found]
     assert stamps == [round(s[1] * 1e9) for s in sent]

@@ -6,6 +6,7 @@ import pytest
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import USUAL_PERIOD, USUAL_ROOT
 from ortilo_drake.onboard.estimator.at_rest import Rest, rest_of
 from ortilo_drake.onboard.estimator.extra_states import names_of
 from ortilo_drake.onboard.estimator.filter_model import initial_covariance
@@ -46,7 +47,7 @@ def test_the_filters_first_covariance_is_that_of_least_squares(yaw: float) -> No
     scenario = load_scenario("nominal_imu_uwb", changes)
     its = filtering_of(scenario)
     P = initial_covariance(scenario.estimator, its.extras, rest_of(scenario), scenario.yaw)
-    assert rest_of(scenario) == Rest(SAMPLES, 0.25)
+    assert rest_of(scenario) == Rest(SAMPLES, 0.25, USUAL_PERIOD)
     names = [*STATE_NAMES, *names_of(its.extras)]
     chosen = [
         names.index(name) for name in ("bias_phi_imu", "bias_theta_imu", *(f"{b}_{a}" for b in "bc" for a in "xyz"))
@@ -60,7 +61,7 @@ def test_the_filters_first_covariance_is_that_of_least_squares(yaw: float) -> No
 
 def test_the_tight_filters_first_covariance_is_that_of_least_squares() -> None:
     walks = "gyroscope_rate: 0, accelerometer_rate: 0, angles_rate: 0"
-    imu = f"{{level_sd: {LEVEL_SD}, angle_sd: {NOISE['angles']}, {walks}}}"
+    imu = f"{{level_sd: {LEVEL_SD}, angle_density: {NOISE['angles'] * USUAL_ROOT}, {walks}}}"
     scenario = load_scenario("tight_imu_uwb", ("imu.link.rate=30", "imu.standstill=0.25", f"estimator.imu={imu}"))
     layout = tight.layout_of(scenario.estimator, scenario.load_room(), scenario.sensors, scenario.h)
     P = tight.initial_covariance(scenario.estimator, layout, rest_of(scenario), (NOISE["rates"], NOISE["forces"]))
@@ -75,7 +76,22 @@ def test_a_bias_that_walks_is_known_as_its_mean_over_the_phase_is() -> None:
     K = q**2 * np.minimum.outer(t, t)
     a = np.full(n, -1.0 / n)
     a[-1] += 1.0
-    np.testing.assert_allclose(Rest(10, T).variance(0.0, q), a @ K @ a, rtol=2e-3)
+    np.testing.assert_allclose(Rest(10, T, T / 10).variance(0.0, q), a @ K @ a, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "tight_imu_uwb"])
+def test_noise_of_a_density_leaves_as_much_of_a_phase_of_any_number_of_samples(name: str) -> None:
+    def first(rate: int) -> np.ndarray:
+        settings = (*MEASURED, "estimator.V.rates=[1.0e-5, 2.0e-5, 3.0e-5]") if name == "nominal_imu_uwb" else ()
+        scenario = load_scenario(name, (f"imu.link.rate={rate}", "imu.standstill=2", *settings))
+        if name == "nominal_imu_uwb":
+            its = filtering_of(scenario)
+            return initial_covariance(scenario.estimator, its.extras, rest_of(scenario), scenario.yaw)
+        layout = tight.layout_of(scenario.estimator, scenario.load_room(), scenario.sensors, scenario.h)
+        noise = tight.sample_sds(scenario.estimator, scenario.samples("imu"), scenario.h)
+        return tight.initial_covariance(scenario.estimator, layout, rest_of(scenario), noise)
+
+    np.testing.assert_allclose(first(240), first(30), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

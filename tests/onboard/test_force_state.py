@@ -343,7 +343,7 @@ def test_a_wrong_mass_is_a_vertical_force_whatever_the_tilt() -> None:
 
 def imu_message(x: np.ndarray, u: np.ndarray, d: np.ndarray, bias: np.ndarray) -> np.ndarray:
     """Return what an imu without noise says."""
-    box = imu_box(Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0), H, whole=True)
+    box = imu_box(Imu(angle_density=0.0, rate_density=0.0, specific_force_density=0.0), H, whole=True)
     v_dot = np.array(translational_acceleration(x, u, d, M))
     imu = PlayedBox(box, H, sent=np.zeros(1), state=x, acceleration=v_dot)
     imu.system.give(imu.context, {"imu": Given(tables={"bias": bias})})

@@ -249,8 +249,9 @@ def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
 def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     """Everything two ticks late, nothing noisy: fixes and estimate are exact if all was put into its own tick."""
     calm = (
-        *SHORT, "world={kinematics: linear, disturbance: {force_sd: 0, torque_sd: 0}}", "uwb.noise.fraction=0",
-        "imu.angle_sd=0", "uwb.link.delay=2", "imu.link.delay=2", "camera.kind=projected", "camera.link.delay=1",
+        *SHORT, "world={kinematics: linear, disturbance: {force_density: 0, torque_density: 0}}",
+        "uwb.noise.fraction=0",
+        "imu.angle_density=0", "uwb.link.delay=2", "imu.link.delay=2", "camera.kind=projected", "camera.link.delay=1",
         "camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
     )  # fmt: skip
     worst = {}

@@ -18,13 +18,13 @@ from ortilo_drake.scenario.schema import scenario_schema
     [
         ("uwb.rate=20", "'uwb.link.rate'"),  # moved into a group of the group
         ("camera.loss=0.2", "'camera.link.loss'"),
-        ("force_sd=0.1", "'world.disturbance.force_sd'"),  # two groups down, of several
-        ("disturbance.force_sd=0.1", "'world.disturbance.force_sd'"),
+        ("force_density=0.1", "'world.disturbance.force_density'"),  # two groups down, of several
+        ("disturbance.force_density=0.1", "'world.disturbance.force_density'"),
         ("gates.uwb=0.9", "'estimator.gates.uwb'"),
         ("estimator.ranges.noise.sd=0.1", "'estimator.ranges.noise.sd' (kind tight, constant)"),  # of another kind
         ("estimator.huber=3", "'estimator.huber' (kind tight)"),
         ("estimator.horizn=0.2", "'horizon'"),  # mistyped
-        ("torque_sdd=0.1", "'world.disturbance.torque_sd'"),  # mistyped, and in another group
+        ("torque_densityd=0.1", "'world.disturbance.torque_density'"),  # mistyped, and in another group
     ],
 )
 def test_an_unknown_key_is_answered_with_the_one_that_was_meant(setting: str, meant: str) -> None:
@@ -35,7 +35,7 @@ def test_an_unknown_key_is_answered_with_the_one_that_was_meant(setting: str, me
 def test_a_key_of_no_likeness_is_answered_with_what_its_group_has() -> None:
     with pytest.raises(InputError, match=r"uwb\.link\.zzz: unknown key .*known are rate, loss, blackouts, delay"):
         load_scenario("imu_uwb", ("uwb.link.zzz=1",))
-    with pytest.raises(InputError, match=r"'flow\.gyro_sd'\? imu has link, standstill, angle_sd, rate_sd"):
+    with pytest.raises(InputError, match=r"'flow\.gyro_sd'\? imu has link, standstill, angle_density, rate_density"):
         load_scenario("imu_uwb", ("imu.gyro_sd=1",))
 
 

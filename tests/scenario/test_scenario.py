@@ -50,8 +50,8 @@ def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
         assert scenario.uwb.walls.kind == "none"
         assert (scenario.planner.start, scenario.planner.goal) == ((0.0, 0.0), (21.0, -3.2))
         assert (scenario.planner.height, scenario.planner.speed) == (1.5, 0.35)
-        assert scenario.imu.angle_sd == 0.01
-        assert (scenario.world.disturbance.force_sd, scenario.world.disturbance.torque_sd) == (0.27, 0.005)
+        assert scenario.imu.sds(scenario.h)[0] == 0.01
+        assert scenario.world.disturbance.sds(scenario.h) == (0.27, 0.005)
     for name in ("paper_imu_uwb", "paper_imu_uwb_yolo"):
         scenario = load_scenario(name)
         identity = {"kind": "diagonal", "position": 1.0, "angle": 1.0, "velocity": 1.0, "rate": 1.0}
@@ -212,7 +212,9 @@ def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
 
 
 def test_a_group_of_another_kind_replaces_that_of_the_base(tmp_path: Path) -> None:
-    file = written(tmp_path / "mine.yaml", "base: paper_imu_uwb\nestimator: {W: {kind: disturbance, force_sd: 0.1}}\n")
+    file = written(
+        tmp_path / "mine.yaml", "base: paper_imu_uwb\nestimator: {W: {kind: disturbance, force_density: 0.0183}}\n"
+    )
     scenario = load_scenario(file)
     assert scenario.estimator.W.kind == "disturbance"
     assert scenario.estimator.V == load_scenario("paper_imu_uwb").estimator.V

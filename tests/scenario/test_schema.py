@@ -121,7 +121,7 @@ def test_registered_parts_are_in_it_also_where_two_models_have_one_name(monkeypa
         ("second_imu.sd", "rad", "0.5")
     ]
     assert [key.allowed for key in scenario_keys("servo.kind")] == ["lq | still"]
-    assert [key.key for key in scenario_keys("imu.angle_sd")] == ["imu.angle_sd"]
+    assert [key.key for key in scenario_keys("imu.angle_density")] == ["imu.angle_density"]
 
 
 def matches(schema: dict[str, Any], place: dict[str, Any], data: Any) -> bool:

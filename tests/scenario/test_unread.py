@@ -66,8 +66,8 @@ def test_all_that_is_told_to_have_no_effect_has_none_all_together(name: str) -> 
 @pytest.mark.parametrize(
     ("key", "value", "unread", "read"),
     [
-        ("imu.rate_sd", 1.0, "nominal_imu_uwb", "imu_uwb"),
-        ("imu.specific_force_sd", 5.0, "nominal_imu_uwb", "tight_imu_uwb"),
+        ("imu.rate_density", 1.0, "nominal_imu_uwb", "imu_uwb"),
+        ("imu.specific_force_density", 5.0, "nominal_imu_uwb", "tight_imu_uwb"),
         ("truth.imu.specific_force_factor", 1.1, "nominal_imu_uwb", "imu_uwb"),
         ("estimator.V.rates", (1.0, 1.0, 1.0), "nominal_imu_uwb", "imu_uwb"),
         ("estimator.walks.force_sd", 0.3, "nominal_imu_uwb", "imu_uwb"),
@@ -90,11 +90,11 @@ def test_of_a_file_what_it_sets_is_told_and_not_what_it_repeats(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, below = tmp_path / "mine.yaml", tmp_path / "below.yaml"
-    below.write_text("base: nominal_imu_uwb\nimu: {rate_sd: 0.5, angle_sd: 0.02}\n")
-    file.write_text("base: below.yaml\nimu: {specific_force_sd: 0.05}\ncamera: {width: 640}\n")
+    below.write_text("base: nominal_imu_uwb\nimu: {rate_density: 0.0913, angle_density: 0.00365}\n")
+    file.write_text("base: below.yaml\nimu: {specific_force_density: 0.009128709291752768}\ncamera: {width: 640}\n")
     assert run("scenario", "check", str(file), "--set", "failsafe.timeout=0.1") == 0
     told = [line.split(":")[0].split()[-1] for line in capsys.readouterr().err.splitlines()]
-    assert sorted(told) == ["camera.width", "failsafe.timeout", "imu.rate_sd"]
+    assert sorted(told) == ["camera.width", "failsafe.timeout", "imu.rate_density"]
 
 
 def documented() -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -123,6 +123,6 @@ def test_no_documented_setting_is_told() -> None:
 
 
 def test_what_a_ready_made_scenario_sets_for_those_laid_over_it_is_not_told() -> None:
-    """`nominal_imu_uwb` sets imu.rate_sd, which it does not read, and others that name it as their base do."""
+    """`nominal_imu_uwb` sets imu.rate_density, which it does not read, and others that name it as their base do."""
     for name in scenario_names():
         assert unread_settings(load_scenario(name), name) == []

@@ -221,8 +221,8 @@ def test_the_periodic_filter_is_the_one_that_flies() -> None:
 
 CALM = (
     "world.kinematics=linear",
-    "world.disturbance={force_sd: 0, torque_sd: 0}",
-    "imu={angle_sd: 0, rate_sd: 0, specific_force_sd: 0}",
+    "world.disturbance={force_density: 0, torque_density: 0}",
+    "imu={angle_density: 0, rate_density: 0, specific_force_density: 0}",
     "uwb.noise={kind: proportional, fraction: 0}",
     "planner={kind: hover, point: [8, 1, 1.5], duration: 3}",
 )

@@ -110,8 +110,8 @@ def test_the_known_noise_is_found_within_its_errors() -> None:
     wrong = with_numbers(
         TRUE,
         {
-            "estimator.W.force_sd": 0.054,
-            "estimator.W.torque_sd": 0.025,
+            "estimator.W.force_density": 0.00986,
+            "estimator.W.torque_density": 0.00456,
             "multilateration.noise.fraction": 0.03,
             "estimator.V.imu.0": 2.5e-3,
         },
@@ -132,7 +132,7 @@ def test_a_tilt_is_not_taken_for_a_disturbance(monkeypatch: pytest.MonkeyPatch) 
     rng = np.random.default_rng(7)
     records = [simulate(rng, 320, doublet=1.0) for _ in range(8)]
     fit = fit_noise(TRUE, records, 90)
-    name = "estimator.W.force_sd"
+    name = "estimator.W.force_density"
     assert abs(fit.values[name] - 0.27) < 3.0 * fit.errors[name]
     # Of the 230 ticks after the start those of the tilt, some 60 at most, and the 90 after it.
     assert 90 / 230 < fit.tilted < 150 / 230
@@ -168,8 +168,8 @@ def test_a_disturbance_of_which_nothing_shows_stays() -> None:
     record = simulate(np.random.default_rng(5), 120)
     record.delta[:, 0] = 0.0  # angles alone say nothing of a force
     fit = fit_noise(TRUE, [record], 0)
-    assert set(fit.kept) >= {"estimator.W.force_sd", "multilateration.noise.fraction"}
-    assert fit.values["estimator.W.force_sd"] == 0.27
+    assert set(fit.kept) >= {"estimator.W.force_density", "multilateration.noise.fraction"}
+    assert fit.values["estimator.W.force_density"] == pytest.approx(0.27 * np.sqrt(TRUE.h), rel=1e-15)
 
 
 def test_nothing_arrived() -> None:

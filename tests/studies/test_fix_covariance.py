@@ -28,8 +28,8 @@ def test_covariances_are_those_of_a_flight_without_errors() -> None:
     scenario = scenario_with(
         "uwb.noise={kind: constant, sd: 0.0}",
         "multilateration.noise={kind: constant, sd: 0.05}",
-        "imu.angle_sd=0.0",
-        "world.disturbance={force_sd: 0.0, torque_sd: 0.0}",
+        "imu.angle_density=0.0",
+        "world.disturbance={force_density: 0.0, torque_density: 0.0}",
         "camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
         "camera.latency=0",
         "landmark_fix.prior_sd=[0.3, 0.02]",

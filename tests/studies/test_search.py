@@ -18,7 +18,7 @@ from ortilo_drake.studies.tuning.search_file import Search, load_search, setting
 from ortilo_drake.studies.tuning.search_report import found_text, search_lines
 
 HOVER = {"planner": {"kind": "hover", "duration": 3.0}, "settle": 0.0}
-WEAK = {"servo.weights.position": [0.02, 0.02, 0.02], "world.disturbance.force_sd": 1.0}
+WEAK = {"servo.weights.position": [0.02, 0.02, 0.02], "world.disturbance.force_density": 0.183}
 AXES = {
     "servo.weights.position": {"start": 1.0, "stop": 1000.0, "scale": "log"},
     "servo.weights.velocity": {"start": 0.1, "stop": 10.0, "scale": "log"},
@@ -38,7 +38,7 @@ scenario: nominal_imu_uwb
 settings: {planner: {kind: hover, duration: 1.0}, settle: 0.0}
 axes:
   servo.weights.position: {start: 0.5, stop: 2.0, scale: log}
-  estimator.W.force_sd: {start: 0.1, stop: 1.0, scale: log}
+  estimator.W.force_density: {start: 0.1, stop: 1.0, scale: log}
 flights: 2
 judge: 4
 evaluations: 6
@@ -76,7 +76,7 @@ def test_what_was_found_flies(tmp_path: Path) -> None:
     scenario = load_scenario(file)
     expected = found.best.settings["servo.weights.velocity"]
     np.testing.assert_allclose(scenario.servo.weights.velocity, expected, rtol=1e-5)
-    assert scenario.world.disturbance.force_sd == 1.0
+    assert scenario.world.disturbance.force_density == 0.183
 
 
 def test_the_interval_of_a_difference_is_about_students() -> None:
@@ -124,7 +124,7 @@ def test_the_command_searches_judges_and_goes_on_where_it_stopped(
         (("start: 0.5", "start: 5.0"), "must be above the start"),
         (("flights: 2", "flights: 0"), "flights: 0"),
         (("stop: 1.0, scale: log}", "stop: 1.0, whole: true}"), "whole"),
-        (("start: 0.1, stop: 1.0, scale: log", "start: -1.0, stop: 1.0"), "force_sd"),
+        (("start: 0.1, stop: 1.0, scale: log", "start: -1.0, stop: 1.0"), "force_density"),
     ],
 )
 def test_what_cannot_be_searched_is_refused_in_a_line(tmp_path: Path, change: tuple[str, str], said: str) -> None:

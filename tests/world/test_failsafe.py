@@ -229,7 +229,7 @@ def test_in_the_disturbed_world_it_holds_then_lands_and_obeys_again(rotors: str)
 
 
 def test_while_commands_come_the_plant_flies_as_without_a_failsafe() -> None:
-    world, simulator = make_flight("world.disturbance.force_sd=0.0", "world.disturbance.torque_sd=0.0")
+    world, simulator = make_flight("world.disturbance.force_density=0.0", "world.disturbance.torque_density=0.0")
     x, u = world.GetOutputPort("state").Eval(simulator.get_context()).copy(), HOVER + [0.3, 0.004, -0.003, 0.002]
     world.GetInputPort("command").FixValue(simulator.get_mutable_context(), [*u, 0.0])
     simulator.AdvanceTo(0.15)

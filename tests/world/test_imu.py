@@ -26,6 +26,7 @@ from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
 H = 1.0 / 30.0
 ONE_SECOND = 30
+ROOT = np.sqrt(H)
 
 
 def imu(settings: Settings, seed: int = 0) -> PlayedBox:
@@ -33,7 +34,7 @@ def imu(settings: Settings, seed: int = 0) -> PlayedBox:
     return PlayedBox(imu_box(settings, H, whole=True), H, seed, **inputs)
 
 
-NO_NOISE = Settings(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0)
+NO_NOISE = Settings(angle_density=0.0, rate_density=0.0, specific_force_density=0.0)
 EXACT = imu(NO_NOISE)
 
 
@@ -144,7 +145,8 @@ def test_on_the_floor_with_its_rotors_off_it_feels_the_floor_as_drakes_accelerom
 
 def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
     n = 6000
-    noisy, noise = imu(Settings(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05), seed=7), np.empty((n, 9))
+    settings = Settings(angle_density=0.01 * ROOT, rate_density=0.02 * ROOT, specific_force_density=0.05 * ROOT)
+    noisy, noise = imu(settings, seed=7), np.empty((n, 9))
     for k in range(n):
         message = noisy.say(k)
         assert message[0] == 1.0
@@ -160,6 +162,9 @@ def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
 
 
 def test_noise_belongs_to_the_seed() -> None:
-    messages = [imu(Settings(angle_sd=1.0, rate_sd=1.0, specific_force_sd=1.0), seed).say(60) for seed in (1, 1, 2)]
+    messages = [
+        imu(Settings(angle_density=1.0, rate_density=1.0, specific_force_density=1.0), seed).say(60)
+        for seed in (1, 1, 2)
+    ]
     np.testing.assert_array_equal(messages[0], messages[1])
     assert np.all(messages[0][2:] != messages[2][2:])

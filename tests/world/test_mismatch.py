@@ -18,8 +18,8 @@ from ortilo_drake.world.sensors.projected_camera import body_that_looks_ahead
 H = 1.0 / 30.0
 START, TICKS = np.array([8.0, 1.0, 1.5]), 12
 QUIET = (
-    "world.disturbance={force_sd: 0, torque_sd: 0}",
-    "imu={angle_sd: 0, rate_sd: 0, specific_force_sd: 0}",
+    "world.disturbance={force_density: 0, torque_density: 0}",
+    "imu={angle_density: 0, rate_density: 0, specific_force_density: 0}",
     "uwb={noise: {kind: constant, sd: 0}, link: {rate: null}}",
     "camera={kind: projected, latency: 0, link: {rate: null}}",
     "camera.errors={kind: parametric, edge_sd: 0, miss_base: 0, miss_per_metre: 0, false_boxes: 0}",
@@ -83,7 +83,7 @@ def test_a_mean_force_accelerates_by_force_over_true_mass() -> None:
 
 
 def test_gusts_push_with_what_their_source_says_beside_the_white_force() -> None:
-    white = "world.disturbance={force_sd: 0.2, torque_sd: 0}"
+    white = "world.disturbance={force_density: 0.0365, torque_density: 0}"
     gusty, calm = (Flown(scenario_of(white, *more)) for more in (("truth.force={gust_sd: 0.3, gust_time: 1.5}",), ()))
     sources = [gusty.world.GetSubsystemByName(name) for name in ("lasting_force", "disturbance")]
     impulse = np.zeros(3)

@@ -112,7 +112,9 @@ def held_disturbance(settings: Disturbance, seed: int, duration: float, period: 
 
 
 def test_disturbance_has_the_standard_deviations_of_its_settings() -> None:
-    d = held_disturbance(Disturbance(force_sd=0.27, torque_sd=0.005), 3, 200.0, H)[1:]
+    d = held_disturbance(Disturbance(force_density=0.27 * np.sqrt(H), torque_density=0.005 * np.sqrt(H)), 3, 200.0, H)[
+        1:
+    ]
     unit = d / np.array([0.27] * 3 + [0.005] * 3)
     n = len(unit)
     assert n >= 5_999

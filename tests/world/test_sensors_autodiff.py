@@ -27,7 +27,7 @@ H = 1.0 / 30.0
 ROOM = load_scenario("nominal_imu_uwb").load_room()
 X = np.array([4.0, -1.0, 1.4, 0.1, -0.2, 0.6, 0.3, -0.4, 0.2, 0.5, -0.3, 0.4])
 U, V_DOT = np.array([27.0, 0.1, -0.2, 0.05]), np.array([0.3, -0.2, 0.1])
-NOISY_IMU = Imu(angle_sd=0.01, rate_sd=0.02, specific_force_sd=0.05)
+NOISY_IMU = Imu(angle_density=0.002, rate_density=0.004, specific_force_density=0.01)
 MESSAGE = np.array([1.0, 0.1, 3.0, 2.0])
 WALLS = {"kind": "bias", "per_wall": 0.2}
 

@@ -19,7 +19,7 @@ DRAWN = (
     "truth.imu={level: [0.01, -0.02], level_sd: 0.01, rates_sd: 0.01, specific_force: [0.3, 0.0, -0.2],"
     "specific_force_sd: 0.2}",
 )
-NOISELESS = ("imu.angle_sd=0", "imu.rate_sd=0", "imu.specific_force_sd=0")
+NOISELESS = ("imu.angle_density=0", "imu.rate_density=0", "imu.specific_force_density=0")
 
 
 def biases_left(scenario: Scenario, seeds: range) -> np.ndarray:
@@ -46,12 +46,14 @@ def test_a_factor_at_one_g_is_found_too() -> None:
     np.testing.assert_allclose(said, [0.0, 0.0, GRAVITY], atol=1e-12)
 
 
-def test_what_is_left_spreads_as_least_squares_has_it() -> None:
-    scenario, n = load_scenario("imu_uwb", (*HOVER, "imu.standstill=2")), 400
-    left = biases_left(scenario, range(n))
-    samples, imu = 60, scenario.imu
-    tilt = np.array([GRAVITY, GRAVITY, 0.0]) * imu.angle_sd
-    variance = np.array([*[imu.rate_sd**2] * 3, *(imu.specific_force_sd**2 + tilt**2)]) / samples
+@pytest.mark.parametrize("rate", [30, 240])
+def test_what_is_left_spreads_as_least_squares_has_it(rate: int) -> None:
+    """The mean of 2 s of white noise of density D has the variance D^2 / 2 s, of however many samples."""
+    scenario, n = load_scenario("imu_uwb", (*HOVER, "imu.standstill=2", f"imu.link.rate={rate}")), 400
+    left, imu = biases_left(scenario, range(n)), scenario.imu
+    assert scenario.samples_at_rest == 2 * rate
+    tilt = np.array([GRAVITY, GRAVITY, 0.0]) * imu.angle_density
+    variance = np.array([*[imu.rate_density**2] * 3, *(imu.specific_force_density**2 + tilt**2)]) / 2.0
     low, high = chi2.ppf([1e-5, 1.0 - 1e-5], n) / n
     ratios = np.mean(left**2, axis=0) / variance
     assert np.all((low < ratios) & (ratios < high)), ratios

@@ -101,10 +101,10 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     room, vehicle, h, disturbance = scenario.load_room(), scenario.vehicle, scenario.h, scenario.world.disturbance
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     size = float(np.linalg.norm(high - low))
-    u = largest_command(vehicle)
-    force = (u[0] + SIGMAS * disturbance.force_sd) / vehicle.mass
+    u, (force_sd, torque_sd) = largest_command(vehicle), disturbance.sds(h)
+    force = (u[0] + SIGMAS * force_sd) / vehicle.mass
     speed = math.sqrt(2.0 * (force + GRAVITY) * size)
-    alpha = float(np.max((u[1:] + SIGMAS * disturbance.torque_sd) / vehicle.inertia))
+    alpha = float(np.max((u[1:] + SIGMAS * torque_sd) / vehicle.inertia))
     rate = math.sqrt(2.0 * alpha * 2.0 * math.pi) + alpha * h
     tilt = MAX_TILT + rate * h
     angles = np.array([tilt, tilt, abs(scenario.yaw) + 2.0 * math.pi + rate * h])
@@ -114,12 +114,12 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         link = scenario.link_of(sensor)
         return link.delay + link.random_delay
 
-    imu = scenario.imu
+    angle_sd, rate_sd, specific_force_sd = scenario.imu.sds(scenario.imu_period)
     inertial = np.concatenate(
         (
-            angles + SIGMAS * imu.angle_sd,
-            (2.0 * rate + SIGMAS * imu.rate_sd) * np.ones(3),
-            (force + SIGMAS * imu.specific_force_sd) * np.ones(3),
+            angles + SIGMAS * angle_sd,
+            (2.0 * rate + SIGMAS * rate_sd) * np.ones(3),
+            (force + SIGMAS * specific_force_sd) * np.ones(3),
         )
     )
     ranges = largest_ranges(scenario, room, speed * h)

@@ -50,18 +50,19 @@ def _isotropic(sd: float) -> list[float]:
 
 def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
     """Return an imu message's content or a sample's of it, stamped with the time at which it was true."""
-    settings, payload = scenario.imu, imu[PAYLOAD:].tolist()
+    sds = scenario.imu.sds(scenario.h / scenario.samples("imu"))
+    payload = imu[PAYLOAD:].tolist()
     return (
         "/imu/data",
         "sensor_msgs/msg/Imu",
         {
             "header": header_fields(imu[STAMP], "base_link"),
             "orientation": quaternion_fields(quaternion(np.array(imu[PAYLOAD : PAYLOAD + 3])).tolist()),
-            "orientation_covariance": _isotropic(settings.angle_sd),
+            "orientation_covariance": _isotropic(sds[0]),
             "angular_velocity": vector_fields(payload[3:6]),
-            "angular_velocity_covariance": _isotropic(settings.rate_sd),
+            "angular_velocity_covariance": _isotropic(sds[1]),
             "linear_acceleration": vector_fields(payload[6:9]),
-            "linear_acceleration_covariance": _isotropic(settings.specific_force_sd),
+            "linear_acceleration_covariance": _isotropic(sds[2]),
         },
     )
 

@@ -21,20 +21,27 @@ from ortilo_drake.scenario import Belief
 
 
 class Rest(NamedTuple):
-    """How a vehicle stood still: the samples of the imu, and for how long [s]."""
+    """How a vehicle stood still.
+
+    Attributes:
+        samples: how many the imu took.
+        time: for how long [s].
+        period: of how long a sample has the noise [s].
+    """
 
     samples: int
     time: float
+    period: float
 
-    def variance(self, of_sample: tuple[float, ...] | float, rate: float) -> np.ndarray:
+    def variance(self, of_sample: np.ndarray | float, rate: float) -> np.ndarray:
         """Return the variance of nu per axis (3), from that of a sample and the rate of the bias's random walk."""
-        return np.broadcast_to(np.asarray(of_sample), 3) / self.samples + rate**2 * self.time / 3.0
+        return np.broadcast_to(of_sample, 3) / self.samples + rate**2 * self.time / 3.0
 
 
 def rest_of(belief: Belief) -> Rest | None:
     """Return how the vehicle of a scenario stands still before take-off; None if it does not."""
     samples = belief.samples_at_rest
-    return Rest(samples, belief.imu.standstill) if samples else None
+    return Rest(samples, belief.imu.standstill, belief.imu_period) if samples else None
 
 
 def zero_gyroscope(P: np.ndarray, c: int, variance: np.ndarray) -> None:

@@ -6,6 +6,7 @@ from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import IMU
 from ortilo_drake.model.signals import N_I, N_U, N_X
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.model.white_noise import USUAL_PERIOD, white_variances
 from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
 from ortilo_drake.onboard.estimator.extra_states import B, C, Extra, names_of
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
@@ -20,8 +21,8 @@ def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: flo
     """Return W (12 x 12) as the scenario gives it, under that yaw [rad]."""
     W = settings.W
     if isinstance(W, DiagonalW):
-        return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3))
-    return disturbance_W(vehicle, h, W.force_sd, W.torque_sd, yaw)
+        return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3)) * (h / USUAL_PERIOD)
+    return disturbance_W(vehicle, h, *W.sds(h), yaw)
 
 
 def initial_covariance(
@@ -46,11 +47,13 @@ def initial_covariance(
     V, walks = settings.V, settings.walks
     if rest is not None and B[0] in names:
         beta = [N_X + names.index(name) if name in names else -1 for name in IMU_BIASES]
-        variance = rest.variance(V.specific_force, walks.accelerometer_rate)
-        level = rest.variance(V.imu, settings.biases.level_sd * np.sqrt(2.0 / settings.biases.imu_time))
+        variance = rest.variance(white_variances(V.specific_force, rest.period), walks.accelerometer_rate)
+        level_rate = settings.biases.level_sd * np.sqrt(2.0 / settings.biases.imu_time)
+        level = rest.variance(white_variances(V.imu, rest.period), level_rate)
         zero_accelerometer(P, N_X + names.index(B[0]), beta, variance, level, yaw)
     if rest is not None and C[0] in names:
-        zero_gyroscope(P, N_X + names.index(C[0]), rest.variance(V.rates, walks.gyroscope_rate))
+        variance = rest.variance(white_variances(V.rates, rest.period), walks.gyroscope_rate)
+        zero_gyroscope(P, N_X + names.index(C[0]), variance)
     return P
 
 
@@ -98,7 +101,7 @@ def augmented_model(
             W[at + i, at + i] = extra.walk.step_sd**2
         at = own.stop
     if isinstance(settings.W, DisturbanceW):
-        sd = np.repeat([settings.W.force_sd, settings.W.torque_sd], 3)
+        sd = np.repeat(settings.W.sds(h), 3)
         W += by_force @ np.diag(sd**2) @ by_force.T
     W[:N_X, :N_X] = model.W
     Gamma_a = np.zeros((N, N_I))

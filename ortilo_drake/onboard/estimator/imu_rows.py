@@ -29,6 +29,7 @@ from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.scenario import Belief
 
 
@@ -42,7 +43,7 @@ def imu_variances(scenario: Belief) -> np.ndarray | None:
     if settings.force != "measured":
         return None
     rates = settings.V.rates if settings.rates == "measured" else ()
-    return np.array([*settings.V.specific_force, *rates]) / scenario.samples("imu")
+    return white_variances((*settings.V.specific_force, *rates), scenario.h)
 
 
 @register_jitable

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import Belief, IntermittentFilter
 from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 
@@ -21,9 +22,9 @@ def believed(scenario: Belief) -> TightFilter:
         return TightFilter(kind="tight", ranges=ranges)
     V, walks, biases = settings.V, settings.walks, settings.biases
     imu = InertialNoise(
-        rate_sd=_sd(V.rates),
-        specific_force_sd=_sd(V.specific_force),
-        angle_sd=_sd(V.imu),
+        rate_density=_density(V.rates),
+        specific_force_density=_density(V.specific_force),
+        angle_density=_density(V.imu),
         gyroscope_sd=walks.gyroscope_sd,
         gyroscope_rate=walks.gyroscope_rate,
         accelerometer_sd=walks.accelerometer_sd,
@@ -34,6 +35,6 @@ def believed(scenario: Belief) -> TightFilter:
     return TightFilter(kind="tight", imu=imu, ranges=ranges, initial_sd=settings.initial_sd[:3])
 
 
-def _sd(variances: tuple[float, float, float]) -> float:
-    """Return the standard deviation that three axes have on average."""
-    return float(np.sqrt(np.mean(variances)))
+def _density(variances: tuple[float, float, float]) -> float:
+    """Return the density that three axes have on average, of the variances of a sample of the usual period."""
+    return float(np.sqrt(np.mean(variances))) * USUAL_ROOT

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from ortilo_drake.model.pinhole import extent_box
 from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD, SENSORS, STAMP
+from ortilo_drake.model.white_noise import white_sd
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, quaternion_of
@@ -125,8 +126,9 @@ class FlightGraph:
         return w
 
     def _add_angles(self, k: int, tick: InertialTick, errors: Process | None) -> None:
-        sd = self._settings.imu.angle_sd
-        if tick.rpy is not None and sd is not None:
+        density = self._settings.imu.angle_density
+        if tick.rpy is not None and density is not None:
+            sd = white_sd(density, self._scenario.imu_period)
             noise = weighted(np.full(3, sd / np.sqrt(tick.samples)), self._settings.huber)
             self.graph.add(angles_factor(X(k), errors.at(k * self._h) if errors else None, tick.rpy, noise))
 

@@ -52,9 +52,9 @@ def without_noise(scenario: Scenario) -> Scenario:
     start = tuple(start_of(planned(scenario)).tolist())
     changes: dict[str, Any] = {
         "sensors": ("uwb", "imu"),
-        "world": World(kinematics="linear", disturbance=Disturbance(force_sd=0.0, torque_sd=0.0)),
+        "world": World(kinematics="linear", disturbance=Disturbance(force_density=0.0, torque_density=0.0)),
         "uwb": Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(rate=scenario.uwb.link.rate)),
-        "imu": Imu(angle_sd=0.0, rate_sd=0.0, specific_force_sd=0.0, link=Link(rate=imu_rate)),
+        "imu": Imu(angle_density=0.0, rate_density=0.0, specific_force_density=0.0, link=Link(rate=imu_rate)),
         "command_link": type(scenario.command_link)(),
         "planner": HoverPlanner(kind="hover", point=start),
         "estimator": scenario.estimator.model_copy(

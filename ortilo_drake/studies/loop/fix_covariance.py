@@ -25,6 +25,7 @@ from ortilo_drake.model.signals import (
     N_XBAR,
     PAYLOAD,
 )
+from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
@@ -72,7 +73,7 @@ def attitude_covariance(scenario: Scenario) -> np.ndarray:
     measurement, every = scenario.measurement, scenario.every("imu")
     belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
-    V2[measurement.block_of("imu")] = np.diag(scenario.estimator.V.imu).ravel() / scenario.samples("imu")
+    V2[measurement.block_of("imu")] = np.diag(white_variances(scenario.estimator.V.imu, scenario.h)).ravel()
     u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.sensors.index("imu")
     for k in range(SETTLED):
         delta[imu] = float("imu" in scenario.sensors and k % every == 0)

@@ -8,6 +8,7 @@ import numpy as np
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario
@@ -93,7 +94,7 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     there = np.zeros((n, len(sensors)), dtype=np.bool_)
     flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(sensors) if sensor in scenario.sensors]
     delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
-    V_imu = np.diag(scenario.estimator.V.imu) / scenario.samples("imu")
+    V_imu = np.diag(white_variances(scenario.estimator.V.imu, scenario.h))
     for k in range(n):
         noise = None
         for s, sensor, link in flying:

@@ -20,6 +20,7 @@ from ortilo_drake.scenario import DiagonalW, IntermittentFilter, Scenario
 from ortilo_drake.sensors.described import flown
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
+_DENSITIES = ("force_density", "torque_density")
 _SCALED_BY = {"uwb": "multilateration.noise", "camera": "landmark_fix.center_sd"}
 
 
@@ -35,7 +36,7 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
         kind = scenario.estimator.kind
         raise InputError(f"estimator.kind: {kind}: must be intermittent: noise is fitted to the paper's filter alone")
     W, V, found = scenario.estimator.W, scenario.estimator.V, {}
-    for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else ("force_sd", "torque_sd"):
+    for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else _DENSITIES:
         found[f"estimator.W.{name}"] = float(getattr(W, name))
     if "uwb" in scenario.sensors and V.uwb is None:
         noise = scenario.multilateration.noise

@@ -136,7 +136,7 @@ def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stre
     Where more than its angles is read it also reads the acceleration of B's origin in W (3) up to this tick; where it
     is faster than the tick also what was `passed` inside the tick before, see vehicle/continuous.py.
     """
-    sd = np.array([settings.angle_sd, settings.rate_sd, settings.specific_force_sd])
+    sd = np.array(settings.sds(h / samples))
     given = Given({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})
     if not whole:
         return Box("imu", ANGLES, IMU_SIZE, given)

@@ -20,7 +20,7 @@ from ortilo_drake.world.drawn_truth import AtStart
 def variances_at_rest(scenario: Scenario) -> np.ndarray:
     """Return the variances of nu of angles, rates and specific force (9), of a scenario whose vehicle stands still."""
     imu, walks = scenario.imu, scenario.truth.imu
-    s = np.repeat([imu.angle_sd, imu.rate_sd, imu.specific_force_sd], 3)
+    s = np.repeat(imu.sds(scenario.imu_period), 3)
     q = np.array([walks.level_walk] * 2 + [walks.yaw_walk] + [walks.rates_walk] * 3 + [walks.specific_force_walk] * 3)
     return np.asarray(s**2 / scenario.samples_at_rest + q**2 * imu.standstill / 3.0)
 

@@ -39,8 +39,8 @@ WHITE = Element(
 def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
     """Return the source of white disturbance of a stream: force in W [N], torque in B [N m] (6)."""
     numbers = {
-        "force_sd": settings.force_sd,
-        "torque_sd": settings.torque_sd,
+        "force_sd": settings.sds(h)[0],
+        "torque_sd": settings.sds(h)[1],
         "stream": stream_id(stream),
         "h": h,
     }

@@ -44,7 +44,7 @@ def test_what_it_hears_is_what_the_filter_can_use() -> None:
     assert np.isnan(y[measurement.rows_of("uwb")]).all()
     assert np.isnan(y[measurement.rows_of("camera")]).all()
     np.testing.assert_array_equal(y[measurement.rows_of("imu")], said["imu"][PAYLOAD : PAYLOAD + 3])
-    angle_sd = scenario.estimator.imu.angle_sd or 0.0
+    angle_sd = (scenario.estimator.imu.angle_density or 0.0) / np.sqrt(scenario.h / scenario.samples("imu"))
     np.testing.assert_allclose(V2[measurement.block_of("imu")], angle_sd**2 * np.eye(3).ravel())
     said["uwb"][0] = 0.0
     y, delta, _ = np.split(heard.say(k=12, **said), [p, p + s])  # boxes older than any pose that is kept

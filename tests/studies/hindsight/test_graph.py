@@ -17,7 +17,7 @@ from ortilo_drake.studies.hindsight.graph import FlightGraph, graph_smoothed
 
 # Through the first blackout and out of it again.
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [4, 1.5, 1.5], [7, 1.5, 1.5]]}"
-PLAIN = ("estimator.huber=1.0e+9", "estimator.imu.angle_sd=0.01")
+PLAIN = ("estimator.huber=1.0e+9", "estimator.imu.angle_density=0.00183")
 
 
 def first_ticks(recorded: RecordedFlight, n: int) -> RecordedFlight:
@@ -33,6 +33,7 @@ def dense_positions(recorded: RecordedFlight) -> tuple[np.ndarray, np.ndarray]:
     scenario, n = recorded.scenario, len(recorded.messages)
     settings, per_tick, anchors = scenario.estimator, scenario.samples("imu"), scenario.load_room().anchor_positions
     dt = scenario.h / per_tick
+    its_imu, root = settings.imu, np.sqrt(dt)
     samples = np.concatenate([samples_in(its["imu"], per_tick) for its in recorded.messages[1:]])[:, PAYLOAD:]
     before = np.concatenate(([np.zeros(3)], samples[:-1, 3:6]))
     rates = 0.5 * (before + samples[:, 3:6])
@@ -48,8 +49,8 @@ def dense_positions(recorded: RecordedFlight) -> tuple[np.ndarray, np.ndarray]:
         R = Rotation.from_euler("ZYX", x_0[5:2:-1]) * Rotation.from_rotvec(start[3:6])
         positions, attitudes = [p], [[R]]
         for j in range(m):
-            w = rates[j] - settings.imu.rate_sd * its[j, :3]
-            f = samples[j, 6:9] - settings.imu.specific_force_sd * its[j, 3:]
+            w = rates[j] - its_imu.rate_density / root * its[j, :3]
+            f = samples[j, 6:9] - its_imu.specific_force_density / root * its[j, 3:]
             a = (R * Rotation.from_rotvec(0.5 * dt * w)).apply(f) - np.array([0.0, 0.0, GRAVITY])
             p, v, R = p + dt * v + 0.5 * dt**2 * a, v + dt * a, R * Rotation.from_rotvec(dt * w)
             if j % per_tick == 0:
@@ -64,7 +65,7 @@ def dense_positions(recorded: RecordedFlight) -> tuple[np.ndarray, np.ndarray]:
         fraction = settings.ranges.noise.fraction
         seen = [(np.linalg.norm(positions[k] - anchors[i]) - r) / (fraction * r) for k, i, r in ranges]
         angles = np.array([R.as_euler("ZYX")[::-1] for its in attitudes[1:] for R in its])
-        return np.concatenate((noise, seen, ((angles - samples[:, :3]) / settings.imu.angle_sd).ravel()))
+        return np.concatenate((noise, seen, ((angles - samples[:, :3]) * root / its_imu.angle_density).ravel()))
 
     found = least_squares(residual, np.zeros(9 + 6 * m), x_scale=1.0, xtol=1e-12, ftol=1e-12, gtol=1e-12)
     positions, _ = motion(found.x)

@@ -19,7 +19,7 @@ from ortilo_drake.studies.rare.subset import Climb, Plan, flights_of
 from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
 
-SHORT = ("world.disturbance.force_sd=0.2",)
+SHORT = ("world.disturbance.force_density=0.0365",)
 SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
 
 

@@ -6,6 +6,7 @@ from scipy.stats import chi2
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.white_noise import white_sd
 from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
@@ -50,10 +51,8 @@ def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float
 def sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float]:
     """Return the noise of a sample of body rates [rad/s] and specific force [m/s^2]."""
     imu = settings.imu
-    if imu.datasheet == "none":
-        return imu.rate_sd, imu.specific_force_sd
-    sheet, root = DATASHEETS[imu.datasheet], np.sqrt(samples / h)
-    return sheet.rate_density * root, sheet.specific_force_density * root
+    its = imu if imu.datasheet == "none" else DATASHEETS[imu.datasheet]
+    return white_sd(its.rate_density, h / samples), white_sd(its.specific_force_density, h / samples)
 
 
 def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
@@ -108,7 +107,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
         np.array([pixels.sd, pixels.growth, pixels.slow_share]),
         fix.margin,
         -np.inf if fix.inside is None else fix.inside,
-        settings.imu.angle_sd or 0.0,
+        white_sd(settings.imu.angle_density or 0.0, scenario.imu_period),
         np.array([float(chi2.ppf(*of)) for of in gates]),
         settings.huber,
         watch_of(settings, scenario.h),
@@ -157,7 +156,8 @@ def initial_covariance(
         beta = [layout.angles + i if layout.angles >= 0 else -1 for i in range(3)]
         zero_gyroscope(C_0, GYRO, rest.variance(noise[0] ** 2, imu.gyroscope_rate))
         variance = rest.variance(noise[1] ** 2, imu.accelerometer_rate)
-        zero_accelerometer(C_0, ACCEL, beta, variance, rest.variance((imu.angle_sd or 0.0) ** 2, imu.angles_rate))
+        angle_sd = white_sd(imu.angle_density or 0.0, rest.period)
+        zero_accelerometer(C_0, ACCEL, beta, variance, rest.variance(angle_sd**2, imu.angles_rate))
     pose = [P, P + 1, P + 2, THETA, THETA + 1, THETA + 2]
     from_ = np.concatenate((np.arange(layout.core), *([pose] * layout.clones))).astype(int)
     return C_0[np.ix_(from_, from_)]
