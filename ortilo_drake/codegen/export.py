@@ -35,9 +35,7 @@ def export(
 ) -> dict[str, Any]:
     """Write the onboard half of a scenario for a processor; return the manifest.
 
-        od.export("imu_uwb", "cortex-m7", "half")
-
-    All is made before anything is written.
+    `od.export("imu_uwb", "cortex-m7", "half")` does so. All is made before anything is written.
 
     Args:
         scenario: as load_scenario; its seed is that of the golden vectors.

@@ -127,7 +127,7 @@ def test_landmarks_and_a_camera_that_are_set_are_seen_as_those_built(tmp_path: P
         with_landmarks(landmarks)(data)
         data["camera"]["position"] = p_BC.tolist()
 
-    moved = {"camera": Given({"p_BC": p_BC}, tables={"positions": landmarks})}
+    moved = {"camera": Given(tables={"camera_p_BC": p_BC, "room_positions": landmarks})}
     assert flown(scenario, moved) == flown(world_of(room_file(tmp_path, build))) != flown(scenario)
 
 
