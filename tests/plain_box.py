@@ -18,9 +18,9 @@ class PlainBox:
         for name, value in given.numbers.items():
             self.n[name] = value
         self.state = {name: np.array(value, dtype=float) for name, value in given.start.items()}
-        tables = {table.name: np.ascontiguousarray(given.tables[table.name], table.kind) for table in element.arrays}
-        self._own = self.state | tables | {name: np.zeros(shape) for name, shape in box.work.items()}
-        self._own |= {group.name: group.filled(self.n, tables.__getitem__) for group in element.groups}
+        self.tables = {its.name: np.array(given.tables[its.name], its.kind, order="C") for its in element.arrays}
+        self._own = self.state | self.tables | {name: np.zeros(shape) for name, shape in box.work.items()}
+        self._own |= {group.name: group.filled(self.n, self.tables.__getitem__) for group in element.groups}
         self._functions, self.out = element.functions, np.zeros(box.size)
 
     def say(self, k: int = 0, seed: int = 0, **inputs: np.ndarray) -> np.ndarray:

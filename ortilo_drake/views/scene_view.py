@@ -71,7 +71,7 @@ def make_camera_view(scenario: Scenario) -> CameraView:
         if scenario.is_rendered:
             message = detections_message(time, *detect(image))
         else:
-            projected.get_input_port().FixValue(projected_context, x)
+            projected.GetInputPort("state").FixValue(projected_context, x)
             projected_context.SetTime(time)
             message = projected.get_output_port().Eval(projected_context)
         rows = message[PAYLOAD:].reshape(-1, DETECTION_SIZE)

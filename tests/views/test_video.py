@@ -85,7 +85,7 @@ def test_boxes_are_those_of_the_flight(flight: xr.Dataset) -> None:
     for tick in (0, 9):
         time, x = float(flight["time"][tick]), flight["truth"].values[tick]
         context.SetTime(time)
-        camera.get_input_port().FixValue(context, x)
+        camera.GetInputPort("state").FixValue(context, x)
         rows = camera.get_output_port().Eval(context)[PAYLOAD:].reshape(-1, DETECTION_SIZE)
         picture, boxes = view(time, x)
         assert picture.shape == (240, 320, 3)
@@ -246,7 +246,8 @@ def test_fly_writes_the_video(
 ) -> None:
     monkeypatch.setattr(video, "PANEL", {".gif": 160})
     file = tmp_path / "flight.gif"
-    words = ("--set", HOVER, "--set", PARAMETRIC, "--set", "settle=0.0", "--video", str(file))
+    projected = ("--set", "camera.kind=projected", "--set", PARAMETRIC)
+    words = ("--set", HOVER, *projected, "--set", "settle=0.0", "--video", str(file))
     assert run("fly", *words) == 0
     captured = capsys.readouterr()
     assert f"  wrote {file}\n" in captured.out

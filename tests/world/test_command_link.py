@@ -44,7 +44,7 @@ def make(link: CommandLinkSettings, seed: int) -> tuple[Diagram, Simulator]:
     commands = builder.AddSystem(Commands())
     radio = builder.AddSystem(radio_of(link))
     log = builder.AddNamedSystem("log", VectorLogSink(4, H))
-    builder.Connect(commands.get_output_port(), radio.get_input_port())
+    builder.Connect(commands.get_output_port(), radio.GetInputPort("control"))
     builder.Connect(radio.GetOutputPort("applied"), log.get_input_port())
     simulator = Simulator(builder.Build())
     radio.set_seed_in(radio.GetMyMutableContextFromRoot(simulator.get_mutable_context()), seed)
@@ -139,8 +139,10 @@ def test_the_whole_state_is_in_the_context() -> None:
 
 
 def test_only_a_link_without_delay_passes_commands_straight_on() -> None:
-    assert radio_of(CommandLinkSettings(loss=HALF)).HasAnyDirectFeedthrough()
-    assert not radio_of(CommandLinkSettings(delay=1)).HasAnyDirectFeedthrough()
+    for settings, passes in ((CommandLinkSettings(loss=HALF), True), (CommandLinkSettings(delay=1), False)):
+        radio = radio_of(settings)
+        ports = radio.GetInputPort("control").get_index(), radio.GetOutputPort("applied").get_index()
+        assert radio.HasDirectFeedthrough(*ports) == passes
 
 
 # --- the scenario ------------------------------------------------------------------------------------------------

@@ -73,7 +73,7 @@ def test_boxes_are_opencvs_in_a_tick_in_which_the_message_is_sent(plain: np.ndar
 
 def test_a_turned_camera_that_stands_elsewhere_sees_what_opencv_projects(plain: np.ndarray) -> None:
     its, turned, moved = camera(), np.array([0.02, -0.01, 0.03]), P_BC + [0.05, -0.02, 0.01]
-    its.n["turned"], its.n["p_BC"] = turned, moved
+    its.n["turned"], its.tables["camera_p_BC"][:] = turned, moved
     R_WA = Rotation.from_euler("ZYX", X[[5, 4, 3]]) * Rotation.from_euler("ZYX", turned[::-1])
     found = boxes(its.say(sent=SENT, state=X))
     expected = [projected(i, R_WA.as_euler("ZYX")[::-1], moved) for i in shown(plain)]

@@ -12,19 +12,15 @@ from ortilo_drake.studies.paper_tables.in_short import TITLES
 from ortilo_drake.studies.paper_tables.tables import SCENARIOS, Tables
 from ortilo_drake.views.numbers import with_interval
 
-# Medians of 200 flights of `paper_imu_uwb` with multilateration.method=least_squares, and without disturbance as well;
-# of 15 of `paper_imu_uwb_yolo` with one setting changed at a time.
+# By which settings they were found out stands in docs/results.md, with figures.
 _NEAREST: Final = (
-    "fixes by the three nearest anchors stand badly before a blackout, and W = I takes their noise for motion; {} m² "
-    "by all twelve ranges, {} without our disturbance as well, of which the paper says nothing"
+    "fixes by the three nearest anchors stand badly before a blackout, and W = I takes their noise for motion; of our "
+    "disturbance the paper says nothing"
 )
 _WHY: Final[dict[str, dict[tuple[str, str], str]]] = {
     "paper": {
-        ("imu_uwb", "y"): _NEAREST.format("0.021 [0.014, 0.027]", "0.008 [0.006, 0.009]"),
-        ("imu_uwb", "z"): _NEAREST.format("0.016 [0.014, 0.019]", "0.007 [0.006, 0.008]"),
-        ("imu_uwb", "path"): _NEAREST.format("0.024 [0.017, 0.029]", "0.009 [0.007, 0.010]"),
-        ("imu_uwb_yolo", "path"): "not found: 0.0030 m² with estimated velocities, 0.0029 with twice the range noise, "
-        "0.0021 with four times the disturbance, 0.0016 at twice the speed",
+        **dict.fromkeys((("imu_uwb", "y"), ("imu_uwb", "z"), ("imu_uwb", "path")), _NEAREST),
+        ("imu_uwb_yolo", "path"): "why was not found: neither noise, disturbance, speed nor lent velocities explain it",
     }
 }
 OF_THE_PAPER: Final = ("paper", "printed")
