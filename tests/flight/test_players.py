@@ -50,7 +50,9 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize(  # the robust filter's kept tracks are flown by two players in the quick tests
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "robust_imu_uwb")) for name in CHANGES]
+)
 def test_all_players_fly_the_same_bits(name: str) -> None:
     check_players(load_scenario(name, (PROJECTED, *CHANGES[name])), range(2))
 
@@ -150,7 +152,10 @@ OF_ONES_OWN = {
 }
 
 
-@pytest.mark.parametrize("part", OF_ONES_OWN)
+@pytest.mark.parametrize(
+    "part",
+    [pytest.param(part, marks=[pytest.mark.long] * (part not in ("estimator", "sensor"))) for part in OF_ONES_OWN],
+)
 def test_all_players_fly_the_same_bits_of_a_part_of_ones_own(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for register in ("_SENSORS", "_PARTS"):
         monkeypatch.setattr(parts, register, dict(getattr(parts, register)))

@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from flight_tracks import FILE, PROJECTED, RENDERED, SEEDS, fly_ready_made, track
+from flight_tracks import FILE, PROJECTED, QUICK, RENDERED, SEEDS, fly_ready_made, track
 
 KEPT: dict[str, list[list[float]]] = json.loads(FILE.read_text())
 ONE, OTHERS = SEEDS["projected"][:1], SEEDS["projected"][1:]
-QUICK = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb", "tight_imu_uwb", "realistic", "flow")
 
 
 def check(name: str, camera: str, seeds: range, tolerance: float, player: str = "drake") -> None:

@@ -1,4 +1,4 @@
-"""Flights behind late commands with an onboard half that reckons with them."""
+"""Flights behind late commands with an onboard half that accounts for them; those of the filter take a minute to compile."""
 
 import json
 from pathlib import Path
@@ -33,12 +33,14 @@ def loss_in(flight: xr.Dataset) -> Any:
     return json.loads(flight.attrs["lost"])
 
 
+@pytest.mark.long
 def test_where_nothing_is_late_it_is_the_flight_without() -> None:
     plain, aware = fly(scenario_of()), fly(scenario_of(AWARE))
     for name in ("truth", "estimate", "control"):
         np.testing.assert_allclose(aware[name], plain[name], rtol=0.0, atol=1e-7)  # a mean over a tick rounds
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "servo", ["predicted", "predicted, delay: 0.13333333333333333", "augmented, delay: 0.13333333333333333"]
 )
@@ -51,6 +53,7 @@ def test_four_ticks_late_it_flies_where_the_other_is_lost(servo: str) -> None:
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.08
 
 
+@pytest.mark.long
 def test_the_halves_fly_it_bit_for_bit() -> None:
     scenario = scenario_of(AWARE, "command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}")
     flight, halves = fly(scenario), fly_lockstep(scenario, in_this_process(scenario))
@@ -61,10 +64,14 @@ def test_the_halves_fly_it_bit_for_bit() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        (AWARE, "command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}"),
+        pytest.param(
+            (AWARE, "command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}"), marks=pytest.mark.long
+        ),
         ("commands={servo: predicted, delay: 0.06}", "command_link={delay: 2, loss: 0.1, when_lost: zero}"),
-        ("commands={filter: acted, servo: augmented, delay: 0.09}", "command_link.delay=3"),
-        ("commands.servo=predicted", "estimator.force=measured"),
+        pytest.param(
+            ("commands={filter: acted, servo: augmented, delay: 0.09}", "command_link.delay=3"), marks=pytest.mark.long
+        ),
+        pytest.param(("commands.servo=predicted", "estimator.force=measured"), marks=pytest.mark.long),
     ],
 )
 def test_the_wiring_flies_it_bit_for_bit(changes: tuple[str, ...]) -> None:
@@ -86,6 +93,7 @@ def test_a_seed_flies_the_same_bits_behind_a_relay() -> None:
     assert loss_in(one) is None
 
 
+@pytest.mark.long
 def test_its_log_is_replayed_bit_for_bit(tmp_path: Path) -> None:
     scenario = scenario_of(AWARE, "command_link={delay: 2, loss: 0.2}")
     fly_logged(scenario, tmp_path / "log")
