@@ -1,4 +1,4 @@
-"""Flights behind late commands with an onboard half that accounts for them; those of the filter take a minute to compile."""
+"""Flights behind late commands with an onboard half that accounts for them; the filter takes a minute to compile."""
 
 import json
 from pathlib import Path
