@@ -21,6 +21,7 @@ from ortilo_drake.api.studies import Study, linearize, map, tables
 from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.diagrams.imu import make_imu
+from ortilo_drake.diagrams.kalman_filter import IntermittentKalmanFilter
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.own import box
 from ortilo_drake.model.measurement import row
@@ -43,6 +44,7 @@ __all__ = [
     "Flights",
     "Frozen",
     "InputError",
+    "IntermittentKalmanFilter",
     "Room",
     "Scenario",
     "Sensor",
