@@ -14,7 +14,8 @@ from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.robust import Robust
-from ortilo_drake.sensors.described import as_known, described, flown
+from ortilo_drake.sensors.camera import as_known
+from ortilo_drake.sensors.described import described, flown
 from ortilo_drake.sensors.messages import message_port
 from ortilo_drake.sensors.shares import share_of
 

@@ -70,7 +70,16 @@ class Sensor:
             for the value alone, or for value and covariance where V says that it comes with each.
         V: scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix.
         sd: (scenario, room, true states (n, 12)) -> the world's noise of each row there, a standard deviation (n, m),
-            NaN where the sensor gives nothing. The Cramer-Rao floor, the tube and the theory bench ask for it.
+            NaN where the sensor gives nothing. None if `covariance` and `information` tell it.
+        covariance: (scenario, room, true state (12)) -> covariance of the value that the filter would get there (m, m),
+            None where it gets none. By default of independent rows of that sd.
+        information: (scenario, room, true states (n, 12), seen (n)) -> sensors.information_rows.Information, the Fisher
+            information of the messages that were sent in the ticks that are seen; None where it is not known. By
+            default of rows of that sd.
+        unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
+            By default those that its filter believes in (estimator.biases.row_sd).
+        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or more). By
+            default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
         compiled: its share in compiled flights; None if Drake alone flies it.
@@ -80,12 +89,16 @@ class Sensor:
     settings: type[Frozen]
     rows: tuple[Row, ...]
     make_world: Callable[[Any, Any], Any] | None = None
-    sd: Callable[[Any, Any, np.ndarray], np.ndarray] = field(kw_only=True)
+    sd: Callable[[Any, Any, np.ndarray], np.ndarray] | None = field(default=None, kw_only=True)
     make_onboard: Callable[[Any, Any], Any] | None = None
     payload: int | None = None
     V: Callable[[Any], np.ndarray | None] = lambda scenario: None
     limits: Callable[[Any, Any], tuple[np.ndarray, np.ndarray]] | None = None
     compiled: Compiled | None = None
+    covariance: Callable[[Any, Any, np.ndarray], np.ndarray | None] | None = None
+    information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
+    unknown: Callable[[Any, Any], Any] | None = None
+    stand_in: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +136,7 @@ def register_sensor(sensor: Sensor) -> None:
     """Let scenarios fly a sensor by its name.
 
     Raises:
-        InputError: if its name is a built-in sensor's or no plain word, or its settings have no link.
+        InputError: if its name is a built-in sensor's or no plain word, its settings have no link, or tells no noise.
     """
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
         raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
@@ -131,6 +144,8 @@ def register_sensor(sensor: Sensor) -> None:
         raise InputError(f"sensor: {sensor.name}: its settings need a field 'link: Link'")
     if sensor.make_world is None and sensor.compiled is None:
         raise InputError(f"sensor: {sensor.name}: must be given as a System, make_world, or by a share, compiled")
+    if sensor.sd is None and (sensor.covariance is None or sensor.information is None):
+        raise InputError(f"sensor: {sensor.name}: must tell its noise by sd, or by covariance and information")
     _SENSORS[sensor.name] = sensor
     _remember_caller()
 

@@ -15,13 +15,13 @@ import numpy as np
 
 from ortilo_drake.floor.cramer_rao import dynamics
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_camera import camera_rows, camera_tables
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Landmark, Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
 from ortilo_drake.studies.room_design.path_bound import step_information
 
 AWAY = 0.5  # from the vehicle's outline on its path [m]

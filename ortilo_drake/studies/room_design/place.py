@@ -18,12 +18,12 @@ import numpy as np
 
 from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_floor
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import GRADIENT, TICK, VARIANCE
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.information_ranges import range_rows
+from ortilo_drake.sensors.information_rows import GRADIENT, TICK, VARIANCE
 from ortilo_drake.studies.room_design.exchange import exchange, greedy
 from ortilo_drake.studies.room_design.landmarks import (
     angle_information,
