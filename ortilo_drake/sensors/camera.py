@@ -4,11 +4,14 @@ The camera finds landmarks at random. The covariance of its fix is that of the l
 least one half, and the attitude's covariance, which the fix takes, is that of a filter long fed by the imu alone.
 """
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import CAMERA
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.pinhole import Camera
@@ -22,6 +25,8 @@ from ortilo_drake.model.signals import (
     N_XBAR,
     PAYLOAD,
 )
+from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario import Camera as CameraSettings
@@ -30,6 +35,9 @@ from ortilo_drake.sensors.imu import attitude_covariance
 from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
 from ortilo_drake.sensors.information_rows import GRADIENT, Information
 from ortilo_drake.sensors.unknown_error import Error, moved, spread, walk
+from ortilo_drake.world.drawn_truth import Drawn
+from ortilo_drake.world.radio.image_delay import check_kept
+from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
 from ortilo_drake.world.sensors.landmark_view import (
@@ -42,6 +50,7 @@ from ortilo_drake.world.sensors.landmark_view import (
     landmark_views,
     surroundings,
 )
+from ortilo_drake.world.sensors.projected_camera_element import camera_box
 
 
 def as_known(scenario: Belief, room: Room) -> Room:
@@ -56,7 +65,8 @@ def make_solver(scenario: Belief, room: Room) -> LandmarkFix:
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of a fix as the filter believes it, None where it comes with each."""
-    return None if scenario.estimator.V.camera is None else np.diag(scenario.estimator.V.camera)
+    V = getattr(scenario.estimator, "V", None)  # of the paper's filter
+    return None if V is None or V.camera is None else np.diag(V.camera)
 
 
 @lru_cache(maxsize=16)
@@ -132,6 +142,52 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     ]
 
 
+def solver(scenario: Belief, room: Room) -> Box | None:
+    """Return the landmark fix as an element; None where its method is OpenCV's."""
+    if scenario.landmark_fix.method not in ELEMENTS:
+        return None
+    return camera_fix_box(scenario.landmark_fix, as_known(scenario, room), scenario.image_width)
+
+
+def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
+    """Return where a projected camera and the landmarks are."""
+    if scenario.is_rendered:
+        return {}
+    f = boxes["camera"].given.numbers["camera_f"] * float(its["camera.focal_factor"])
+    tables = {
+        "camera_p_BC": np.array(room.camera.position) + its["camera.position"],
+        "room_positions": room.landmark_positions + its["survey.landmarks"],
+    }
+    return {"camera": Given({"camera_f": f, "turned": its["camera.angles"]}, tables=tables)}
+
+
+def only_drake(scenario: Scenario) -> str | None:
+    """Return the setting by which Drake alone can play the camera or its fix, which the tight filter does not take."""
+    if scenario.is_rendered:
+        return "camera.kind: rendered"
+    method = scenario.landmark_fix.method
+    return None if scenario.estimator.kind == "tight" or method in ELEMENTS else f"landmark_fix.method: {method}"
+
+
+def check(scenario: Scenario, room: Room) -> None:
+    """Refuse a camera whose image is too small or kept too long, whose files are wrong, or that cannot be drawn here.
+
+    Raises:
+        InputError: naming the setting.
+    """
+    try:
+        camera = room.camera.scaled_to(scenario.image_width)
+    except InputError as error:
+        raise InputError(f"camera.{error}") from None
+    if scenario.is_rendered:
+        link = scenario.camera.link
+        check_kept(scenario.every("camera"), link.delay + link.random_delay, camera.width, camera.height)
+        check_egl()
+        load_detector(scenario.detector, room, (camera.width, camera.height))
+    elif scenario.camera.errors.kind == "measured":
+        load_calibration(scenario.camera.errors)
+
+
 SENSOR = Sensor(
     "camera",
     CameraSettings,
@@ -141,5 +197,17 @@ SENSOR = Sensor(
     covariance=covariance,
     information=information,
     unknown=unknown,
+    payload=DETECTIONS_SIZE - PAYLOAD,
+    element=lambda scenario, room, whole: camera_box(scenario.camera, room, scenario.faults, scenario.h),
+    solver=solver,
+    drawn=drawn,
+    measures="landmarks",
+    port="detections",
+    only_drake=only_drake,
+    check=check,
+    advice="not one camera fix: `ortilo detector recognise` says which landmarks the detector knows",
+    components="xyz",
+    scaled_by=("landmark_fix.center_sd",),
+    noise_numbers=lambda scenario: {"landmark_fix.center_sd": scenario.landmark_fix.center_sd},
     stand_in=(0.08, 0.08, 0.08, 0.0025, 0.0025, 0.0025),  # of a position as printed in the paper [m^2], of angles ours
 )

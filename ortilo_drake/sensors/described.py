@@ -1,5 +1,7 @@
 """The descriptions of the sensors that a scenario flies, built-in and registered ones alike."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from ortilo_drake.model.parts import Sensor, find_sensor
@@ -19,6 +21,27 @@ def described(name: str) -> Sensor:
     if found is None:
         raise KeyError(name)
     return found
+
+
+def port_of(name: str) -> str:
+    """Return the name of a sensor's messages at the ports of Drake's diagrams; of what is no sensor its own."""
+    found = BUILT_IN.get(name) or find_sensor(name)
+    return name if found is None else found.port or name
+
+
+def title_of(name: str) -> str:
+    """Return what texts and figures call a sensor."""
+    return described(name).title or name
+
+
+def measuring(things: str) -> str:
+    """Return the sensor that measures by the room's 'anchors', or its 'landmarks'."""
+    return next(sensor.name for sensor in BUILT_IN.values() if sensor.measures == things)
+
+
+def unwired(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those sensors whose messages go over a radio."""
+    return tuple(name for name in names if not described(name).is_wired)
 
 
 def flown(name: str, scenario: Belief) -> Sensor:

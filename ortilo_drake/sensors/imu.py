@@ -3,10 +3,13 @@
 The filter reads body rates and specific force only where its settings say so; their information counts only then.
 """
 
+from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from ortilo_drake.loop.element import Box, Given
 from ortilo_drake.model.measurement import IMU, row
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.room import Room
@@ -14,19 +17,23 @@ from ortilo_drake.model.signals import IMU_SIZE, N_I, N_U, N_X, N_XBAR, PAYLOAD,
 from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
-from ortilo_drake.scenario import Belief, Imu, Scenario
+from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
 from ortilo_drake.sensors.information_rows import Information, rows_of
 from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
-from ortilo_drake.world.sensors.standstill import left_at_rest
+from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
+from ortilo_drake.world.sensors.imu import imu_box
+from ortilo_drake.world.sensors.sensor_errors import factor_of
+from ortilo_drake.world.sensors.standstill import left_at_rest, zero_at_rest
 
 SETTLED = 300  # ticks after which the attitude's covariance no longer changes
 _RATES = tuple(row(name, **{name: 1.0}) for name in STATE_NAMES[9:])
 
 
-def believed_V(scenario: Belief) -> np.ndarray:
-    """Return the covariance of the angles as the filter believes it."""
-    return np.diag(white_variances(scenario.estimator.V.imu, scenario.imu_period))
+def believed_V(scenario: Belief) -> np.ndarray | None:
+    """Return the covariance of the angles as the filter believes it, None of a filter that says none."""
+    V = getattr(scenario.estimator, "V", None)
+    return None if V is None else np.diag(white_variances(V.imu, scenario.imu_period))
 
 
 def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
@@ -42,7 +49,7 @@ def attitude_covariance(scenario: Scenario) -> np.ndarray:
     belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
     V2[measurement.block_of("imu")] = np.diag(white_variances(scenario.estimator.V.imu, scenario.h)).ravel()
-    u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.sensors.index("imu")
+    u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.inertial
     for k in range(SETTLED):
         delta[imu] = float("imu" in scenario.sensors and k % every == 0)
         belief = filter_step(belief, y, delta, V2, u, r, model, measurement.layout)
@@ -61,7 +68,7 @@ def reads_force(scenario: Scenario) -> bool:
 
 def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
     """Return the rows of the body rates in the ticks that are seen, to first order the Euler-angle rates."""
-    n = scenario.samples("imu")
+    n = scenario.imu_samples
     sd = np.full((np.count_nonzero(seen), 3), scenario.imu.sds(scenario.h / n)[1])
     return linear_rows(scenario, n, _RATES, seen, sd)
 
@@ -102,6 +109,46 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     ]
 
 
+def element(scenario: Scenario, room: Room, whole: bool) -> Box:
+    """Return the imu."""
+    return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples).reading(passed="vehicle.passed")
+
+
+def bias_of(its: Drawn) -> np.ndarray:
+    """Return what is added to the angles, rates and specific force (9)."""
+    return np.array([*its["imu.level"], its["imu.yaw"], *its["imu.rates"], *its["imu.specific_force"]])
+
+
+def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
+    """Return how the imu's messages are off."""
+    return {"imu": Given(tables={"bias": bias_of(its)})}
+
+
+def errors_drawn(its: Drawn) -> tuple[np.ndarray, np.ndarray]:
+    """Return the biases and the factors of angles, rates and specific force (9 each); of {} none."""
+    return (bias_of(its), factor_of(its, "imu", 9)) if its else (np.zeros(9), np.ones(9))
+
+
+def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Given]:
+    """Return the imu as it is after it was zeroed at rest: what is taken off its messages is taken off its biases."""
+    if scenario.samples_at_rest == 0:
+        return {}
+    bias, factor = errors_drawn(its)
+    bias[3:] -= zero_at_rest(scenario, bias, factor, draw) / factor[3:]
+    return {"imu": Given(tables={"bias": bias})}
+
+
+def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
+    """Return how the vehicle of a scenario and its seed stood still: for how long, and what was measured; {} if not."""
+    if scenario.samples_at_rest == 0:
+        return {}
+    draw = of_seed(scenario.seed)
+    its = draw_truth(scenario.truth, draw, room, {"imu": IMU_SIZE - PAYLOAD}) if scenario.truth != Truth() else {}
+    zero = zero_at_rest(scenario, *errors_drawn(its), draw).tolist()
+    how = {"seconds": scenario.imu.standstill, "samples": scenario.samples_at_rest}
+    return how | {"rates": zero[:3], "specific_force": zero[3:]}
+
+
 SENSOR = Sensor(
     "imu",
     Imu,
@@ -111,4 +158,11 @@ SENSOR = Sensor(
     V=believed_V,
     information=information,
     unknown=unknown,
+    element=element,
+    drawn=drawn,
+    feels=True,
+    samples_itself=True,
+    is_wired=True,
+    title="IMU",
+    components="φθψ",
 )

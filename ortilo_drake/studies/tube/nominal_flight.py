@@ -42,7 +42,7 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
     link = scenario.link_of(sensor)
     if link.random_delay and sensor in scenario.sensors:
         raise InputError(f"{sensor}.link.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
-    return link.delay + (scenario.camera.latency if sensor == "camera" else 0)
+    return link.delay + scenario.latency_of(sensor)
 
 
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
