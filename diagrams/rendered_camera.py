@@ -1,11 +1,22 @@
 """The camera that renders: the room as Drake's VTK renderer shows it to an RgbdSensor on the vehicle."""
 
+import numpy as np
 from pydrake.geometry import GeometryFrame
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.sensors import RgbdSensor
 
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
-from ortilo_drake.world.scenery.rendering import camera_in_body, make_scene_graph, render_cameras
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.world.drawn_truth import Drawn
+from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
+from ortilo_drake.world.scenery.rendering import (
+    camera_in_body,
+    make_scene_graph,
+    mount_camera,
+    move_landmarks,
+    render_cameras,
+)
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.scenery.vehicle_pose import VehiclePose
 
@@ -45,3 +56,38 @@ def make_rendered_camera(room: Room, width: int) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("rendered_camera")
     return diagram
+
+
+def add_rendered_camera(
+    builder: DiagramBuilder, scenario: Scenario, room: Room, seen: OutputPort, shutter: OutputPort
+) -> None:
+    """Add a camera whose pictures Drake renders of the state as it is seen; those that come late are kept."""
+    width, link = scenario.camera.width, scenario.link_of("camera")
+    rendered = builder.AddSystem(make_rendered_camera(room, width))
+    builder.Connect(seen, rendered.GetInputPort("state"))
+    image, ticks = rendered.GetOutputPort("color_image"), link.delay + link.random_delay
+    if ticks:
+        camera = room.camera.scaled_to(width)
+        check_kept(scenario.every("camera"), ticks, camera.width, camera.height)
+        kept = builder.AddSystem(ImageDelay(scenario.every("camera"), ticks, scenario.h))
+        builder.Connect(image, kept.GetInputPort("color_image"))
+        builder.Connect(shutter, kept.GetInputPort("shutter"))
+        image = kept.get_output_port()
+    builder.ExportOutput(image, "image")
+    for name in ("depth_image", "label_image"):
+        builder.ExportOutput(rendered.GetOutputPort(name), name)
+
+
+def seen_by_camera(wiring: Wiring) -> str:
+    """Return what says the state as the camera sees it, by its own clock."""
+    return "camera_clock" if "camera_clock" in wiring.boxes else "plant"
+
+
+def move_scene(camera: System, context: Context, room: Room, drawn: Drawn) -> None:
+    """Move the landmarks and the camera of a rendered camera to where they are drawn to be; the root's context."""
+    scene_graph, sensor = (camera.GetSubsystemByName(name) for name in ("scene_graph", "rgbd_sensor"))
+    p_WL = room.landmark_positions + drawn["survey.landmarks"]
+    move_landmarks(scene_graph, scene_graph.GetMyMutableContextFromRoot(context), p_WL)
+    p_BC = np.array(room.camera.position) + drawn["camera.position"]
+    its = sensor.GetMyMutableContextFromRoot(context)
+    mount_camera(sensor, its, p_BC, drawn["camera.angles"], float(drawn["camera.focal_factor"]))

@@ -5,24 +5,21 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import Multiplexer
 
 from ortilo_drake.diagrams.faults import check_room
-from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
+from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene, seen_by_camera
 from ortilo_drake.diagrams.vehicle import add_vehicle
-from ortilo_drake.diagrams.wiring.onboard import port_of
 from ortilo_drake.diagrams.wiring.truth import drawn_of, of_body, payloads_of
 from ortilo_drake.diagrams.wiring.world import is_system, report_link_boxes, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import OUTSIDE, Box, Given, outside
 from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import Truth
+from ortilo_drake.sensors.described import port_of
 from ortilo_drake.world.drawn_truth import draw_truth, of_seed
-from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
-from ortilo_drake.world.scenery.rendering import mount_camera, move_landmarks
 from ortilo_drake.world.sensors.sample_collector import Passed
 from ortilo_drake.world.vehicle.continuous import PASSED
 
@@ -97,7 +94,7 @@ class World(Diagram):
         names |= {"velocity": "velocity"} if scenario.lends_velocities else {}
         names |= {"acted": "acted_delivered"} if scenario.commands.are_reported else {}
         if scenario.is_rendered:
-            names["seen"] = _seen(wiring)
+            names["seen"] = seen_by_camera(wiring)
         grain = "elements" if fused else None
         self._added = add_wiring(
             builder, wiring, names, scenario.h, sources, grain, {"servo": "control"}, scenario.seed, chance
@@ -108,7 +105,7 @@ class World(Diagram):
             if name != "seen":
                 builder.ExportOutput(outputs[name], name)
         if scenario.is_rendered:
-            _add_rendered_camera(builder, scenario, room, outputs["seen"], outputs["shutter"])
+            add_rendered_camera(builder, scenario, room, outputs["seen"], outputs["shutter"])
         builder.BuildInto(self)
         self.set_name("world")
 
@@ -181,13 +178,7 @@ class World(Diagram):
             flown = vehicle.model_copy(update={"mass": mass, "inertia": inertia})
             self._plant.SetVehicle(self._plant.GetMyMutableContextFromRoot(context), flown)
         if self._scenario.is_rendered:
-            camera = self.GetSubsystemByName("rendered_camera")
-            scene_graph, sensor = (camera.GetSubsystemByName(name) for name in ("scene_graph", "rgbd_sensor"))
-            p_WL = self._room.landmark_positions + drawn["survey.landmarks"]
-            move_landmarks(scene_graph, scene_graph.GetMyMutableContextFromRoot(context), p_WL)
-            p_BC = np.array(self._room.camera.position) + drawn["camera.position"]
-            its = sensor.GetMyMutableContextFromRoot(context)
-            mount_camera(sensor, its, p_BC, drawn["camera.angles"], float(drawn["camera.focal_factor"]))
+            move_scene(self.GetSubsystemByName("rendered_camera"), context, self._room, drawn)
 
 
 def _integrated(
@@ -207,7 +198,7 @@ def _integrated(
     sources = {"plant": vehicle["state"], "felt": felt, "rotors_felt": vehicle["control"]}
     sources["acceleration"] = vehicle["acceleration"]
     sources |= {f"felt.{name}": vehicle[name] for name in parts}
-    samples = scenario.samples("imu") if "imu" in scenario.sensors else 1
+    samples = scenario.imu_samples
     if samples > 1:
         size = (samples - 1) * PASSED
         passed = builder.AddSystem(Passed(PASSED, samples, scenario.h))
@@ -231,32 +222,7 @@ def _together(builder: DiagramBuilder, first: OutputPort, second: OutputPort) ->
 
 def _port_of(scenario: Scenario, sensor: str) -> str:
     """Return the name of the output of a sensor's messages."""
-    return "shutter" if sensor == "camera" and scenario.is_rendered else port_of(sensor)
-
-
-def _seen(wiring: Wiring) -> str:
-    """Return what says the state as the camera sees it, by its own clock."""
-    return "camera_clock" if "camera_clock" in wiring.boxes else "plant"
-
-
-def _add_rendered_camera(
-    builder: DiagramBuilder, scenario: Scenario, room: Room, seen: OutputPort, shutter: OutputPort
-) -> None:
-    """Add a camera whose pictures Drake renders of the state as it is seen; those that come late are kept."""
-    width, link = scenario.camera.width, scenario.link_of("camera")
-    rendered = builder.AddSystem(make_rendered_camera(room, width))
-    builder.Connect(seen, rendered.GetInputPort("state"))
-    image, ticks = rendered.GetOutputPort("color_image"), link.delay + link.random_delay
-    if ticks:
-        camera = room.camera.scaled_to(width)
-        check_kept(scenario.every("camera"), ticks, camera.width, camera.height)
-        kept = builder.AddSystem(ImageDelay(scenario.every("camera"), ticks, scenario.h))
-        builder.Connect(image, kept.GetInputPort("color_image"))
-        builder.Connect(shutter, kept.GetInputPort("shutter"))
-        image = kept.get_output_port()
-    builder.ExportOutput(image, "image")
-    for name in ("depth_image", "label_image"):
-        builder.ExportOutput(rendered.GetOutputPort(name), name)
+    return "shutter" if scenario.is_picture(sensor) else port_of(sensor)
 
 
 def make_world(

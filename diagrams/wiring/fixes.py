@@ -8,15 +8,11 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.estimator.robust.stuck_gate import stuck_box
 from ortilo_drake.onboard.fix_solver import own_fix_box
-from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
-from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
-from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.robust import Robust
-from ortilo_drake.sensors.described import as_known, described, flown
+from ortilo_drake.sensors.described import described, flown
 from ortilo_drake.sensors.messages import message_port
-from ortilo_drake.sensors.shares import share_of
 
 
 def heard_boxes(settings: Robust | None, messages: dict[str, Box], samples: dict[str, int]) -> dict[str, Box]:
@@ -42,21 +38,13 @@ def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | N
     if belief.samples(sensor) > 1:
         make = flown(sensor, belief).make_onboard
         return None if make is None else system_solver_box(sensor, make(belief, room), message)
-    if sensor == "uwb":
-        return fix_box(belief.multilateration, room.anchor_positions).reading(message=message.name)
-    if sensor == "camera" and belief.landmark_fix.method not in ELEMENTS:  # it is OpenCV's
-        its = LandmarkFix(belief.landmark_fix, as_known(belief, room), belief.image_width, belief.h)
-        return system_solver_box(sensor, its, message)
-    if sensor == "camera":
-        solver = camera_fix_box(belief.landmark_fix, as_known(belief, room), belief.image_width)
-        return solver.reading(message=message.name)
     own = described(sensor)
-    if own.compiled is None:
-        return None if own.make_onboard is None else system_solver_box(sensor, own.make_onboard(belief, room), message)
-    if sensor == "imu":
-        return None
-    found = own_fix_box(sensor, share_of(sensor), len(own.rows), belief, room)
-    return None if found is None else found.reading(message=message.name)
+    solver: Box | None = None if own.solver is None else own.solver(belief, room)
+    if own.compiled is not None:
+        solver = own_fix_box(sensor, own.compiled, len(own.rows), belief, room)
+    elif solver is None and own.make_onboard is not None:
+        return system_solver_box(sensor, own.make_onboard(belief, room), message)
+    return None if solver is None else solver.reading(message=message.name)
 
 
 def system_solver_box(sensor: str, system: System, message: Box) -> Box:

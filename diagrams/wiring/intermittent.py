@@ -86,9 +86,10 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         chain.append(gate.reading(past="past" if past else its.belief, **measured_by(chain[-1])))
     variances = imu_variances(belief)
     if variances is not None:
-        imu, samples = heard["imu"], belief.samples("imu")
+        name, samples = belief.measurement.sensors[belief.measurement.inertial], belief.imu_samples
+        imu = heard[name]
         if samples > 1:
-            split.append(imu := mean_box("imu", IMU_SIZE, samples, imu))
+            split.append(imu := mean_box(name, IMU_SIZE, samples, imu))
         rows = imu_rows_box(belief.measurement, variances).reading(imu=imu.name, stamps="handler.stamps")
         chain.append(rows.reading(**measured_by(chain[-1])))
     kalman = kalman_box(belief, its, xbar_0).reading(**measured_by(chain[-1]), control="servo")

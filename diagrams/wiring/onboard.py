@@ -26,6 +26,7 @@ from ortilo_drake.onboard.planner.planned import Planned, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.planner.table_player import reference_box
 from ortilo_drake.scenario import Belief
+from ortilo_drake.sensors.described import port_of
 
 ESTIMATORS = {"intermittent": intermittent_boxes, "tight": tight_boxes}
 
@@ -104,11 +105,6 @@ def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
     built_in = {"estimator": tuple(ESTIMATORS), "servo": ("lq",), "planner": ("gcs", "waypoints", "hover")}[role]
     found = None if kind in built_in else find_part(role, kind)
     return None if found is None or found.box is not None else found.make
-
-
-def port_of(sensor: str) -> str:
-    """Return the name of a sensor's messages at the ports of Drake's diagrams."""
-    return "detections" if sensor == "camera" else sensor
 
 
 def shown_box(boxes: list[Box]) -> Box:

@@ -20,6 +20,7 @@ def detected(belief: Belief, room: Room, messages: dict[str, Box]) -> tuple[list
     """Return the detector, if pictures come in, and messages in which the camera's are its detections."""
     if not belief.is_rendered:
         return [], messages
-    signals = {"shutter": (messages["camera"].name, messages["camera"].size)}
+    (seen,) = (name for name in messages if belief.is_picture(name))
+    signals = {"shutter": (messages[seen].name, messages[seen].size)}
     box = system_box("detector", make_detector(belief, room), ("detections",), signals)
-    return [box], messages | {"camera": box}
+    return [box], messages | {seen: box}

@@ -1,19 +1,18 @@
 """How the world of one seed differs from what is believed: what its boxes are given in place of their own."""
 
-from typing import Any
-
 import numpy as np
 
 from ortilo_drake.loop.element import Given
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD
+from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
-from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
-from ortilo_drake.world.faults.fault_element import fault_out
+from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.imu import zeroed
+from ortilo_drake.sensors.messages import message_size
+from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
-from ortilo_drake.world.sensors.standstill import zero_at_rest
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
 from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 
@@ -28,12 +27,12 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
         draw: what was drawn.
     """
     if scenario.truth == Truth():
-        return of_standstill(wiring, scenario, {}, draw)
+        return {name: given for name, given in zeroed(scenario, {}, draw).items() if name in wiring.boxes}
     payloads = payloads_of(wiring, scenario, room)
     drawn = draw_truth(scenario.truth, draw, room, payloads)
     parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
     parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
-    parts.append(of_standstill(wiring, scenario, drawn, draw))
+    parts.append(zeroed(scenario, drawn, draw))
     found: dict[str, Given] = {}
     for name, given in (item for part in parts for item in part.items()):
         if name in wiring.boxes:
@@ -54,11 +53,14 @@ def normals_at_start(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str
 
 
 def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int]:
-    """Return the size of each payload, of the sensors that fly, as draw_truth takes them; 0 of the camera's."""
-    sizes = {"uwb": 2 * len(room.anchors), "camera": 0, "imu": IMU_SIZE - PAYLOAD}
+    """Return the size of each payload, of the sensors that fly, as draw_truth takes them."""
+
+    def size(name: str) -> int:
+        sensor = described(name)
+        return wiring.boxes[name].size if sensor.payload is None else message_size(sensor, scenario, room)
+
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
-    flying.sort(key=lambda name: list(sizes).index(name) if name in sizes else len(sizes))
-    return {name: sizes[name] if name in sizes else wiring.boxes[name].size - PAYLOAD for name in flying}
+    return {name: size(name) - PAYLOAD for name in flying}
 
 
 def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
@@ -122,47 +124,5 @@ def of_sensor(
         n = len(errors.noise.a)
         lasts = lasting(f"{sensor}_slow_error", errors.noise, bias_of(drawn, sensor, n), draw)
         found[f"{sensor}_error"] = lasts.with_(Given(tables={"factor": factor_of(drawn, sensor, n)}))
-    if sensor == "imu":
-        found["imu"] = Given(tables={"bias": imu_bias(drawn)})
-    if sensor == "uwb":
-        anchors = Given(tables={"anchors": room.anchor_positions + drawn["survey.anchors"]})
-        found["uwb"] = anchors.with_(Given(tables={"bias": drawn["uwb.bias"]}))
-        found |= {name: anchors for name, box in wiring.boxes.items() if box.element.out is fault_out}
-    if sensor == "camera" and not scenario.is_rendered:
-        f = wiring.boxes["camera"].given.numbers["camera_f"] * float(drawn["camera.focal_factor"])
-        tables = {
-            "camera_p_BC": np.array(room.camera.position) + drawn["camera.position"],
-            "room_positions": room.landmark_positions + drawn["survey.landmarks"],
-        }
-        found["camera"] = Given({"camera_f": f, "turned": drawn["camera.angles"]}, tables=tables)
-    return found
-
-
-def imu_bias(drawn: Drawn) -> np.ndarray:
-    """Return what is added to the imu's angles, rates and specific force (9)."""
-    return np.array([*drawn["imu.level"], drawn["imu.yaw"], *drawn["imu.rates"], *drawn["imu.specific_force"]])
-
-
-def of_standstill(wiring: Wiring, scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
-    """Return the imu as it is after it was zeroed at rest: what is taken off its messages is taken off its biases."""
-    if scenario.samples_at_rest == 0 or "imu" not in wiring.boxes:
-        return {}
-    bias, factor = imu_errors(drawn)
-    bias[3:] -= zero_at_rest(scenario, bias, factor, draw) / factor[3:]
-    return {"imu": Given(tables={"bias": bias})}
-
-
-def imu_errors(drawn: Drawn) -> tuple[np.ndarray, np.ndarray]:
-    """Return the biases and the factors of the imu's angles, rates and specific force (9 each); of {} none."""
-    return (imu_bias(drawn), factor_of(drawn, "imu", 9)) if drawn else (np.zeros(9), np.ones(9))
-
-
-def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
-    """Return how the vehicle of a scenario and its seed stood still: for how long, and what was measured; {} if not."""
-    if scenario.samples_at_rest == 0:
-        return {}
-    draw = of_seed(scenario.seed)
-    drawn = draw_truth(scenario.truth, draw, room, {"imu": IMU_SIZE - PAYLOAD}) if scenario.truth != Truth() else {}
-    zero = zero_at_rest(scenario, *imu_errors(drawn), draw).tolist()
-    how = {"seconds": scenario.imu.standstill, "samples": scenario.samples_at_rest}
-    return how | {"rates": zero[:3], "specific_force": zero[3:]}
+    own = described(sensor).drawn
+    return found if own is None else found | own(scenario, room, drawn, wiring.boxes)

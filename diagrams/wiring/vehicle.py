@@ -30,7 +30,7 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool
     if scenario.world.plant == "sampled" and not scenario.faster_sensors:
         plant = [plant_box(scenario.vehicle, scenario.world.kinematics, x_0, scenario.h)]
     else:
-        plant = continuous_boxes(scenario, x_0, scenario.samples("imu"), feels)
+        plant = continuous_boxes(scenario, x_0, scenario.imu_samples, feels)
     moving = plant[0].reading(control=acts, disturbance=pushes)
     return [*pushing, *acting, moving, *plant[1:], *(felt_boxes(scenario, acts, pushes) if feels else [])]
 

@@ -7,10 +7,10 @@ from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, mea
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
-from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.tight import TightFilter
+from ortilo_drake.sensors.described import described
 
 
 def boxes_of(scenario: Scenario, ticks: int, parts: Parts = NO_PARTS) -> list[Box]:
@@ -39,7 +39,7 @@ def why_not(scenario: Scenario) -> str | None:
     Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own that is no element.
     """
     is_tight = isinstance(scenario.estimator, TightFilter)
-    faster = [name for name in scenario.faster_sensors if not (is_tight and name == "imu")]
+    faster = [name for name in scenario.faster_sensors if not (is_tight and described(name).samples_itself)]
     if faster:
         return f"{faster[0]}.link.rate: is faster than the tick"
     for sensor in scenario.sensors:
@@ -50,8 +50,6 @@ def why_not(scenario: Scenario) -> str | None:
             return f"{role}.kind: {getattr(scenario, role).kind}: has no compiled form"
     if system_of(scenario.belief, "planner") is not None and isinstance(planned(scenario), System):
         return f"planner.kind: {scenario.planner.kind}: has no compiled form"
-    if scenario.is_rendered:
-        return "camera.kind: rendered: has no compiled form"
-    if "camera" in scenario.sensors and not is_tight and scenario.landmark_fix.method not in ELEMENTS:
-        return f"landmark_fix.method: {scenario.landmark_fix.method}: has no compiled form"
-    return None
+    asked = (described(sensor).only_drake for sensor in scenario.sensors)
+    setting = next((why for ask in asked if ask is not None and (why := ask(scenario)) is not None), None)
+    return setting and f"{setting}: has no compiled form"

@@ -11,28 +11,24 @@ from ortilo_drake.loop.element import Box, constant, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_U, N_X, PAYLOAD, SENSORS
+from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.planner.planned import BUILT_IN
 from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, LqServo, Scenario
 from ortilo_drake.scenario.truth import ClockTruth
 from ortilo_drake.sensors.described import described
-from ortilo_drake.sensors.shares import share_of
 from ortilo_drake.world.drawn_truth import check_size
 from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
 from ortilo_drake.world.faults.scene_faults import message_faults
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box, is_late, link_box
-from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.message_error import errors_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
-from ortilo_drake.world.sensors.projected_camera_element import camera_box
 from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import errors_of
 from ortilo_drake.world.sensors.shutter import shutter_box
 from ortilo_drake.world.sensors.true_velocity import velocity_box
-from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 
 
@@ -100,10 +96,10 @@ def report_link_boxes(scenario: Scenario, report: Box) -> list[Box]:
 def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> list[Box]:
     """Return a sensor with its clock, errors, faults and link; the last box says its message as it lands."""
     settings, h, samples = link_settings(scenario, name), scenario.h, scenario.samples(name)
-    faults = [] if is_picture(scenario, name) else message_faults(scenario.faults, name)
+    faults = [] if scenario.is_picture(name) else message_faults(scenario.faults, name)
     link = link_box(name, settings, scenario.every(name), h).reading(state="plant")
     asked, clock = asked_box(name, faults, samples, h), None
-    if name != "imu" and scenario.truth.clock != ClockTruth():  # the imu's is the onboard computer's
+    if not described(name).is_wired and scenario.truth.clock != ClockTruth():
         clock = clock_box(name, h).reading(state="plant")
     seen = "plant" if clock is None else clock.name
     sensor = source_box(scenario, room, name, seen, whole_imu)
@@ -114,7 +110,7 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
         check_size(name, dict(scenario.truth.sensors)[name], payload)
-    errors = None if is_picture(scenario, name) else errors_of(scenario.truth, name, payload, h)
+    errors = None if scenario.is_picture(name) else errors_of(scenario.truth, name, payload, h)
     if errors is not None:
         changes.append(errors_box(name, sensor, errors, each, h))
     said = changes[-1] if changes else sensor
@@ -133,13 +129,8 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
 def link_settings(scenario: Scenario, name: str) -> Link:
     """Return the settings of a sensor's link; from picture to boxes it takes the projected camera's latency besides."""
     settings = scenario.link_of(name)
-    latency = scenario.camera.latency if name == "camera" and not scenario.is_rendered else 0
+    latency = 0 if scenario.is_picture(name) else scenario.latency_of(name)
     return settings.model_copy(update={"delay": settings.delay + latency})
-
-
-def is_picture(scenario: Scenario, name: str) -> bool:
-    """Return whether what a sensor sends is a picture: its message is the shutter's."""
-    return name == "camera" and scenario.is_rendered
 
 
 def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: bool) -> Box:
@@ -147,56 +138,54 @@ def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: 
 
     A System of one's own says it in every tick.
     """
-    if is_picture(scenario, name):
+    if scenario.is_picture(name):
         return shutter_box(scenario.h)
     if is_system(scenario, name):
         system = sensor_system(scenario.sampled_for(name), room, name)
         signals = {"state": (seen, N_X), "control": (felt_control(scenario), N_U)}
         signals |= {"disturbance": ("felt.disturbance", 6)}
         return system_box(name, system, (system.get_output_port().get_name(),), signals)
-    return inertial_box(scenario, whole_imu) if name == "imu" else sensor_element(scenario, room, name)
+    return sensor_element(scenario, room, name, whole_imu)
 
 
-def sensor_element(scenario: Scenario, room: Room, name: str) -> Box:
-    """Return what says the message of a sensor that is an element and not the imu."""
-    if name == "uwb":
-        return uwb_box(scenario.uwb, room, scenario.h)
-    if name == "camera":
-        return camera_box(scenario.camera, room, scenario.faults, scenario.h)
-    return own_sensor_box(name, share_of(name), scenario, room)
+def sensor_element(scenario: Scenario, room: Room, name: str, whole: bool) -> Box:
+    """Return what says the message of a sensor that is an element, all of it or what the estimator reads."""
+    its = described(name)
+    if its.compiled is not None:
+        return own_sensor_box(name, its.compiled, scenario, room)
+    assert its.element is not None
+    box: Box = its.element(scenario, room, whole or reads_whole_imu(scenario))
+    return box
 
 
 def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
     """Return what says a sensor's message as a System, at the times of the ticks of its own clock."""
-    if name not in SENSORS and described(name).compiled is None:
+    if not is_element(name):
         make: Any = described(name).make_world
         made: System = make(scenario, room)
         return made
-    sensor = sensor_element(scenario, room, name).reading(state="state", sent="always")
+    sensor = sensor_element(scenario, room, name, whole=True).reading(state="state", sent="always")
     wiring = Wiring([outside("state", N_X), constant("always", [0.0]), sensor])
     return WiredSystem_[float](name, wiring, {name: (name,)}, scenario.h)
 
 
 def is_system(scenario: Scenario, name: str) -> bool:
     """Return whether a sensor is played by a System: it has no compiled share, or is asked between two ticks."""
-    if name == "imu":
-        return False
-    return scenario.samples(name) > 1 or (name not in SENSORS and described(name).compiled is None)
+    return (scenario.samples(name) > 1 and not described(name).samples_itself) or not is_element(name)
+
+
+def is_element(name: str) -> bool:
+    """Return whether a sensor is an element, built in or by its compiled share."""
+    return described(name).element is not None or described(name).compiled is not None
 
 
 def feels(scenario: Scenario, whole_imu: bool) -> bool:
     """Return whether a sensor asks for what acts on the body."""
-    imu = "imu" in scenario.sensors and (whole_imu or reads_whole_imu(scenario))
-    return imu or any(is_system(scenario, name) for name in scenario.sensors)
+    felt = whole_imu or reads_whole_imu(scenario)
+    return any((felt and described(name).feels) or is_system(scenario, name) for name in scenario.sensors)
 
 
 def reads_whole_imu(scenario: Scenario) -> bool:
     """Return whether more of the imu than its angles may be read."""
     own = not isinstance(scenario.servo, LqServo) or not isinstance(scenario.planner, BUILT_IN)
     return own or not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
-
-
-def inertial_box(scenario: Scenario, whole: bool) -> Box:
-    """Return the imu."""
-    whole, samples = whole or reads_whole_imu(scenario), scenario.samples("imu")
-    return imu_box(scenario.imu, scenario.h, whole, samples).reading(passed="vehicle.passed")

@@ -11,7 +11,7 @@
     [0, 0]
 
 Settings are those of a scenario file, by keyword: two underscores stand for the dot of `--set uwb.link.loss=0.3`. The
-command line's own form does as well: `od.fly("imu_uwb", "uwb.link.loss=0.3")`.
+command line's own form does as well: `od.fly("imu_uwb", "servo.yaw=0.3")`.
 """
 
 from ortilo_drake.api.flight import Flight, fly

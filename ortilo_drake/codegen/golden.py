@@ -6,9 +6,9 @@ import numpy as np
 
 from ortilo_drake.codegen.c_header import c_name
 from ortilo_drake.codegen.half import Half
-from ortilo_drake.diagrams.wiring.onboard import port_of
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import port_of
 
 COMPARED: Final = ("control", "estimate", "covariance")
 FNV: Final = (1469598103934665603, 1099511628211)  # offset and prime of the 64-bit hash of Fowler, Noll and Vo

@@ -40,6 +40,8 @@ LOST = 3  # exit code of a flight that was lost
 
 
 def _print_flight(result: Summary, said: str, blackout: float, by_drake: str | None) -> None:
+    from ortilo_drake.sensors.described import described
+
     say_heading(result.scenario, f", seed {result.seed}")
     out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
     show_rows(_rows(result) | {"flown by": f"{result.player}{f' ({by_drake})' if by_drake else ''}"})
@@ -49,9 +51,10 @@ def _print_flight(result: Summary, said: str, blackout: float, by_drake: str | N
     if blackout > 0.0:
         line = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
         out.print(f"  UWB blacked out     {line}", soft_wrap=True)
-    if result.arrivals.get("camera") == 0.0:
-        line = "not one camera fix: `ortilo detector recognise` says which landmarks the detector knows"
-        out.print(f"  [yellow]camera[/yellow]              {line}", soft_wrap=True)
+    for name, rate in result.arrivals.items():
+        advice = described(name).advice
+        if rate == 0.0 and advice is not None:
+            out.print(f"  [yellow]{name:18}[/yellow]  {advice}", soft_wrap=True)
 
 
 def _rows(result: Summary) -> dict[str, str]:
@@ -167,7 +170,7 @@ def fly(
     if rerun and recorder:
         save_recording(flight, recorder.sightings, rerun)
     write_json(json_file, result)
-    blackout = in_blackout(flight["truth"].values, chosen).mean() if "uwb" in chosen.sensors else 0.0
+    blackout = in_blackout(flight["truth"].values, chosen).mean() if chosen.measures_ranges else 0.0
     by_drake = why_not_engine(chosen) if player is PlayerName.fastest else None
     _print_flight(result, verdict(flight), float(blackout), by_drake)
     say_written(html, png, video, out_file, log, rerun, json_file)

@@ -46,6 +46,7 @@ def live(
     from ortilo_drake.hil.live.scene import Scene
     from ortilo_drake.hil.live.session import Status, fly_live, wait_for_page
     from ortilo_drake.onboard.planner.planned import planned
+    from ortilo_drake.sensors.described import unwired
     from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
     from ortilo_drake.views.guarded.panel import Panel
 
@@ -57,7 +58,7 @@ def live(
     room, meshcat, panel = chosen.load_room(), hidden_meshcat(), Panel()
     goal = path.value(path.end_time())[:2, 0] if isinstance(path, Trajectory) else room.interior.min[:2]
     controls = Controls(meshcat, panel, room, chosen.sensors, (float(goal[0]), float(goal[1])))
-    lamps = tuple(sensor for sensor in chosen.sensors if sensor != "imu")
+    lamps = unwired(chosen.sensors)
     scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
     status: Status | None = None
 

@@ -14,7 +14,6 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake import __version__
 from ortilo_drake.diagrams.closed_loop import ClosedLoop
 from ortilo_drake.diagrams.onboard import NO_PARTS, Parts
-from ortilo_drake.diagrams.wiring.truth import standstill_of
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
@@ -29,6 +28,7 @@ from ortilo_drake.model.signals import (
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.scenario.saved import FORMAT, scenario_from_json
+from ortilo_drake.sensors.imu import standstill_of
 
 AXES = ("x", "y", "z")
 _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"

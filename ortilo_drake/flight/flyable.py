@@ -4,16 +4,12 @@ from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.planner.planned import Planned, duration_of, planned
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.world.drawn_truth import check_size
-from ortilo_drake.world.radio.image_delay import check_kept
-from ortilo_drake.world.scenery.rendering import check_egl
-from ortilo_drake.world.sensors.camera_calibration import load_calibration
 
 LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
 
@@ -51,17 +47,8 @@ def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
     for sensor, errors in dict(scenario.truth.sensors).items():
         if sensor in scenario.sensors:
             check_size(sensor, errors, message_size(described(sensor), scenario, room) - PAYLOAD)
-    if "camera" not in scenario.sensors:
-        return ticks
-    try:
-        camera = room.camera.scaled_to(scenario.image_width)
-    except InputError as error:
-        raise InputError(f"camera.{error}") from None
-    if scenario.is_rendered:
-        link = scenario.camera.link
-        check_kept(scenario.every("camera"), link.delay + link.random_delay, camera.width, camera.height)
-        check_egl()
-        load_detector(scenario.detector, room, (camera.width, camera.height))
-    elif scenario.camera.errors.kind == "measured":
-        load_calibration(scenario.camera.errors)
+    for sensor in scenario.sensors:
+        check = described(sensor).check
+        if check is not None:
+            check(scenario, room)
     return ticks

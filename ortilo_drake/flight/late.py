@@ -5,6 +5,7 @@ from typing import Any
 
 from ortilo_drake.onboard.estimator.measurement_handler import oldest_used
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import described
 
 
 def late_messages(scenario: Scenario) -> list[str]:
@@ -14,18 +15,19 @@ def late_messages(scenario: Scenario) -> list[str]:
         oldest = _oldest(scenario, sensor)
         if oldest is None:
             continue
-        link, latency = scenario.link_of(sensor), scenario.camera.latency if sensor == "camera" else 0
+        link, latency = scenario.link_of(sensor), scenario.latency_of(sensor)
         least, most = link.delay + latency, link.delay + latency + link.random_delay
         if most <= oldest[0]:
             continue
-        if scenario.estimator.kind == "tight" and sensor == "imu":  # the newest sample of the tick before still counts
+        if scenario.estimator.kind == "tight" and described(sensor).samples_itself:  # the newest before still counts
             found.append(
-                f"imu.link.delay: samples come up to {_ticks(most)} late; the tight filter integrates none of those"
+                f"{sensor}.link.delay: samples come up to {_ticks(most)} late; "
+                "the tight filter integrates none of those"
             )
             continue
         share = min(1.0, (most - oldest[0]) / (link.random_delay + 1))
         how_late = _ticks(most) if least == most else f"{least} to {_ticks(most)}"
-        whose = f"{sensor}.link.delay" + (", camera.latency" if latency else "")
+        whose = f"{sensor}.link.delay" + (f", {sensor}.latency" if latency else "")
         lost = "not one message is used" if share == 1.0 else f"{share:.0%} of the messages are not used"
         found.append(
             f"{whose}: messages come {how_late} late, at most {most * scenario.h:.3g} s; {oldest[1]}: {lost}"
@@ -38,7 +40,7 @@ def _oldest(scenario: Scenario, sensor: str) -> tuple[int, str] | None:
     """Return how late a sensor's messages may be [ticks] and what decides it; None where any age is used."""
     settings: Any = scenario.estimator
     if settings.kind == "tight":
-        if sensor not in ("uwb", "camera"):
+        if not _is_aid(sensor):
             return 0, f"the tight filter uses none of {sensor} that is older than its tick"
         return round(settings.horizon / scenario.h), f"estimator.horizon is {settings.horizon:g} s"
     delay = getattr(settings, "delay", "ignore")
@@ -46,6 +48,11 @@ def _oldest(scenario: Scenario, sensor: str) -> tuple[int, str] | None:
         return None
     oldest = oldest_used(delay, settings.horizon, scenario.h)
     return oldest, f"estimator.{'delay drop uses' if delay == 'drop' else 'horizon goes back'} at most {_ticks(oldest)}"
+
+
+def _is_aid(sensor: str) -> bool:
+    """Return whether the tight filter takes a sensor's own messages, whatever their age, in place of fixes."""
+    return described(sensor).solver is not None
 
 
 def _ticks(n: int) -> str:
@@ -56,7 +63,7 @@ def _mend(scenario: Scenario, sensor: str, most: int) -> str:
     """Return what to set so that all are used, as far as there is such a setting."""
     settings: Any = scenario.estimator
     horizon = math.ceil(1e3 * most * scenario.h) / 1e3
-    if settings.kind == "tight" and sensor not in ("uwb", "camera"):
+    if settings.kind == "tight" and not _is_aid(sensor):
         return ""
     if horizon > (1.0 if settings.kind == "tight" else 2.0):
         return ""

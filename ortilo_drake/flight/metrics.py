@@ -12,6 +12,7 @@ from ortilo_drake.flight.lost import contacts
 from ortilo_drake.flight.summary import FixError, Loss, Summary
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.sensors.described import unwired
 
 
 def estimation_mse(flight: xr.Dataset) -> dict[str, float]:
@@ -81,9 +82,9 @@ def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray
 
 
 def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
-    """Return values used over ticks due, of all sensors but the imu; None for a sensor that is never due."""
+    """Return values used over ticks due, of all sensors that send by radio; None for a sensor that is never due."""
     rates: dict[str, float | None] = {}
-    for sensor in (s for s in scenario_of(flight).measurement.sensors if s != "imu"):
+    for sensor in unwired(scenario_of(flight).measurement.sensors):
         due = int(flight["due"].sel(sensor=sensor).sum())
         rates[sensor] = int(flight["arrival"].sel(sensor=sensor).sum()) / due if due else None
     return rates

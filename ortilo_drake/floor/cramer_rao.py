@@ -35,17 +35,15 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_camera import camera_rows, camera_tables
 from ortilo_drake.floor.information_filter import predicted_bound
-from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import by_tick, rows_of
 from ortilo_drake.floor.unknown_errors import start_covariance, unknown_errors
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
-from ortilo_drake.model.measurement import row, rows_matrix, seen_earlier
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X, STATE_NAMES
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.described import information_of
+from ortilo_drake.sensors.imu import reads_force, specific_force_sd
+from ortilo_drake.sensors.information_rows import GRADIENT, by_tick
 
 
 def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
@@ -61,43 +59,6 @@ def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     return None if bounds is None else np.maximum(np.diagonal(bounds, axis1=1, axis2=2)[:, :3], 0.0)
 
 
-def own_rows(name: str, scenario: Scenario, room: Room, truth: np.ndarray) -> np.ndarray:
-    """Return the rows of the imu or a registered sensor, from its noise at the true states (n, 12) and its rows of C.
-
-    Of a sensor faster than the tick each sample has rows of its own, which see the state of t_k at their age.
-    """
-    sensor, samples = described(name), scenario.samples(name)
-    ticks = np.flatnonzero(arrived(scenario, name, truth))
-    sd = sensor.sd(scenario, room, truth[ticks])
-    i, j = np.nonzero(np.isfinite(sd))
-    parts = []
-    for age in scenario.h * np.arange(samples) / samples:
-        C = rows_matrix([seen_earlier(its, age, scenario.yaw) for its in sensor.rows])
-        parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2, j))
-    return np.concatenate(parts)
-
-
-def rate_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
-    """Return the rows of the imu's body rates at true states (n, 12), to first order the Euler-angle rates."""
-    n, ticks = scenario.samples("imu"), np.flatnonzero(arrived(scenario, "imu", truth))
-    parts, variances = [], np.full(len(ticks), scenario.imu.sds(scenario.h / n)[1] ** 2)
-    for age in scenario.h * np.arange(n) / n:
-        for j, rate in enumerate(STATE_NAMES[9:]):
-            C = rows_matrix([seen_earlier(row(rate, **{rate: 1.0}), age, scenario.yaw)])
-            parts.append(rows_of(ticks, np.tile(C, (len(ticks), 1)), variances, j))
-    return np.concatenate(parts)
-
-
-def specific_force_sd(scenario: Scenario) -> float:
-    """Return the standard deviation of a tick's mean specific force, as a force [N]."""
-    return scenario.vehicle.mass * scenario.imu.sds(scenario.h)[2]
-
-
-def reads_force(scenario: Scenario) -> bool:
-    """Return whether the scenario's filter reads the specific force."""
-    return getattr(scenario.estimator, "force", "none") == "measured"
-
-
 def measured_share(scenario: Scenario) -> float:
     """Return k of unknown_errors.py: the share of the specific force in what is known of a step's white force."""
     sigma = scenario.world.disturbance.sds(scenario.h)[0]
@@ -106,39 +67,29 @@ def measured_share(scenario: Scenario) -> float:
     return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2)
 
 
-def force_rows(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
-    """Return the rows of what specific force tells of the force that lasts and of its own bias, and not of x."""
-    ticks = np.repeat(np.flatnonzero(arrived(scenario, "imu", truth)), 3)
-    variance = scenario.world.disturbance.sds(scenario.h)[0] ** 2 + specific_force_sd(scenario) ** 2
-    return rows_of(ticks, np.zeros((len(ticks), N_X)), np.full(len(ticks), variance), np.arange(len(ticks)) % 3)
-
-
 def rows_by_kind(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[dict[str, np.ndarray], int] | None:
     """Return a flight's information as rows (l, 17) by what gave it, and the spacing of slow errors' nodes.
 
     None where the errors of the camera's detector have not been measured. Arguments as position_floor, and the room,
     which may be another than the scenario's.
     """
+    rows: dict[str, np.ndarray] = {}
     spacing = 1
-    rows: dict[str, np.ndarray] = {"uwb": range_rows(scenario.uwb, room, truth, arrived(scenario, "uwb", truth))}
-    if "camera" in scenario.sensors:
-        tables = camera_tables(scenario, room)
-        if tables is None:
+    for name in scenario.measurement.sensors:
+        if name not in scenario.sensors:
+            continue
+        found = information_of(name, scenario, room, truth, arrived(scenario, name, truth))
+        if found is None:
             return None
-        rows["camera"] = camera_rows(tables, room, scenario.image_width, truth, arrived(scenario, "camera", truth))
-        spacing = int(tables.slow[0, 1])
-    for name in scenario.sensors:
-        if name not in rows:
-            rows[name] = own_rows(name, scenario, room, truth)
-    if getattr(scenario.estimator, "rates", "none") == "measured":
-        rows["rates"] = rate_rows(scenario, truth)
-    return rows, max(spacing, 1)
+        rows |= found.rows
+        spacing = max(spacing, found.spacing)
+    return rows, spacing
 
 
 def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
-    """Return the rows of rows_by_kind in the order of ticks (l, 17), and the spacing; arguments likewise."""
+    """Return the rows of rows_by_kind that tell of x, by tick (l, 17), and the spacing; arguments likewise."""
     found = rows_by_kind(scenario, truth, room)
-    return None if found is None else (by_tick(*found[0].values()), found[1])
+    return None if found is None else (by_tick(*(its for its in found[0].values() if its[:, GRADIENT].any())), found[1])
 
 
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
@@ -156,8 +107,6 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     if found is None:
         return None
     rows, spacing = found
-    if reads_force(scenario):
-        rows["force"] = force_rows(scenario, truth)
     errors = unknown_errors(scenario, room, measured_share(scenario))
     (Phi, W), e = dynamics(scenario), len(errors.sd)
 

@@ -37,7 +37,7 @@ def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
 
     Args:
         scenario: the scenario flown, its seed included.
-        sensor: 'uwb', 'camera' or 'imu'.
+        sensor: its name.
         truth: true states x_k (n, 12).
     """
     if sensor not in scenario.sensors:

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.floor.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
 
 @register_jitable

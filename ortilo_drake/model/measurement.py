@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ortilo_drake.model.hover import hover_A
-from ortilo_drake.model.signals import CONTROL_NAMES, N_X, N_XBAR, REFERENCE_SIZE, STATE_NAMES
+from ortilo_drake.model.signals import CONTROL_NAMES, N_X, N_XBAR, REFERENCE_SIZE, SENSORS, STATE_NAMES
 
 POSITION: Final = STATE_NAMES[:3]
 
@@ -61,7 +61,7 @@ UWB: Final = tuple(row(f"{axis}_uwb", **{axis: 1.0}) for axis in POSITION)
 CAMERA: Final = tuple(row(f"{axis}_cam", **{axis: 1.0}) for axis in POSITION)
 ATTITUDE_CAMERA: Final = tuple(row(f"{angle}_cam", **{angle: 1.0}) for angle in STATE_NAMES[3:6])
 IMU: Final = tuple(row(f"{angle}_imu", **{angle: 1.0}) for angle in STATE_NAMES[3:6])
-PAPER: Final[Rows] = (("uwb", UWB), ("camera", CAMERA), ("imu", IMU))
+PAPER: Final[Rows] = tuple(zip(SENSORS, (UWB, CAMERA, IMU), strict=True))
 
 
 class Layout(NamedTuple):
@@ -121,6 +121,17 @@ class Measurement:
         block = np.concatenate(([0], np.cumsum(lengths**2)))
         self.layout = Layout(C, seen, weights, first, block, np.array(is_position, dtype=np.bool_))
         self.sizes = {"y": int(first[-1]), "delta": len(rows), "V2": int(block[-1])}
+
+    @property
+    def positions(self) -> tuple[str, ...]:
+        """The sensors whose first three rows are p_WB."""
+        return tuple(name for name, is_it in zip(self.sensors, self.layout.is_position, strict=True) if is_it)
+
+    @property
+    def inertial(self) -> int:
+        """The number of the sensor whose rows are the imu's; ValueError if there is none."""
+        names = [[r.name for r in own] for _, own in self.rows]
+        return names.index([r.name for r in IMU])
 
     def rows_of(self, sensor: str) -> slice:
         """Return where a sensor's rows stand in y."""

@@ -66,11 +66,37 @@ class Sensor:
         make_onboard: (scenario, room) -> System with the message as input, if it wants them estimate (15) and
             covariance (225), and one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if
             the message itself begins with the value, or is a fix. Not asked for where it has a compiled share.
-        payload: numbers in its message after arrived and stamp, where make_onboard is None (else its port tells); None
-            for the value alone, or for value and covariance where V says that it comes with each.
+        payload: numbers in its message after arrived and stamp, or (scenario, room) -> that. None where make_onboard's
+            port tells, for the value alone, or for value and covariance where V says that it comes with each.
         V: scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix.
         sd: (scenario, room, true states (n, 12)) -> the world's noise of each row there, a standard deviation (n, m),
-            NaN where the sensor gives nothing. The Cramer-Rao floor, the tube and the theory bench ask for it.
+            NaN where the sensor gives nothing. None if `covariance` and `information` tell it.
+        covariance: (scenario, room, true state (12)) -> covariance of the value that the filter would get there (m, m),
+            None where it gets none. By default of independent rows of that sd.
+        information: (scenario, room, true states (n, 12), seen (n)) -> sensors.information_rows.Information, the Fisher
+            information of the messages that were sent in the ticks that are seen; None where it is not known. By
+            default of rows of that sd.
+        unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
+            By default those that its filter believes in (estimator.biases.row_sd).
+        element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
+            where all of the message is asked for. Other sensors have `compiled` or make_world.
+        solver: (scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise.
+        drawn: (scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by
+            their names; built in likewise.
+        feels: whether its element reads what acts on the body.
+        samples_itself: whether its element says all samples of a tick, where it is faster than that.
+        is_wired: whether it is the onboard computer's own: its messages go over no radio and its clock is the filter's.
+        measures: the things in the room that it measures by, 'anchors' or 'landmarks'.
+        port: name of its messages at Drake's diagrams; by default its own.
+        title: what texts and figures call it; by default its name.
+        components: a letter for each row in figures; by default their numbers.
+        only_drake: scenario -> the setting, as `field: value`, by which Drake alone can play it; None where none is.
+        check: (scenario, room) -> None; raises InputError where the sensor cannot fly.
+        advice: what a user is told of a flight in which none of its values came.
+        noise_numbers: scenario -> the numbers that state V where it comes with each fix, by their place there.
+        scaled_by: how those places begin.
+        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or more). By
+            default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
         compiled: its share in compiled flights; None if Drake alone flies it.
@@ -80,12 +106,31 @@ class Sensor:
     settings: type[Frozen]
     rows: tuple[Row, ...]
     make_world: Callable[[Any, Any], Any] | None = None
-    sd: Callable[[Any, Any, np.ndarray], np.ndarray] = field(kw_only=True)
+    sd: Callable[[Any, Any, np.ndarray], np.ndarray] | None = field(default=None, kw_only=True)
     make_onboard: Callable[[Any, Any], Any] | None = None
-    payload: int | None = None
+    payload: int | Callable[[Any, Any], int] | None = None
     V: Callable[[Any], np.ndarray | None] = lambda scenario: None
     limits: Callable[[Any, Any], tuple[np.ndarray, np.ndarray]] | None = None
     compiled: Compiled | None = None
+    covariance: Callable[[Any, Any, np.ndarray], np.ndarray | None] | None = None
+    information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
+    unknown: Callable[[Any, Any], Any] | None = None
+    element: Callable[[Any, Any, bool], Any] | None = None
+    solver: Callable[[Any, Any], Any] | None = None
+    drawn: Callable[[Any, Any, Any, Any], Any] | None = None
+    feels: bool = False
+    samples_itself: bool = False
+    is_wired: bool = False
+    measures: str | None = None
+    port: str | None = None
+    title: str | None = None
+    components: str | None = None
+    only_drake: Callable[[Any], str | None] | None = None
+    check: Callable[[Any, Any], None] | None = None
+    advice: str | None = None
+    noise_numbers: Callable[[Any], dict[str, float]] | None = None
+    scaled_by: tuple[str, ...] = ()
+    stand_in: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +168,7 @@ def register_sensor(sensor: Sensor) -> None:
     """Let scenarios fly a sensor by its name.
 
     Raises:
-        InputError: if its name is a built-in sensor's or no plain word, or its settings have no link.
+        InputError: if its name is a built-in sensor's or no plain word, its settings have no link, or tells no noise.
     """
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
         raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
@@ -131,6 +176,8 @@ def register_sensor(sensor: Sensor) -> None:
         raise InputError(f"sensor: {sensor.name}: its settings need a field 'link: Link'")
     if sensor.make_world is None and sensor.compiled is None:
         raise InputError(f"sensor: {sensor.name}: must be given as a System, make_world, or by a share, compiled")
+    if sensor.sd is None and (sensor.covariance is None or sensor.information is None):
+        raise InputError(f"sensor: {sensor.name}: must tell its noise by sd, or by covariance and information")
     _SENSORS[sensor.name] = sensor
     _remember_caller()
 
@@ -233,7 +280,7 @@ def measurement_of(
         yaw: the heading that is held [rad].
     """
     own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
-    paper = ((name, camera if name == "camera" else rows) for name, rows in PAPER)
+    paper = ((name, camera if rows is CAMERA else rows) for name, rows in PAPER)
     rows = (*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None))
     old = ages or {}
     return make_measurement(

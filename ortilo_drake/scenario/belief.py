@@ -121,6 +121,25 @@ class Belief(Frozen):
         return n
 
     @property
+    def imu_samples(self) -> int:
+        """How many samples a message of the imu carries."""
+        return self.samples("imu")
+
+    @property
+    def measures_ranges(self) -> bool:
+        """Whether ranges to the room's anchors are measured."""
+        return "uwb" in self.sensors
+
+    @property
+    def sees_landmarks(self) -> bool:
+        """Whether a camera looks for the room's landmarks."""
+        return "camera" in self.sensors
+
+    def is_picture(self, sensor: str) -> bool:
+        """Return whether what a sensor sends is a picture: its message is the shutter's."""
+        return sensor == "camera" and self.is_rendered
+
+    @property
     def imu_period(self) -> float:
         """Of how long a sample of the imu has the noise [s]: of a tick, or less where it is faster than that."""
         return self.h / self.samples("imu")

@@ -305,7 +305,11 @@ def sensors_of(fault: Onset) -> tuple[str, ...]:
     """Return the sensors that a fault concerns; none if it is the vehicle's."""
     if hasattr(fault, "sensor"):  # one that may be any sensor's
         return (fault.sensor,)
-    kind = getattr(fault, "kind", "")
+    return sensors_of_kind(getattr(fault, "kind", ""))
+
+
+def sensors_of_kind(kind: str) -> tuple[str, ...]:
+    """Return the sensors that faults of a kind concern; none if those are the vehicle's, or may be any sensor's."""
     return tuple(sensor for sensor, kinds in _SENSORS_OF.items() if kind in kinds)
 
 

@@ -78,6 +78,10 @@ class Scenario(Belief):
         link: Link = self.group_of(sensor).link
         return link
 
+    def latency_of(self, sensor: str) -> int:
+        """Return how many ticks a sensor's messages are under way before its link takes them."""
+        return self.camera.latency if sensor == "camera" else 0
+
     def sampled_for(self, sensor: str) -> "Scenario":
         """Return the scenario for a sensor's own clock: where it is faster than the tick, its samples are the ticks."""
         n = self.samples(sensor)

@@ -33,13 +33,19 @@ def with_samples(sensor: Sensor, n: int) -> Sensor:
         of_one = sensor.V(scenario)
         return None if of_one is None else of_one / n
 
+    def covariance(scenario: Belief, room: Room, x: np.ndarray) -> np.ndarray | None:
+        of_one = None if sensor.covariance is None else sensor.covariance(scenario, room, x)
+        return None if of_one is None else of_one / n
+
     def sd(scenario: Belief, room: Room, states: np.ndarray) -> np.ndarray:
+        assert sensor.sd is not None
         return np.asarray(sensor.sd(scenario, room, states) / np.sqrt(n))
 
     return replace(
         sensor,
         V=V,
-        sd=sd,
+        sd=None if sensor.sd is None else sd,
+        covariance=None if sensor.covariance is None else covariance,
         make_onboard=lambda scenario, room: make_mean_fix(sensor, n, scenario, room),
         compiled=None,
     )

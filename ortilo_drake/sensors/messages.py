@@ -47,8 +47,9 @@ def message_size(sensor: Sensor, scenario: Belief, room: Room) -> int:
     """Return the size of a sensor's message."""
     if sensor.compiled is not None:
         return PAYLOAD + sensor.compiled.payload
+    if sensor.payload is not None:
+        return PAYLOAD + (sensor.payload(scenario, room) if callable(sensor.payload) else sensor.payload)
     if sensor.make_onboard is not None:
         return int(message_port(sensor.make_onboard(scenario.belief, room)).size())
     m = len(sensor.rows)
-    payload = sensor.payload or (m if sensor.V(scenario) is not None else m + m * m)
-    return PAYLOAD + payload
+    return PAYLOAD + (m if sensor.V(scenario) is not None else m + m * m)

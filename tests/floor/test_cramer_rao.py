@@ -14,10 +14,16 @@ from scipy.stats import norm
 
 from ortilo_drake.floor.cramer_rao import position_floor, state_bound
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_camera import camera_rows, camera_tables, center_errors
 from ortilo_drake.floor.information_filter import predicted_bound
-from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import (
+from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.vehicle import M100
+from ortilo_drake.model.white_noise import USUAL_ROOT
+from ortilo_drake.scenario import Scenario, Uwb, load_scenario
+from ortilo_drake.scenario.sensors import MeasuredErrors
+from ortilo_drake.sensors.information_camera import camera_rows, camera_tables, center_errors
+from ortilo_drake.sensors.information_ranges import range_rows
+from ortilo_drake.sensors.information_rows import (
     AMPLITUDE,
     GRADIENT,
     ROW_SIZE,
@@ -27,12 +33,6 @@ from ortilo_drake.floor.information_rows import (
     information,
     rows_of,
 )
-from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
-from ortilo_drake.model.room import Room
-from ortilo_drake.model.vehicle import M100
-from ortilo_drake.model.white_noise import USUAL_ROOT
-from ortilo_drake.scenario import Scenario, Uwb, load_scenario
-from ortilo_drake.scenario.sensors import MeasuredErrors
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.persistent_noise import persistent_normals
 from ortilo_drake.world.sensors.camera_calibration import load_calibration

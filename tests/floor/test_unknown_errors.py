@@ -12,13 +12,13 @@ from ortilo_drake.flight.efficiency import floor_at_ticks
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.floor.cramer_rao import state_bound
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_camera import camera_rows, camera_tables
-from ortilo_drake.floor.information_rows import GRADIENT, SOURCE, TICK
 from ortilo_drake.floor.unknown_errors import unknown_errors
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
+from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK
 
 TICKS = 24
 TRUTH = (

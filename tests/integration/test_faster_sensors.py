@@ -14,8 +14,6 @@ from waiting import HANGS
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import WorldHalf
-from ortilo_drake.floor.cramer_rao import own_rows
-from ortilo_drake.floor.information_rows import information
 from ortilo_drake.hil import sessions
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket
@@ -31,6 +29,8 @@ from ortilo_drake.model.equations import DYNAMICS
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, STAMP, samples_in
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.sensors.described import information_of
+from ortilo_drake.sensors.information_rows import information
 from ortilo_drake.world.noise import normals, stream_id
 
 H, N = 1.0 / 30.0, 8
@@ -143,7 +143,7 @@ def test_the_filter_is_consistent_and_knows_the_attitude_better(flight: xr.Datas
 
 def test_the_floor_counts_every_sample_at_its_age() -> None:
     scenario = load_scenario("nominal_imu_uwb", (*FAST,))
-    rows = own_rows("imu", scenario, scenario.load_room(), np.zeros((1, 12)))
+    rows = information_of("imu", scenario, scenario.load_room(), np.zeros((1, 12)), np.ones(1, bool)).rows["imu"]
     assert len(rows) == 3 * N
     J = information(rows)
     ages = H * np.arange(N) / N

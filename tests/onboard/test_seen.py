@@ -13,8 +13,8 @@ from ortilo_drake.scenario import GcsPlanner, load_scenario
 from ortilo_drake.studies.room_design.example_rooms import two_ways
 from ortilo_drake.studies.room_design.room_file import room_text
 
-UWB = FixSources(sensors=("uwb",))
-CAMERA = FixSources(sensors=("camera",))
+UWB = FixSources(boxes=False)
+CAMERA = FixSources(ranges=False)
 TWO_WAYS = two_ways()
 ENDS = {"start": (1.5, -2.2), "goal": (18.5, -2.2), "clearance": 0.8}
 
@@ -75,7 +75,7 @@ def test_a_fix_is_one_that_the_ranges_make_certain_enough() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform([0.3, -4.7, 0.3], [19.7, 4.7, 2.7], (300, 3))
     points = points[np.abs(points[:, 1] + 0.5) > 0.2]  # not inside a wall
-    sources = FixSources(sensors=("uwb",), noise=(0.05, 0.01))
+    sources = FixSources(boxes=False, noise=(0.05, 0.01))
     found = seen_at(points, TWO_WAYS, sources)
     for p, seen in zip(points, found, strict=True):
         to = p - TWO_WAYS.anchor_positions
@@ -98,7 +98,7 @@ def test_two_landmarks_in_view_make_a_fix() -> None:
     p = np.array([[3.0, 0.0, 1.5]])
     assert seen_at(p, hall(landmarks=ahead), CAMERA).all()
     assert not seen_at(p, hall(landmarks=ahead[:1]), CAMERA).any()
-    assert not seen_at(p, hall(landmarks=ahead), FixSources(sensors=("camera",), yaw=np.pi)).any()
+    assert not seen_at(p, hall(landmarks=ahead), FixSources(ranges=False, yaw=np.pi)).any()
     hidden = hall(landmarks=ahead, walls=((6.0, 1.0, np.pi / 2),), wall_size=(1.0, 0.4, 3.0))
     assert not seen_at(p, hidden, CAMERA).any()
     far = np.array([[-60.0, 0.0, 1.5]])
@@ -152,4 +152,4 @@ def test_flown_the_longest_stretch_without_a_fix_is_less_than_half(
         longest[prefer] = np.diff(np.concatenate([[0], fixes, [flight.sizes["tick"] - 1]])).max() * scenario.h
     assert longest["none"] > 5.0
     assert longest["seen"] < 0.5 * longest["none"]
-    assert fix_sources(scenario) == FixSources(("uwb", "imu"), (0.0, 0.0075), 0.0, 320)
+    assert fix_sources(scenario) == FixSources(True, False, (0.0, 0.0075), 0.0, 320)

@@ -6,7 +6,8 @@ import pytest
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.loop.fix_covariance import attitude_covariance, fix_noise
+from ortilo_drake.sensors.imu import attitude_covariance
+from ortilo_drake.studies.loop.fix_covariance import fix_noise
 from ortilo_drake.studies.loop.hover_loop import steady_predictor
 
 STILL = (

@@ -10,6 +10,7 @@ from ortilo_drake.commands.room.show import PngOption
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 
 if TYPE_CHECKING:
+    from ortilo_drake.scenario import Scenario
     from ortilo_drake.studies.rooms.coverage import Coverage
 
 
@@ -49,7 +50,7 @@ def coverage(
         lost = "stays off the walls" if case.lost_at is None else f"reaches a wall at {case.lost_at:.1f} s"
         worst = f"floor at most {case.floor:.3g} m, at {case.distance:.1f} m ({case.time:.1f} s)"
         out.print(f"  {who:20}{worst}, {lost}", markup=False, soft_wrap=True)
-    for line in _along_the_way(found, scenario.sensors):
+    for line in _along_the_way(found, scenario):
         out.print(f"  {line} along the way", markup=False, soft_wrap=True)
     write_json(json_file, found)
     if png is not None:
@@ -57,14 +58,14 @@ def coverage(
     say_written(png, json_file)
 
 
-def _along_the_way(found: "Coverage", sensors: tuple[str, ...]) -> Iterator[str]:
+def _along_the_way(found: "Coverage", scenario: "Scenario") -> Iterator[str]:
     """Yield the ranges of what there is for the sensors that fly."""
     along = found.along
-    if "uwb" in sensors:
+    if scenario.measures_ranges:
         yield f"{'anchors in sight':20}{along.anchors.min()} to {along.anchors.max()}"
         finite = along.pdop[along.pdop < float("inf")]
         none = "" if len(finite) == len(along.pdop) else f", none at {1 - len(finite) / len(along.pdop):.0%}"
         spread = f"{finite.min():.2f} to {finite.max():.2f}" if len(finite) else "none"
         yield f"{'PDOP':20}{spread}{none if len(finite) else ''}"
-    if "camera" in sensors:
+    if scenario.sees_landmarks:
         yield f"{'landmarks in view':20}{along.landmarks.min()} to {along.landmarks.max()}"

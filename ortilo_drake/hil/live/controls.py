@@ -5,6 +5,7 @@ from pydrake.geometry import Meshcat
 
 from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.model.room import Room
+from ortilo_drake.sensors.described import unwired
 from ortilo_drake.views.guarded.panel import Panel
 
 LOST = "{} lost [%]"
@@ -32,7 +33,7 @@ class Controls:
 
     def __init__(self, meshcat: Meshcat, panel: Panel, room: Room, sensors: tuple[str, ...], goal: tuple[float, float]):
         self._meshcat, self._panel = meshcat, panel
-        self._sensors = tuple(sensor for sensor in sensors if sensor != "imu")
+        self._sensors = unwired(sensors)
         self._shown: dict[str, float] = {}
         self._seen: dict[str, float] = {}
         for sensor in self._sensors:

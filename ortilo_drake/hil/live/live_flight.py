@@ -19,8 +19,9 @@ from ortilo_drake.hil.wire.packets import Goal
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth
+from ortilo_drake.sensors.described import measuring
 
-MESSAGES = {"uwb": ("uwb",), "camera": ("detections", "shutter", "image")}  # of others the port has the sensor's name
+MESSAGES = {measuring("landmarks"): ("detections", "shutter", "image")}  # of others the port has the sensor's name
 
 
 class Seen(NamedTuple):

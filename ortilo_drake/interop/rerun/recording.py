@@ -59,7 +59,7 @@ def _fill(recording: "rr.RecordingStream", flight: xr.Dataset, seen: Sightings) 
 
     scenario = scenario_of(flight)
     room = scenario.load_room()
-    recording.send_blueprint(default_layout(room, "camera" in scenario.sensors))
+    recording.send_blueprint(default_layout(room, scenario.sees_landmarks))
     recording.send_recording_name(f"{scenario.name}, seed {flight.attrs['seed']}")
     text = scenario.model_dump_json(indent=2)
     about = f"ortilo-drake {__version__}, seed {flight.attrs['seed']}, lost: {flight.attrs['lost']}\n\n{text}"

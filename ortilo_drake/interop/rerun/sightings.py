@@ -18,6 +18,7 @@ from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import measuring
 
 QUALITY = 85  # of the JPEG
 
@@ -94,9 +95,10 @@ class SightingsRecorder:
             seen.boxes.append(_found(detections_message(stamp, *self._detect(rgb))))
         if "detections" in messages and messages["detections"][ARRIVED] == 1.0:
             seen.boxes.append(_found(messages["detections"]))
-        if "uwb" in messages and messages["uwb"][ARRIVED] == 1.0:
-            values, there = messages["uwb"][PAYLOAD:].reshape(2, -1)
-            seen.ranges.append(Ranges(float(messages["uwb"][STAMP]), np.where(there > 0, values, np.nan)))
+        ranges = messages.get(measuring("anchors"))
+        if ranges is not None and ranges[ARRIVED] == 1.0:
+            values, there = ranges[PAYLOAD:].reshape(2, -1)
+            seen.ranges.append(Ranges(float(ranges[STAMP]), np.where(there > 0, values, np.nan)))
 
 
 def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
@@ -116,9 +118,10 @@ def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView])
     if not scenario.is_rendered:
         return seen
     view = make_view(scenario)
+    (camera,) = (sensor for sensor in scenario.sensors if scenario.is_picture(sensor))
     for time, x in zip(flight["time"].values, flight["truth"].values, strict=True):
         k = round(time * scenario.control_rate)
-        if k % scenario.every("camera") == 0 and np.isfinite(x).all():
+        if k % scenario.every(camera) == 0 and np.isfinite(x).all():
             picture, rows = view(float(time), x)
             seen.pictures.append(Picture(float(time), encode_jpeg(picture)))
             seen.boxes.append(FoundBoxes(float(time), rows))

@@ -66,7 +66,7 @@ def _body(vehicle: Vehicle, color: tuple[int, int, int]) -> rr.LineStrips3D:
 
 def send_camera(recording: rr.RecordingStream, scenario: Scenario, room: Room, seen: Sightings) -> None:
     """Write the camera on the true vehicle, its pictures, and the boxes found in them with class and score."""
-    if "camera" not in scenario.sensors:
+    if not scenario.sees_landmarks:
         return
     model = room.camera.scaled_to(scenario.image_width)
     recording.log(CAMERA, rr.Transform3D(translation=model.position, mat3x3=R_BC), pinhole(model), static=True)

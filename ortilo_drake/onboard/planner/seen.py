@@ -31,13 +31,15 @@ class FixSources:
     """What the onboard half has to find its position by.
 
     Attributes:
-        sensors: those that fly.
+        ranges: whether ranges to anchors are measured.
+        boxes: whether landmarks are looked for.
         noise: s_0 [m] and s_1 of a range's believed standard deviation s_0 + s_1 d.
         yaw: heading that is held [rad].
         width: of the camera's image [px].
     """
 
-    sensors: tuple[str, ...] = ("uwb", "camera")
+    ranges: bool = True
+    boxes: bool = True
     noise: tuple[float, float] = (0.0, 0.0075)
     yaw: float = 0.0
     width: int = 320
@@ -50,7 +52,7 @@ def fix_sources(belief: Belief) -> FixSources:
     """Return what a vehicle with this belief has to find its position by."""
     noise = belief.multilateration.noise
     sds = (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
-    return FixSources(belief.sensors, sds, belief.yaw, belief.image_width)
+    return FixSources(belief.measures_ranges, belief.sees_landmarks, sds, belief.yaw, belief.image_width)
 
 
 @njit(cache=True)
@@ -105,10 +107,10 @@ def landmarks_fix(
 def seen_at(points: np.ndarray, room: Room, sources: FixSources) -> np.ndarray:
     """Return at which points p_WB (n, 3) there is a fix (n)."""
     found = np.zeros(len(points), dtype=bool)
-    if "uwb" in sources.sensors:
+    if sources.ranges:
         noise = np.array(sources.noise)
         found |= [ranges_fix(p, room.anchor_positions, room.wall_boxes, noise) for p in points]
-    if "camera" in sources.sensors and room.landmarks:
+    if sources.boxes and room.landmarks:
         rpy, camera = np.array([0.0, 0.0, sources.yaw]), room.camera.scaled_to(sources.width).constants
         map_ = (room.landmark_positions, room.landmark_outlines, room.wall_boxes, room.stand_cylinders)
         found |= [landmarks_fix(p, rpy, *map_, camera) for p in points]

@@ -166,7 +166,7 @@ def burst_map(
     h: float,
     rates: Sequence[float],
     bursts: Sequence[float],
-    sensor: str = "uwb",
+    sensor: str = SENSORS[0],
     other_rate: float = 0.0,
 ) -> ArrivalMap:
     """Return the bounds over one sensor's arrival rate (rows) and the mean length of its bursts of losses (columns).
@@ -181,7 +181,7 @@ def burst_map(
         h: tick [s].
         rates: arrival rates per tick, in [0, 1] (n).
         bursts: mean lengths [s], at least a tick (m).
-        sensor: 'uwb' or 'camera'.
+        sensor: uwb or camera.
         other_rate: arrival rate of the other.
 
     Raises:
@@ -201,6 +201,6 @@ def burst_map(
             link = Link(loss=loss_of(1.0 - rate, max(burst / h, 1.0) if rate else None))
         except InputError:
             return None
-        return link_chain(*((link, other) if sensor == "uwb" else (other, link)), h)
+        return link_chain(*((link, other) if sensor == SENSORS[0] else (other, link)), h)
 
     return _grid(checked, list(bursts), vehicle_model(W, V, h), chain_at)

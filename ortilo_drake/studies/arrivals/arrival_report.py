@@ -44,8 +44,8 @@ def filter_model(loop: HoverLoop, V: np.ndarray) -> Model:
         loop: of the scenario.
         V: covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
     """
-    sensors = loop.measurement.sensors
-    patterns = [[uwb if s == "uwb" else camera if s == "camera" else True for s in sensors] for uwb, camera in PATTERNS]
+    sensors, mapped = loop.measurement.sensors, loop.measurement.positions[:2]
+    patterns = [[arrive[mapped.index(s)] if s in mapped else True for s in sensors] for arrive in PATTERNS]
     return check_model(Model(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(np.array(patterns))))
 
 

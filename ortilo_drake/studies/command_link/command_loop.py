@@ -63,7 +63,7 @@ class CommandedLoop(NamedTuple):
 def schedule(scenario: Scenario) -> np.ndarray:
     """Return delta of each tick of a period (T, s): what is due by the rates of the sensors that fly, nothing lost."""
     measurement = filter_measurement(scenario)
-    sensors = [message_of(s) for s in measurement.sensors]
+    sensors = [message_of(s, measurement) for s in measurement.sensors]
     every = [scenario.every(s) if s in scenario.sensors else 1 for s in sensors]
     there = arrivals_of(scenario.sensors, measurement)
     T = math.lcm(*every)

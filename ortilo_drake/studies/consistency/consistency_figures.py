@@ -12,15 +12,13 @@ from matplotlib.figure import Figure
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.metrics import position_nees
+from ortilo_drake.sensors.described import described, title_of
 from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, finite_part
 from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.theory.consistency.consistency import average_band, ensemble_average
 from ortilo_drake.views.figures import TITLE
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, SKY, STYLE
 from ortilo_drake.views.pictures import save_picture
-
-_SENSOR = {"uwb": "UWB", "camera": "camera", "imu": "IMU"}  # others are called by their names
-_COMPONENTS = {"uwb": "xyz", "camera": "xyz", "imu": "φθψ"}  # others are numbered
 
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
@@ -93,12 +91,10 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
                 for i, colour in zip(range(min(m, 3)), (BLUE, ORANGE, GREEN), strict=False):
-                    label = _COMPONENTS.get(sensor, "123")[i]
+                    label = (described(sensor).components or "123")[i]
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
                 axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
-                axes.set_title(
-                    f"{TITLE.get(name, name)}: {_SENSOR.get(sensor, sensor)}, p = {lagged.p_value:.2g}", fontsize=8
-                )
+                axes.set_title(f"{TITLE.get(name, name)}: {title_of(sensor)}, p = {lagged.p_value:.2g}", fontsize=8)
         for axes in grid[-1]:
             axes.set_xlabel("lag [arrivals]")
         for row in grid:

@@ -5,9 +5,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.faults import sensors_of_kind
 
 START: Final = 22.0  # in the stretch of the ready-made flights where UWB comes without a gap, 19 s to 43 s [s]
 LENGTH: Final = 5.0  # of the faults that end [s]
@@ -78,9 +80,7 @@ def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) 
     passing: dict[str, dict[str, Any]] = {
         "nlos_storm": {"kind": "nlos_storm", "share": 0.5, "mean": 1.0},
         "outlier_bursts": {"kind": "outlier_bursts", "every": 0.5, "length": 0.2, "sd": 2.0},
-        "uwb_stuck": {"kind": "stuck", "sensor": "uwb"},
-        "camera_stuck": {"kind": "stuck", "sensor": "camera"},
-        "imu_stuck": {"kind": "stuck", "sensor": "imu"},
+        **{f"{sensor}_stuck": {"kind": "stuck", "sensor": sensor} for sensor in SENSORS},
         "yaw_jump": {"kind": "yaw_jump", "by": radians(15.0)},
         "camera_blinded": {"kind": "camera_blinded"},
         "people": {"kind": "people", "walks": place.walks},
@@ -99,16 +99,15 @@ def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) 
     end = start + length
     cases = [Case(name, fault | {"start": start, "end": end}, start, end) for name, fault in passing.items()]
     cases += [Case(name, fault | {"start": start}, start, None) for name, fault in lasting.items()]
-    return tuple(case for case in cases if not (needs := _NEEDS.get(case.name)) or needs in scenario.sensors)
+    return tuple(case for case in cases if (needs := needed_by(case.fault)) is None or needs in scenario.sensors)
 
 
-_NEEDS: Final = (
-    dict.fromkeys(
-        ("nlos_storm", "outlier_bursts", "uwb_stuck", "people", "anchor_moved", "anchors_dying", "clock_jump"), "uwb"
-    )
-    | dict.fromkeys(("camera_stuck", "camera_blinded", "landmark_moved", "landmark_gone"), "camera")
-    | dict.fromkeys(("imu_stuck", "yaw_jump", "gyro_bias"), "imu")
-)
+def needed_by(fault: dict[str, Any]) -> str | None:
+    """Return the sensor that a fault is about; None if it is about the vehicle."""
+    sensor: str | None = fault.get("sensor") or next(iter(sensors_of_kind(fault["kind"])), None)
+    return sensor
+
+
 NAMES: Final = (
     *("nlos_storm", "outlier_bursts", "uwb_stuck", "camera_stuck", "imu_stuck", "yaw_jump", "camera_blinded"),
     *("people", "gust", "anchor_moved", "anchors_dying", "clock_jump", "landmark_moved", "landmark_gone"),

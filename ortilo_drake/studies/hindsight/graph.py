@@ -26,6 +26,7 @@ from ortilo_drake.onboard.estimator.tight.model import initial_covariance, sampl
 from ortilo_drake.onboard.estimator.tight.ranges import CLOCK_SD, MIN_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
 from ortilo_drake.scenario.tight import TightFilter
+from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.hindsight.believed import believed
 from ortilo_drake.studies.hindsight.factors import (
     Landmark,
@@ -67,9 +68,9 @@ class FlightGraph:
         self._add_start()
         self._w = self._add_imu()
         self._clocks: dict[str, Process] = {}
-        if "uwb" in self._scenario.sensors:
+        if self._scenario.measures_ranges:
             self._add_ranges()
-        if "camera" in self._scenario.sensors:
+        if self._scenario.sees_landmarks:
             self._add_boxes()
         self._add_rows()
 
@@ -98,7 +99,7 @@ class FlightGraph:
         sds = np.repeat([imu.accelerometer_sd, imu.gyroscope_sd], 3)
         if (rest := rest_of(self._scenario)) is not None:  # what the level's error makes of them is taken for a part
             layout = make_layout({"angles": 3}, 0)
-            noise = sample_sds(self._settings, self._scenario.samples("imu"), self._h)
+            noise = sample_sds(self._settings, self._scenario.imu_samples, self._h)
             sds = np.sqrt(np.diag(initial_covariance(self._settings, layout, rest, noise)))
             sds = np.concatenate((sds[ACCEL : ACCEL + 3], sds[GYRO : GYRO + 3]))
         no_bias = gtsam.imuBias.ConstantBias()
@@ -106,8 +107,9 @@ class FlightGraph:
 
     def _add_imu(self) -> np.ndarray:
         """Add the imu; return the body rates of each tick (n, 3)."""
-        imu, n, h = self._settings.imu, self._scenario.samples("imu"), self._h
-        samples = samples_of(self._recorded.messages, n)
+        imu, n, h = self._settings.imu, self._scenario.imu_samples, self._h
+        measurement = self._scenario.measurement
+        samples = samples_of(self._recorded.messages, measurement.sensors[measurement.inertial], n)
         ticks = inertial_ticks(samples, self._n, h, n, sample_sds(self._settings, n, h), imu)
         steps = np.sqrt(h) * np.repeat([imu.accelerometer_rate, imu.gyroscope_rate], 3)
         lasting = np.array([imu.level_sd, imu.level_sd, imu.yaw_sd])
@@ -150,7 +152,7 @@ class FlightGraph:
         lasting = [self._process(ranges.bias_sd, ranges.bias_rate) for _ in range(n)] if ranges.bias_sd else []
         slow = [self._process(ranges.slow_sd, time=ranges.slow_time) for _ in range(n)] if ranges.slow_sd else []
         clock = self._process(ranges.clock_sd) if ranges.clock_sd else None
-        for k, message in self._messages("uwb"):
+        for k, message in self._messages(measuring("anchors")):
             t = k * self._h
             common = (self._process(CLOCK_SD).at(t),) if ranges.differences else ()
             for i in np.flatnonzero(message[PAYLOAD + n : PAYLOAD + 2 * n]):
@@ -239,4 +241,4 @@ def graph_smoothed(recorded: RecordedFlight, settings: TightFilter | None = None
     flight = recorded.flight
     about = Smoothed(flight["estimate"].values[:, :N_X], flight["covariance"].values[:, :N_X, :N_X])
     found = FlightGraph(recorded, about, settings).solve()
-    return FlightGraph(recorded, found, settings).solve() if "camera" in recorded.scenario.sensors else found
+    return FlightGraph(recorded, found, settings).solve() if recorded.scenario.sees_landmarks else found

@@ -56,12 +56,12 @@ class InertialTick(NamedTuple):
     w: np.ndarray
 
 
-def samples_of(messages: tuple[Signals, ...], n: int) -> list[Sample]:
-    """Return the samples of all imu messages in the order of their stamps; n is how many come in a message."""
+def samples_of(messages: tuple[Signals, ...], imu: str, n: int) -> list[Sample]:
+    """Return the samples of all messages of that imu in the order of their stamps; n is how many come in a message."""
     rows: dict[float, np.ndarray] = {}
     for its in messages:
-        if "imu" in its:
-            found = samples_in(its["imu"], n) if n > 1 else its["imu"][np.newaxis]
+        if imu in its:
+            found = samples_in(its[imu], n) if n > 1 else its[imu][np.newaxis]
             rows |= {float(row[STAMP]): row for row in found if row[ARRIVED] == 1.0 and np.isfinite(row).all()}
     samples, before = [], np.zeros(3)
     for stamp in sorted(rows):

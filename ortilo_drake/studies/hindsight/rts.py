@@ -140,8 +140,8 @@ def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, n
     for row, messages in zip(logged_rows(flight), recorded.messages, strict=True):
         signals = row["y"], row["delta"], np.nan_to_num(row["V2"])
         if variances is not None:
-            j = belief.measurement.sensors.index("imu")
-            imu = _one_sample(messages.get("imu"), belief.samples("imu"))
+            j = belief.measurement.inertial
+            imu = _one_sample(messages.get(belief.measurement.sensors[j]), belief.imu_samples)
             signals = with_imu_rows(*signals, imu, j, variances)
         ticks.append(_tick(measurement, *signals, row["control"] - hover))
     return model, x_0, initial_covariance(settings, extras, rest_of(belief), belief.yaw)[:N, :N], ticks

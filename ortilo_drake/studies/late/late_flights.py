@@ -10,6 +10,7 @@ import scipy  # not scipy.stats: that takes a second to import, and loads by its
 
 from ortilo_drake.flight.ensemble import fly_many
 from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.markdown import table
@@ -104,7 +105,7 @@ def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
         InputError: if a link or the mode cannot be.
     """
     data = scenario.model_dump(mode="json")
-    for link in (data["uwb"]["link"], data["imu"]["link"], data["camera"]["link"], data["report_link"]):
+    for link in (*(data[sensor]["link"] for sensor in SENSORS), data["report_link"]):
         link["loss"] = {"kind": "bernoulli", "probability": links.loss}
         link["delay"], link["random_delay"] = links.delay, links.random_delay
     data["command_link"]["loss"] = {"kind": "bernoulli", "probability": links.command_loss}

@@ -40,6 +40,12 @@ class FlownTick(NamedTuple):
         return float(np.max(np.abs(self.A - self.expected)))
 
 
+def sensors_without_noise(scenario: Scenario) -> tuple[str, str]:
+    """Return the sensors of a flight without noise: the first of the position, and the imu."""
+    measurement = scenario.measurement
+    return measurement.positions[0], measurement.sensors[measurement.inertial]
+
+
 def without_noise(scenario: Scenario) -> Scenario:
     """Return the scenario hovering on the linear vehicle as believed, with exact uwb and imu, no other sensor, no loss.
 
@@ -48,13 +54,14 @@ def without_noise(scenario: Scenario) -> Scenario:
     all say the same again and again.
     """
     robust = scenario.estimator.robust
-    imu_rate = None if scenario.samples("imu") > 1 else scenario.imu.link.rate
+    imu_rate = None if scenario.imu_samples > 1 else scenario.imu.link.rate
     start = tuple(start_of(planned(scenario)).tolist())
+    ranging, inertial = sensors_without_noise(scenario)
     changes: dict[str, Any] = {
-        "sensors": ("uwb", "imu"),
+        "sensors": (ranging, inertial),
         "world": World(kinematics="linear", disturbance=Disturbance(force_density=0.0, torque_density=0.0)),
-        "uwb": Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(rate=scenario.uwb.link.rate)),
-        "imu": Imu(angle_density=0.0, rate_density=0.0, specific_force_density=0.0, link=Link(rate=imu_rate)),
+        ranging: Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(rate=scenario.uwb.link.rate)),
+        inertial: Imu(angle_density=0.0, rate_density=0.0, specific_force_density=0.0, link=Link(rate=imu_rate)),
         "command_link": type(scenario.command_link)(),
         "planner": HoverPlanner(kind="hover", point=start),
         "estimator": scenario.estimator.model_copy(
@@ -81,7 +88,7 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
         InputError: if the tick is too early.
     """
     ideal = without_noise(scenario)
-    h, period = ideal.h, int(np.lcm(ideal.every("uwb"), ideal.every("imu")))
+    h, period = ideal.h, int(np.lcm.reduce([ideal.every(sensor) for sensor in ideal.sensors]))
     if tick < period:
         raise InputError(f"tick: {tick}: must be at least {period}, the period of the sensors")
     diagram = make_closed_loop(ideal)
@@ -104,7 +111,7 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     onboard = diagram.GetSubsystemByName("onboard")
     delta, V2 = (onboard.GetOutputPort(name).Eval(onboard.GetMyContextFromRoot(context)) for name in ("delta", "V2"))
     own = [sensor for sensor in loop.measurement.sensors if sensor in IMU_ROWS]
-    delta = np.append(delta, np.repeat(delta[loop.measurement.sensors.index("imu")], len(own)))
+    delta = np.append(delta, np.repeat(delta[loop.measurement.inertial], len(own)))
     V = filter_V(ideal, np.zeros((0, 0)))
     V2 = np.append(V2, [V[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(own))])
     integrator = INTEGRATORS[loop.integrator]

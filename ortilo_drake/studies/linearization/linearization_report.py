@@ -8,7 +8,7 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.closed_forms import agreement
-from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop
+from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, sensors_without_noise
 from ortilo_drake.studies.linearization.gramians import Gramian, controllability_gramian, observability_gramian
 from ortilo_drake.studies.linearization.linearize import linearize
 from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
@@ -110,9 +110,10 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     Phibar, Gammabar = augmented_pair(scenario.vehicle, scenario.h, scenario.yaw)
     Phi, Gamma = loop.Phi[:N_X, :N_X], loop.Gamma[:N_X]  # the vehicle's own
     subsets = sensor_subsets(scenario.sensors)
-    uwb, imu = scenario.every("uwb"), scenario.every("imu")
+    kept = sensors_without_noise(scenario)
+    uwb, imu = (scenario.every(sensor) for sensor in kept)
     both = int(np.lcm(uwb, imu)) * 300  # a tick in which both are due; the next of the imu may be without uwb
-    flown = {"uwb+imu": both} | ({"imu": both + imu} if imu % uwb else {})
+    flown = {"+".join(kept): both} | ({kept[1]: both + imu} if imu % uwb else {})
     eigenvalues = {
         "plant": linearize(level, "plant").A,
         "sampled_plant": linearize(level, "sampled_plant").A,

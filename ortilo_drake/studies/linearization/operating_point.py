@@ -13,14 +13,11 @@ from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import flown
+from ortilo_drake.sensors.described import covariance_at, flown
 from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor, why_no_gain
 
 LAGS = ("up", "down")
-# Stand-ins for a position sensor whose covariance comes with each fix: the variances printed in the paper [m^2].
-PRINTED_V = {"uwb": (0.05, 0.05, 0.05), "camera": (0.08, 0.08, 0.08)}
-ANGLE_V = 0.0025  # of the angles that a landmark fix may give beside the position [rad^2]
 
 
 def reference_at(trajectory: Trajectory, t: float) -> np.ndarray:
@@ -69,19 +66,25 @@ def with_one_lag(vehicle: Vehicle, lag: str) -> Vehicle:
 def believed_V(scenario: Scenario) -> np.ndarray:
     """Return the covariance of the measurements (p x p) as the scenario gives it.
 
-    Where it comes with each fix: PRINTED_V of uwb and camera, of other sensors that of their noise in the middle of the
+    Where it comes with each fix: what the sensor says stands in for it, else that of its noise in the middle of the
     room.
+
+    Raises:
+        InputError: if a sensor gives nothing there.
     """
     room, blocks = scenario.load_room(), []
-    middle = np.zeros((1, N_X))
-    middle[0, :3] = (np.array(room.interior.min) + np.array(room.interior.max)) / 2.0
+    middle = np.zeros(N_X)
+    middle[:3] = (np.array(room.interior.min) + np.array(room.interior.max)) / 2.0
     for name in scenario.measurement.sensors:
         sensor = flown(name, scenario)
         V = sensor.V(scenario)
-        if V is None and name in PRINTED_V:
-            more = len(scenario.measurement.C_of(name)) - len(PRINTED_V[name])
-            V = np.diag((*PRINTED_V[name], *[ANGLE_V] * more))
-        blocks.append(np.diag(sensor.sd(scenario, room, middle)[0] ** 2) if V is None else V)
+        if V is None and sensor.stand_in is not None:
+            V = np.diag(sensor.stand_in[: len(scenario.measurement.C_of(name))])
+        if V is None:
+            V = covariance_at(name, scenario, room, middle)
+        if V is None:
+            raise InputError(f"sensors: {name}: gives no measurement in the middle of the room, {middle[:3].tolist()}")
+        blocks.append(V)
     return block_diag(*blocks)
 
 

@@ -11,7 +11,7 @@ from ortilo_drake.studies.loop.hover_loop import arrivals_of
 
 
 def sensor_subsets(sensors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Return every subset of some sensors by name: 'none', 'uwb', ..., 'uwb+camera+imu'."""
+    """Return every subset of some sensors by name: 'none', then each, then their names joined by '+'."""
     present = [s for s in measurement_of(sensors).sensors if s in sensors]
     return {"+".join(some) or "none": some for k in range(len(present) + 1) for some in combinations(present, k)}
 

@@ -166,9 +166,9 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     )  # fmt: skip
 
 
-def message_of(sensor: str) -> str:
+def message_of(sensor: str, measurement: Measurement) -> str:
     """Return the sensor whose message brings the rows of a sensor: the imu's brings those of imu_rows.py."""
-    return "imu" if sensor in IMU_ROWS else sensor
+    return measurement.sensors[measurement.inertial] if sensor in IMU_ROWS else sensor
 
 
 def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None) -> np.ndarray:
@@ -177,7 +177,7 @@ def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None
     unknown = set(sensors) - set(measurement.sensors)
     if unknown:
         raise InputError(f"sensors: {', '.join(sorted(unknown))}: must be among {', '.join(measurement.sensors)}")
-    return np.array([float(message_of(s) in sensors) for s in measurement.sensors])
+    return np.array([float(message_of(s, measurement) in sensors) for s in measurement.sensors])
 
 
 def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

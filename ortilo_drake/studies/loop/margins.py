@@ -85,7 +85,7 @@ def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> 
 
     A loop with a sensor lost whose filter has no steady gain is LoopMargins that say why.
     """
-    known = [s for s in hover.measurement.sensors if message_of(s) == s]
+    known = [s for s in hover.measurement.sensors if message_of(s, hover.measurement) == s]
     present = tuple(s for s in known if s in sensors)
     if not present:
         raise InputError(f"sensors: none: margins need at least one of {', '.join(known)}")

@@ -85,7 +85,8 @@ def expected_rms(scenario: Scenario) -> float:
         InputError: if the scenario's filter has no such bound.
     """
     h = scenario.h
-    links = [scenario.link_of(name) if name in scenario.sensors else None for name in ("uwb", "camera")]
+    mapped = scenario.measurement.positions[:2]
+    links = [scenario.link_of(name) if name in scenario.sensors else None for name in mapped]
     period = int(np.lcm.reduce([1 if link is None else link.every(h) for link in links]))
     modes = period * int(np.prod([2 if link is not None and _has_two(link.loss.kind) else 1 for link in links]))
     if modes > MOST_MODES:

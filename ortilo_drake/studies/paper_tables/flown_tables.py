@@ -32,7 +32,7 @@ def scenarios_of_tables(
 
     def chosen(name: str | Path) -> Scenario:
         flown = load_scenario(name, settings)
-        return load_scenario(name, (*settings, *of_cameras)) if "camera" in flown.sensors else flown
+        return load_scenario(name, (*settings, *of_cameras)) if flown.sees_landmarks else flown
 
     found = {name: chosen(prefix + name) for name in SCENARIOS}
     for further in beside:

@@ -99,7 +99,7 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
     check_sensors(scenario)
     V, loop = hover_V(scenario), hover_loop(scenario)
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
-    uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in ("uwb", "camera"))
+    uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
     begin("linearization")
     linearization = linearization_report(scenario, V=V)
     begin("riccati")

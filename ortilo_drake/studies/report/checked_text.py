@@ -1,5 +1,6 @@
 """The flights' part of the report of `ortilo analyze`, as Markdown; the theory is in analysis_text.py."""
 
+from ortilo_drake.sensors.described import title_of
 from ortilo_drake.studies.consistency.consistency_flights import DOF
 from ortilo_drake.studies.report.analyze import Honesty
 from ortilo_drake.studies.tube.tube_report import TubeReport
@@ -46,7 +47,7 @@ def least_rates(found: TubeReport) -> str:
     least = next(((rate, other) for rate, other in enough if other is not None), None)
     if least is None:
         return ""
-    name = "UWB" if first == "uwb" else first
+    name = title_of(first)
     start = f"The 3-sigma tube stays in the corridor from a {name} rate of {least[0]:.3f} on, with a {second} rate of"
     return f"{start} {least[1]:.3f} there."
 

@@ -15,13 +15,14 @@ import numpy as np
 
 from ortilo_drake.floor.cramer_rao import dynamics
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_camera import camera_rows, camera_tables
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Landmark, Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import measuring
+from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
 from ortilo_drake.studies.room_design.path_bound import step_information
 
 AWAY = 0.5  # from the vehicle's outline on its path [m]
@@ -94,7 +95,7 @@ def landmark_information(
         Q_inverse: information of the angles (3, 3).
         m: ticks of a step.
     """
-    steps, seen = -(-len(truth) // m), arrived(scenario, "camera", truth)
+    steps, seen = -(-len(truth) // m), arrived(scenario, measuring("landmarks"), truth)
     J = np.zeros((len(spots), steps, 3, 3))
     alone = [room.model_copy(update={"landmarks": (spot,)}) for spot in spots]
     tables = {its.landmarks[0].label: its for its in alone}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ortilo_drake.floor.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
+from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
 STEPS = 200  # of a path, about
 
@@ -40,7 +40,7 @@ def path_model(Phi: np.ndarray, W: np.ndarray, rows: np.ndarray, ticks: int, m: 
     Args:
         Phi: dynamics of a tick (12, 12).
         W: process noise of a tick (12, 12).
-        rows: information beside the ranges (floor/information_rows.py) (l, 16).
+        rows: information beside the ranges (sensors/information_rows.py) (l, 16).
         ticks: number of ticks.
         m: ticks of a step.
     """

@@ -18,12 +18,13 @@ import numpy as np
 
 from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_floor
 from ortilo_drake.floor.information_arrivals import arrived
-from ortilo_drake.floor.information_ranges import range_rows
-from ortilo_drake.floor.information_rows import GRADIENT, TICK, VARIANCE
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import measuring
+from ortilo_drake.sensors.information_ranges import range_rows
+from ortilo_drake.sensors.information_rows import GRADIENT, TICK, VARIANCE
 from ortilo_drake.studies.room_design.exchange import exchange, greedy
 from ortilo_drake.studies.room_design.landmarks import (
     angle_information,
@@ -107,7 +108,7 @@ def worst_floor(scenario: Scenario) -> Worst:
     truth = planned_truth(scenario)
     floor = position_floor(scenario, truth)
     if floor is None:
-        raise InputError("camera.errors: of these no floor is known: must be measured or parametric")
+        raise InputError(f"{measuring('landmarks')}.errors: of these no floor is known: must be measured or parametric")
     total = floor.sum(axis=1)
     k = int(np.argmax(total))
     x, y, z = truth[k, :3].tolist()
@@ -116,7 +117,7 @@ def worst_floor(scenario: Scenario) -> Worst:
 
 def longest_gap(scenario: Scenario, truth: np.ndarray) -> float:
     """Return the longest time along a flight of states (n, 12) between ticks with as many ranges as a fix takes [s]."""
-    rows = range_rows(scenario.uwb, scenario.load_room(), truth, arrived(scenario, "uwb", truth))
+    rows = range_rows(scenario.uwb, scenario.load_room(), truth, arrived(scenario, measuring("anchors"), truth))
     fixes = np.flatnonzero(np.bincount(rows[:, TICK].astype(int), minlength=len(truth)) >= FIX)
     return float(np.diff(np.concatenate([[0], fixes, [len(truth) - 1]])).max() * scenario.h)
 
@@ -136,7 +137,7 @@ def range_information(
     Returns:
         J in [1/m^2] (c, steps, 3, 3) and there (c, steps).
     """
-    steps, seen = -(-len(truth) // m), arrived(scenario, "uwb", truth)
+    steps, seen = -(-len(truth) // m), arrived(scenario, measuring("anchors"), truth)
     J, there = np.zeros((len(places), steps, 3, 3)), np.zeros((len(places), steps), dtype=bool)
     for c, place in enumerate(places):
         rows = range_rows(scenario.uwb, with_anchors(room, place[None]), truth, seen)
@@ -168,7 +169,8 @@ def place_anchors(
         InputError: if there is no path or no floor, uwb (or the camera, with landmarks) does not fly, or there are
             fewer places than anchors or landmarks.
     """
-    for sensor, placed in {"uwb": "anchors", **({"camera": "landmarks"} if landmarks else {})}.items():
+    placing = {measuring(things): things for things in ("anchors", *(("landmarks",) if landmarks else ()))}
+    for sensor, placed in placing.items():
         if sensor not in scenario.sensors:
             raise InputError(f"sensors: {list(scenario.sensors)}: must have {sensor}, whose {placed} are placed")
     room, before = scenario.load_room(), worst_floor(scenario)
@@ -180,7 +182,7 @@ def place_anchors(
     if len(places) < n:
         raise InputError(f"N: {n}: must not exceed the {len(places)} mounting places {spacing:g} m apart of the room")
     m = max(1, len(truth) // STEPS)
-    kept = tuple(s for s in scenario.sensors if s != "uwb" and not (landmarks and s == "camera"))
+    kept = tuple(sensor for sensor in scenario.sensors if sensor not in placing)
     found = information_rows(scenario.model_copy(update={"sensors": kept}), truth, room)
     assert found is not None, "there is a floor"
     model = path_model(*dynamics(scenario), found[0], len(truth), m)

@@ -25,10 +25,9 @@ from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.signals import ARRIVED, uwb_size
 from ortilo_drake.model.typed_yaml import LARGEST
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import measuring
+from ortilo_drake.sensors.uwb import messages_again
 from ortilo_drake.studies.room_design.network import Ranges
-from ortilo_drake.world.drawn_truth import draw_truth
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
 
 COLUMNS, PLACE_COLUMNS = ("from", "to", "range"), ("x", "y", "z", "sd")
 MAX_ROWS = 200_000
@@ -45,28 +44,16 @@ def flown_messages(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     Raises:
         InputError: if the sensor is faster than the tick.
     """
-    if scenario.samples("uwb") > 1:
-        raise InputError("uwb.link.rate: of a sensor faster than the tick no ranges can be repeated: give its log")
-    room = scenario.load_room()
-    payload = uwb_size(len(room.anchors)) - 2
-    drawn = draw_truth(scenario.truth, scenario.seed, room, {"uwb": payload})
-    boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
-    anchors = np.ascontiguousarray(room.anchor_positions + drawn["survey.anchors"])
-    settings, stream, h = ranging_settings(scenario.uwb), stream_id("uwb"), scenario.h
-    ticks = np.flatnonzero(arrived(scenario, "uwb", truth))
-    messages = [
-        uwb_message(truth[k], anchors, drawn["uwb.bias"], boxes, settings, scenario.seed, stream, k * h, h)
-        for k in ticks
-    ]
-    return np.array(messages).reshape(-1, payload + 2)
+    return messages_again(scenario, scenario.load_room(), truth, arrived(scenario, measuring("anchors"), truth))
 
 
 def logged_messages(path: Path) -> np.ndarray:
     """Return the uwb messages that a log holds (m, 2 + 2 a); InputError if it is no log or has messages of several."""
     size = uwb_size(len(log_scenario(path).load_room().anchors))
-    found = [messages["uwb"] for _, messages, _ in read_messages(path) if "uwb" in messages]
+    sensor = measuring("anchors")
+    found = [messages[sensor] for _, messages, _ in read_messages(path) if sensor in messages]
     if any(message.shape != (size,) for message in found):
-        raise InputError(f"{path}: uwb: its messages must have {size} numbers")
+        raise InputError(f"{path}: {sensor}: its messages must have {size} numbers")
     return np.array([message for message in found if message[ARRIVED] != 0.0]).reshape(-1, size)
 
 

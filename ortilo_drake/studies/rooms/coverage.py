@@ -8,6 +8,7 @@ import numpy as np
 from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.rooms.in_sight import Eyes, anchors_in_sight, dilution
 from ortilo_drake.studies.rooms.planned_floor import (
     PlannedFlight,
@@ -219,7 +220,7 @@ def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance
 
 def _tells(scenario: Scenario, flight: PlannedFlight, along: Along) -> dict[str, np.ndarray]:
     """Return for each sensor in which ticks a message arrives that tells something (n)."""
-    there = {"uwb": along.anchors > 0, "camera": along.landmarks > 0}
+    there = {measuring("anchors"): along.anchors > 0, measuring("landmarks"): along.landmarks > 0}
     nearest = np.abs(flight.time[:, np.newaxis] - along.time).argmin(axis=1)
     return {
         sensor: arrived(scenario, sensor, flight.truth) & (there[sensor][nearest] if sensor in there else True)

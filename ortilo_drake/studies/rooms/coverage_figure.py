@@ -14,12 +14,12 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.studies.rooms.coverage import Coverage
 from ortilo_drake.studies.rooms.planned_floor import ALL
 from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
-from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE
+from ortilo_drake.views.palette import COLOR
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
 
 _WORST = "#D00000"
-_WITHOUT = {"uwb": BLUE, "camera": ORANGE, "imu": GREEN, "flow": PURPLE, "altimeter": "#E69F00"}
+_WITHOUT = COLOR | {"altimeter": "#E69F00"}
 _NOTHING = "#D9D9D9"  # where the ranges give no position, or nothing is in sight
 _PDOP = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 _WIDE = 2.5  # a room longer than this many times its width has its maps one above another

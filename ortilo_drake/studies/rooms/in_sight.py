@@ -12,11 +12,11 @@ at best 3 / sqrt(n), where the anchors are spread alike over all directions (Kap
 
 import numpy as np
 
-from ortilo_drake.floor.information_camera import camera_tables
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.information_camera import camera_tables
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up
 from ortilo_drake.world.sensors.landmark_view import DISTANCE, INSIDE, LANDMARK, VISIBLE, landmark_views, surroundings
 

@@ -10,6 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import described
 from ortilo_drake.studies.tube.nominal_flight import planned_reference
 
 ALL = "all"
@@ -72,7 +73,7 @@ def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
 def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
     """Return the scenario with none of a sensor's messages."""
     changes: dict[str, object] = {"sensors": tuple(name for name in scenario.sensors if name != sensor)}
-    if sensor == "imu":  # what the filter reads of it goes too
+    if described(sensor).feels:  # what the filter reads of force and rates goes too
         reads = {name: "none" for name in ("force", "rates") if getattr(scenario.estimator, name, "none") == "measured"}
         changes["estimator"] = scenario.estimator.model_copy(update=reads)
     return scenario.model_copy(update=changes)
@@ -96,8 +97,8 @@ def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
         bound = position_floor(case, truth)
         if bound is None:
             raise InputError(
-                f"detector.cfg: {scenario.detector.cfg}: its errors have not been measured; leave it out, or fly with "
-                "camera.kind projected and camera.errors"
+                f"detector.cfg: {scenario.detector.cfg}: its errors have not been measured; leave it out, or "
+                "fly with camera.kind projected and camera.errors"
             )
         found[name] = np.sqrt(bound.sum(axis=1))
     return found

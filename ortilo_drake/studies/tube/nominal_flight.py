@@ -8,11 +8,10 @@ import numpy as np
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.loop.fix_covariance import fix_noise
+from ortilo_drake.studies.loop.fix_covariance import value_noise
 from ortilo_drake.world.radio.link import blackout_rows
 
 _TIME = 3  # a blackout's axis, after x, y, z
@@ -43,7 +42,7 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
     link = scenario.link_of(sensor)
     if link.random_delay and sensor in scenario.sensors:
         raise InputError(f"{sensor}.link.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
-    return link.delay + (scenario.camera.latency if sensor == "camera" else 0)
+    return link.delay + scenario.latency_of(sensor)
 
 
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -94,20 +93,14 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     there = np.zeros((n, len(sensors)), dtype=np.bool_)
     flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(sensors) if sensor in scenario.sensors]
     delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
-    V_imu = np.diag(white_variances(scenario.estimator.V.imu, scenario.h))
     for k in range(n):
-        noise = None
         for s, sensor, link in flying:
             arrival = k + delays[sensor]
             if k % link.every(scenario.h) or arrival >= n:
                 continue
             if _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
                 continue
-            if sensor == "imu":
-                V[arrival, s], there[arrival, s] = V_imu, True
-                continue
-            noise = fix_noise(scenario, poses[k]) if noise is None else noise
-            V[arrival, s, : sizes[s], : sizes[s]], there[arrival, s] = noise.V[sensor], noise.there[sensor]
+            V[arrival, s, : sizes[s], : sizes[s]], there[arrival, s] = value_noise(scenario, sensor, poses[k])
     return NominalFlight(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
 
 

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import title_of
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
@@ -23,7 +24,6 @@ from ortilo_drake.views.palette import BLUE, GREEN, ORANGE
 from ortilo_drake.views.pictures import save_picture
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
-_NAME = {"uwb": "UWB"}
 _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
 
@@ -84,7 +84,7 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
 
 
 def _names(sensors: tuple[str, str]) -> tuple[str, str]:
-    first, second = (_NAME.get(sensor, sensor) for sensor in sensors)
+    first, second = map(title_of, sensors)
     return first, second
 
 

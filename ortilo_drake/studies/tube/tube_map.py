@@ -22,6 +22,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import BernoulliLoss, Loss, NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.sensors.described import unwired
 from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, least_margin
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
@@ -50,16 +51,17 @@ class MarginMap(NamedTuple):
 def map_sensors(scenario: Scenario) -> tuple[str, str]:
     """Return the two sensors that a scenario's maps are over.
 
-    They are the first that flies, the imu aside, and the camera or, where none flies, the last.
+    They are the first that flies, the imu aside, and the next that measures the position or, without such, the last.
 
     Raises:
         InputError: if fewer than two fly beside the imu.
     """
-    flying = [sensor for sensor in scenario.measurement.sensors if sensor in scenario.sensors and sensor != "imu"]
+    measurement = scenario.measurement
+    flying = unwired(sensor for sensor in measurement.sensors if sensor in scenario.sensors)
     if len(flying) < 2:
         raise InputError(f"sensors: {list(scenario.sensors)}: must be two beside the imu")
-    second = "camera" if "camera" in flying[1:] else flying[-1]
-    return flying[0], second
+    is_position = dict(zip(measurement.sensors, measurement.layout.is_position, strict=True))
+    return flying[0], next((sensor for sensor in flying[1:] if is_position[sensor]), flying[-1])
 
 
 def with_losses(scenario: Scenario, first: Loss, second: Loss) -> Scenario:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import unwired
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
 from ortilo_drake.studies.tube.tube_flights import (
@@ -47,7 +48,7 @@ def why_no_tube(scenario: Scenario) -> str | None:
     """Return why a scenario's tube has no maps, None if it has."""
     if scenario.estimator.force != "none":
         return "the filter estimates more than the vehicle's states, and the tube is that of the paper's filter"
-    if len(set(scenario.sensors) - {"imu"}) < 2:
+    if len(unwired(scenario.sensors)) < 2:
         return "its maps are over the arrival rates of two sensors beside the imu, and both must fly"
     if scenario.servo.velocities == "truth":
         return "the servo is given the true velocities, and the tube is that of a servo fed by the filter"

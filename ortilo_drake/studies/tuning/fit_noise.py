@@ -34,6 +34,7 @@ from scipy.optimize import minimize
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.tuning.noise_likelihood import Record, log_likelihood, refilter
 from ortilo_drake.studies.tuning.noise_settings import noise_model, noise_numbers, sensor_of, with_numbers
 
@@ -151,7 +152,8 @@ def fit_noise(
         for name in before
         if (sensor := sensor_of(name)) is not None and sensor not in arrived
     }
-    counted = tuple(s for s in arrived if s != "camera" or "uwb" not in arrived)
+    boxes, ranges = measuring("landmarks"), measuring("anchors")
+    counted = tuple(s for s in arrived if s != boxes or ranges not in arrived)
     evaluations = 0
 
     def likelihoods(numbers: dict[str, float]) -> np.ndarray:

@@ -17,11 +17,10 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.estimator.filter_model import process_noise
 from ortilo_drake.scenario import DiagonalW, IntermittentFilter, Scenario
-from ortilo_drake.sensors.described import flown
+from ortilo_drake.sensors.described import described, flown
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
 _DENSITIES = ("force_density", "torque_density")
-_SCALED_BY = {"uwb": "multilateration.noise", "camera": "landmark_fix.center_sd"}
 
 
 def noise_numbers(scenario: Scenario) -> dict[str, float]:
@@ -38,12 +37,10 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     W, V, found = scenario.estimator.W, scenario.estimator.V, {}
     for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else _DENSITIES:
         found[f"estimator.W.{name}"] = float(getattr(W, name))
-    if "uwb" in scenario.sensors and V.uwb is None:
-        noise = scenario.multilateration.noise
-        name, size = ("sd", noise.sd) if noise.kind == "constant" else ("fraction", noise.fraction)
-        found[f"multilateration.noise.{name}"] = size
-    if "camera" in scenario.sensors and V.camera is None:
-        found["landmark_fix.center_sd"] = scenario.landmark_fix.center_sd
+    for sensor in scenario.measurement.sensors:
+        triple, numbers = getattr(V, sensor, None), described(sensor).noise_numbers
+        if sensor in scenario.sensors and triple is None and numbers is not None:
+            found |= numbers(scenario)
     for sensor in scenario.sensors:
         triple = getattr(V, sensor, None)
         if triple is not None:
@@ -55,7 +52,7 @@ def sensor_of(name: str) -> str | None:
     """Return the sensor whose noise a number states; None for a number of W."""
     if name.startswith("estimator.W"):
         return None
-    return next(s for s in SENSORS if name.startswith((f"estimator.V.{s}.", _SCALED_BY.get(s, "?"))))
+    return next(s for s in SENSORS if name.startswith((f"estimator.V.{s}.", *described(s).scaled_by)))
 
 
 def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:

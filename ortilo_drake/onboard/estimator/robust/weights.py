@@ -94,7 +94,7 @@ def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Wei
         1.0 if adaptation is None else adaptation.tolerates,
         1.0 if adaptation is None else adaptation.most,
         settings.reacquire_after,
-        measurement.sensors.index("imu") if "gyroscope" in measurement.sensors and settings.drift is not None else -1,
+        measurement.inertial if "gyroscope" in measurement.sensors and settings.drift is not None else -1,
         np.inf if settings.drift is None else settings.drift,
     )
 

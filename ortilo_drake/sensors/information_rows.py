@@ -5,6 +5,8 @@ changing error (or none). Its information g g^T / r may be unbounded (r = 0), be
 flight are one array (l, 5 + m), m states in x.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ortilo_drake.model.signals import N_X
@@ -16,6 +18,18 @@ AMPLITUDE = 3  # a, that error's standard deviation in the measurement's unit
 SOURCE = 4  # what gave it: the number of the anchor, twice that of the landmark (+ 1 for v), or of the sensor's row
 GRADIENT = slice(5, None)  # g [1/m, 1/rad of the measurement's unit]
 ROW_SIZE = 5 + N_X
+
+
+class Information(NamedTuple):
+    """The Fisher information of a sensor's messages.
+
+    Attributes:
+        rows: by what gave them, such as the sensor's name (l, 17 each).
+        spacing: ticks between the nodes of its slowly changing errors, 1 where it has none.
+    """
+
+    rows: dict[str, np.ndarray]
+    spacing: int = 1
 
 
 def rows_of(

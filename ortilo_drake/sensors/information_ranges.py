@@ -8,11 +8,11 @@ information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical
 
 import numpy as np
 
-from ortilo_drake.floor.information_rows import rows_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Uwb
+from ortilo_drake.sensors.information_rows import rows_of
 from ortilo_drake.world.sensors.uwb import ranging_settings
 
 

@@ -25,12 +25,12 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import PchipInterpolator
 
-from ortilo_drake.floor.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
+from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
 from ortilo_drake.world.sensors.landmark_view import Surroundings, landmark_views, surroundings

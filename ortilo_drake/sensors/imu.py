@@ -1,0 +1,168 @@
+"""The imu, attitude, body rates and specific force: what the theory knows of it.
+
+The filter reads body rates and specific force only where its settings say so; their information counts only then.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.model.measurement import IMU, row
+from ortilo_drake.model.parts import Sensor
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import IMU_SIZE, N_I, N_U, N_X, N_XBAR, PAYLOAD, STATE_NAMES
+from ortilo_drake.model.white_noise import white_variances
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
+from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
+from ortilo_drake.sensors.information_linear import linear_rows, own_rows
+from ortilo_drake.sensors.information_rows import Information, rows_of
+from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
+from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
+from ortilo_drake.world.sensors.imu import imu_box
+from ortilo_drake.world.sensors.sensor_errors import factor_of
+from ortilo_drake.world.sensors.standstill import left_at_rest, zero_at_rest
+
+SETTLED = 300  # ticks after which the attitude's covariance no longer changes
+_RATES = tuple(row(name, **{name: 1.0}) for name in STATE_NAMES[9:])
+
+
+def believed_V(scenario: Belief) -> np.ndarray | None:
+    """Return the covariance of the angles as the filter believes it, None of a filter that says none."""
+    V = getattr(scenario.estimator, "V", None)
+    return None if V is None else np.diag(white_variances(V.imu, scenario.imu_period))
+
+
+def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
+    """Return the noise of the angles (n, 3) [rad], the same everywhere."""
+    return np.full((len(states), 3), scenario.imu.sds(scenario.imu_period)[0])
+
+
+@lru_cache(maxsize=16)
+def attitude_covariance(scenario: Scenario) -> np.ndarray:
+    """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the imu alone, after settling."""
+    model = filter_model(scenario.estimator, scenario.vehicle, "estimate", scenario.h, scenario.yaw)
+    measurement, every = scenario.measurement, scenario.every("imu")
+    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
+    y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
+    V2[measurement.block_of("imu")] = np.diag(white_variances(scenario.estimator.V.imu, scenario.h)).ravel()
+    u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.inertial
+    for k in range(SETTLED):
+        delta[imu] = float("imu" in scenario.sensors and k % every == 0)
+        belief = filter_step(belief, y, delta, V2, u, r, model, measurement.layout)
+    return np.array(belief[N_XBAR:].reshape(N_XBAR, N_XBAR)[3:6, 3:6])
+
+
+def specific_force_sd(scenario: Scenario) -> float:
+    """Return the standard deviation of a tick's mean specific force, as a force [N]."""
+    return scenario.vehicle.mass * scenario.imu.sds(scenario.h)[2]
+
+
+def reads_force(scenario: Scenario) -> bool:
+    """Return whether the scenario's filter reads the specific force."""
+    return getattr(scenario.estimator, "force", "none") == "measured"
+
+
+def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of the body rates in the ticks that are seen, to first order the Euler-angle rates."""
+    n = scenario.imu_samples
+    sd = np.full((np.count_nonzero(seen), 3), scenario.imu.sds(scenario.h / n)[1])
+    return linear_rows(scenario, n, _RATES, seen, sd)
+
+
+def force_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of what specific force tells of the force that lasts and of its own bias, and not of x."""
+    ticks = np.repeat(np.flatnonzero(seen), 3)
+    variance = scenario.world.disturbance.sds(scenario.h)[0] ** 2 + specific_force_sd(scenario) ** 2
+    return rows_of(ticks, np.zeros((len(ticks), N_X)), np.full(len(ticks), variance), np.arange(len(ticks)) % 3)
+
+
+def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
+    """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads."""
+    rows = {"imu": own_rows(SENSOR, scenario, room, truth, seen)}
+    if getattr(scenario.estimator, "rates", "none") == "measured":
+        rows["rates"] = rate_rows(scenario, seen)
+    if reads_force(scenario):
+        rows["force"] = force_rows(scenario, seen)
+    return Information(rows)
+
+
+def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return how large the biases of body rates and specific force are (3 each), or what zeroing leaves of them."""
+    if scenario.samples_at_rest:
+        return left_at_rest(scenario)
+    imu = scenario.truth.imu
+    return spread(imu.rates, imu.rates_sd), spread(imu.specific_force, imu.specific_force_sd)
+
+
+def unknown(scenario: Scenario, room: Room) -> list[Error]:
+    """Return what is unknown of angles and body rates; of the specific force see floor/unknown_errors.py."""
+    imu, h = scenario.truth.imu, scenario.h
+    angles = np.array([*spread(imu.level, imu.level_sd, number=2), np.hypot(imu.yaw, imu.yaw_sd)])
+    walks = np.array([imu.level_walk, imu.level_walk, imu.yaw_walk]) * np.sqrt(h)
+    return [
+        walk(angles, walks, {"imu": own(3)}),
+        walk(inertial_biases(scenario)[0], imu.rates_walk * np.sqrt(h), {"rates": own(3)}),
+    ]
+
+
+def element(scenario: Scenario, room: Room, whole: bool) -> Box:
+    """Return the imu."""
+    return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples).reading(passed="vehicle.passed")
+
+
+def bias_of(its: Drawn) -> np.ndarray:
+    """Return what is added to the angles, rates and specific force (9)."""
+    return np.array([*its["imu.level"], its["imu.yaw"], *its["imu.rates"], *its["imu.specific_force"]])
+
+
+def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
+    """Return how the imu's messages are off."""
+    return {"imu": Given(tables={"bias": bias_of(its)})}
+
+
+def errors_drawn(its: Drawn) -> tuple[np.ndarray, np.ndarray]:
+    """Return the biases and the factors of angles, rates and specific force (9 each); of {} none."""
+    return (bias_of(its), factor_of(its, "imu", 9)) if its else (np.zeros(9), np.ones(9))
+
+
+def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Given]:
+    """Return the imu as it is after it was zeroed at rest: what is taken off its messages is taken off its biases."""
+    if scenario.samples_at_rest == 0:
+        return {}
+    bias, factor = errors_drawn(its)
+    bias[3:] -= zero_at_rest(scenario, bias, factor, draw) / factor[3:]
+    return {"imu": Given(tables={"bias": bias})}
+
+
+def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
+    """Return how the vehicle of a scenario and its seed stood still: for how long, and what was measured; {} if not."""
+    if scenario.samples_at_rest == 0:
+        return {}
+    draw = of_seed(scenario.seed)
+    its = draw_truth(scenario.truth, draw, room, {"imu": IMU_SIZE - PAYLOAD}) if scenario.truth != Truth() else {}
+    zero = zero_at_rest(scenario, *errors_drawn(its), draw).tolist()
+    how = {"seconds": scenario.imu.standstill, "samples": scenario.samples_at_rest}
+    return how | {"rates": zero[:3], "specific_force": zero[3:]}
+
+
+SENSOR = Sensor(
+    "imu",
+    Imu,
+    IMU,
+    sd=angles_sd,
+    payload=IMU_SIZE - PAYLOAD,
+    V=believed_V,
+    information=information,
+    unknown=unknown,
+    element=element,
+    drawn=drawn,
+    feels=True,
+    samples_itself=True,
+    is_wired=True,
+    title="IMU",
+    components="φθψ",
+)

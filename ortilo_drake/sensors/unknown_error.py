@@ -1,0 +1,66 @@
+"""An error that a scenario's truth leaves unknown, as states of the Cramer-Rao bound beside the vehicle's twelve.
+
+Each is an unknown of mean zero, whose variance is its value's square plus its spread's: a team knows how large its
+errors may be, and neither their sign nor their size. floor/unknown_errors.py puts all of a scenario together.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE
+
+Seen = Callable[[np.ndarray], np.ndarray]  # rows (l, 17) -> their coefficients of an error's e components (l, e)
+
+
+class Error(NamedTuple):
+    """An unknown error: independent components, all of the same kind.
+
+    Attributes:
+        sd: standard deviations at first (e).
+        step_sd: of what is added in a tick (e).
+        keeps: share of the value that is left a tick later (e).
+        G: how the components drive x (12, e).
+        sees: by the kind of rows the coefficients of the components in them.
+    """
+
+    sd: np.ndarray
+    step_sd: np.ndarray
+    keeps: np.ndarray
+    G: np.ndarray
+    sees: dict[str, Seen]
+
+
+def walk(sd: np.ndarray, step_sd: np.ndarray | float, sees: dict[str, Seen], G: np.ndarray | None = None) -> Error:
+    """Return a random walk; a constant where step_sd is 0."""
+    e = len(sd)
+    return Error(sd, np.broadcast_to(step_sd, e), np.ones(e), np.zeros((N_X, e)) if G is None else G, sees)
+
+
+def gauss_markov(sd: np.ndarray, time: float, h: float, sees: dict[str, Seen], G: np.ndarray | None = None) -> Error:
+    """Return first-order Gauss-Markov noise of those sds at all times and that correlation time [s]."""
+    keeps = np.full(len(sd), np.exp(-h / time))
+    return walk(sd, sd * np.sqrt(1.0 - keeps**2), sees, G)._replace(keeps=keeps)
+
+
+def own(number: int, each: int = 1) -> Seen:
+    """Return coefficients 1 of the component that has the number of a row's source; each so many sources have one."""
+    return lambda rows: np.eye(number)[rows[:, SOURCE].astype(int) // each]
+
+
+def moved(sign: float, number: int = 1, each: int = 1) -> Seen:
+    """Return coefficients of what moves as p does, or against it: one vector for all rows, or one for each source."""
+
+    def coefficients(rows: np.ndarray) -> np.ndarray:
+        g = sign * rows[:, GRADIENT][:, :3]
+        whose = np.ones((len(rows), 1)) if number == 1 else own(number, each)(rows)
+        return (whose[:, :, np.newaxis] * g[:, np.newaxis]).reshape(len(rows), 3 * whose.shape[1])
+
+    return coefficients
+
+
+def spread(*parts: tuple[float, ...] | float, number: int = 3) -> np.ndarray:
+    """Return how large an error may be, the root of the sum of its parts' squares, for each of its components."""
+    return np.sqrt(sum(np.broadcast_to(part, number).astype(float) ** 2 for part in parts))

@@ -1,0 +1,53 @@
+"""Only few files name the paper's sensors: all others ask a sensor's description for what it can."""
+
+import re
+from pathlib import Path
+
+import ortilo_drake
+
+PACKAGE = Path(ortilo_drake.__file__).parent
+NAMED = re.compile(r"""["'](uwb|camera|imu)(["']|\.)""")  # "uwb", or a setting such as "uwb.link.rate"
+
+# A sensor's own files, its settings and its views.
+OWN = (
+    "scenario/",
+    "views/",
+    "onboard/landmarks/",
+    "onboard/ranging/",
+    "world/sensors/",
+    "sensors/uwb.py",
+    "sensors/camera.py",
+    "sensors/imu.py",
+    "diagrams/imu.py",
+    "diagrams/rendered_camera.py",
+    "training/calibration/calibrate.py",  # of the camera
+    "world/faults/scene_faults.py",  # of what the camera looks at
+    "world/radio/image_delay.py",  # of the camera's pictures
+)
+
+# Every other file that names one, and why.
+WHY = {
+    "model/signals.py": "the list of the paper's sensors",
+    "world/drawn_truth.py": "entries of `truth` that are drawn for each anchor",
+    "onboard/estimator/tight/element.py": "the tight filter takes the raw messages of these three",
+    "onboard/estimator/tight/model.py": "likewise",
+    "diagrams/wiring/tight.py": "likewise",
+    "studies/sensitivity/mismatches.py": "a table of settings by their keys",
+    "studies/rooms/room_scenario.py": "settings by their keys",
+    "commands/options.py": "settings by their keys, of --camera and --detector",
+    "api/studies.py": "a setting in an example",
+    "hil/wire/limits.py": "the least and the greatest that their messages may hold",
+    "hil/wire/packets.py": "the channels of the protocol",
+    "codegen/c_header.py": "the structs of their messages in C",
+    "interop/ros/ros_sensors.py": "their ROS messages",
+    "interop/recorded/recording.py": "columns of foreign recordings",
+    "interop/rerun/layout.py": "the title of a view",
+    "world/scenery/vehicle_mesh.py": "a part of the drawn vehicle",
+}
+
+
+def test_only_these_files_name_the_papers_sensors() -> None:
+    files = [p for p in sorted(PACKAGE.rglob("*.py")) if "__pycache__" not in p.parts]
+    files += sorted((PACKAGE / "diagrams").rglob("*.py"))
+    named = {p.relative_to(PACKAGE).as_posix() for p in files if NAMED.search(p.read_text(encoding="utf-8"))}
+    assert {name for name in named if not name.startswith(OWN)} == set(WHY)
