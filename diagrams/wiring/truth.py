@@ -12,6 +12,9 @@ from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
 from ortilo_drake.world.faults.fault_element import fault_out
+from ortilo_drake.world.sensors.ahrs import STREAM as AHRS_STREAM
+from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
+from ortilo_drake.world.sensors.range_paths import paths_out
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
 from ortilo_drake.world.sensors.standstill import zero_at_rest
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
@@ -28,12 +31,12 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
         draw: what was drawn.
     """
     if scenario.truth == Truth():
-        return of_standstill(wiring, scenario, {}, draw)
+        return of_standstill(wiring, scenario, {}, draw) | of_paths(wiring, draw) | of_ahrs(wiring, scenario, draw)
     payloads = payloads_of(wiring, scenario, room)
     drawn = draw_truth(scenario.truth, draw, room, payloads)
     parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
     parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
-    parts.append(of_standstill(wiring, scenario, drawn, draw))
+    parts += [of_standstill(wiring, scenario, drawn, draw), of_paths(wiring, draw), of_ahrs(wiring, scenario, draw)]
     found: dict[str, Given] = {}
     for name, given in (item for part in parts for item in part.items()):
         if name in wiring.boxes:
@@ -127,7 +130,7 @@ def of_sensor(
     if sensor == "uwb":
         anchors = Given(tables={"anchors": room.anchor_positions + drawn["survey.anchors"]})
         found["uwb"] = anchors.with_(Given(tables={"bias": drawn["uwb.bias"]}))
-        found |= {name: anchors for name, box in wiring.boxes.items() if box.element.out is fault_out}
+        found |= {name: anchors for name, box in wiring.boxes.items() if box.element.out in (fault_out, paths_out)}
     if sensor == "camera" and not scenario.is_rendered:
         f = wiring.boxes["camera"].given.numbers["camera_f"] * float(drawn["camera.focal_factor"])
         tables = {
@@ -136,6 +139,21 @@ def of_sensor(
         }
         found["camera"] = Given({"camera_f": f, "turned": drawn["camera.angles"]}, tables=tables)
     return found
+
+
+def of_paths(wiring: Wiring, draw: AtStart) -> dict[str, Given]:
+    """Return the first of what walls lengthen ranges by."""
+    if "uwb_paths" not in wiring.boxes:
+        return {}
+    size = len(wiring.boxes["uwb_paths"].given.start["x"])
+    return {"uwb_paths": Given(start={"x": draw(PATHS_STREAM, size)})}
+
+
+def of_ahrs(wiring: Wiring, scenario: Scenario, draw: AtStart) -> dict[str, Given]:
+    """Return how the yaw of the imu's attitude filter drifts."""
+    if "imu_ahrs" not in wiring.boxes or scenario.imu.ahrs is None:
+        return {}
+    return {"imu_ahrs": Given({"drift": scenario.imu.ahrs.drift_sd * float(draw(AHRS_STREAM, 1)[0])})}
 
 
 def imu_bias(drawn: Drawn) -> np.ndarray:

@@ -23,10 +23,12 @@ from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
 from ortilo_drake.world.faults.scene_faults import message_faults
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box, is_late, link_box
+from ortilo_drake.world.sensors.ahrs import ahrs_box
 from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.message_error import errors_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
 from ortilo_drake.world.sensors.projected_camera_element import camera_box
+from ortilo_drake.world.sensors.range_paths import paths_box
 from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import errors_of
@@ -114,9 +116,15 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
         check_size(name, dict(scenario.truth.sensors)[name], payload)
+    paths = paths_box(scenario.uwb, room, h) if name == "uwb" else None
+    if paths is not None:
+        changes.append(paths.reading(message=sensor.name, state=seen))
+    if name == "imu" and scenario.imu.ahrs is not None:
+        changes.append(ahrs_box(scenario.imu.ahrs, sensor, each, h).reading(state=seen))
+    said = changes[-1] if changes else sensor
     errors = None if is_picture(scenario, name) else errors_of(scenario.truth, name, payload, h)
     if errors is not None:
-        changes.append(errors_box(name, sensor, errors, each, h))
+        changes.append(errors_box(name, said, errors, each, h))
     said = changes[-1] if changes else sensor
     boxes = fault_boxes(name, said, faults, room.anchor_positions, each, its_h)
     changes += [box.reading(state=seen) for box in boxes]
@@ -186,7 +194,7 @@ def is_system(scenario: Scenario, name: str) -> bool:
 
 def feels(scenario: Scenario, whole_imu: bool) -> bool:
     """Return whether a sensor asks for what acts on the body."""
-    imu = "imu" in scenario.sensors and (whole_imu or reads_whole_imu(scenario))
+    imu = "imu" in scenario.sensors and (whole_imu or reads_whole_imu(scenario) or scenario.imu.ahrs is not None)
     return imu or any(is_system(scenario, name) for name in scenario.sensors)
 
 

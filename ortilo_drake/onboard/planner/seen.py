@@ -48,9 +48,7 @@ ALL_SOURCES = FixSources()
 
 def fix_sources(belief: Belief) -> FixSources:
     """Return what a vehicle with this belief has to find its position by."""
-    noise = belief.multilateration.noise
-    sds = (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
-    return FixSources(belief.sensors, sds, belief.yaw, belief.image_width)
+    return FixSources(belief.sensors, belief.multilateration.noise.sds, belief.yaw, belief.image_width)
 
 
 @njit(cache=True)

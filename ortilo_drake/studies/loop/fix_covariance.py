@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.signals import (
     ARRIVED,
@@ -88,9 +89,15 @@ def uwb_without_noise(scenario: Scenario, x: np.ndarray) -> np.ndarray:
     settings = ranging_settings(scenario.uwb)
     settings[:2] = 0.0
     unbiased = np.zeros(len(room.anchors))
-    return np.asarray(
+    message = np.asarray(
         uwb_message(x, room.anchor_positions, unbiased, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h)
     )
+    if scenario.belief.uwb.behind_walls == "left_out":
+        n = len(unbiased)
+        for i, anchor in enumerate(room.anchor_positions):
+            if walls_crossed(x[:3], anchor, room.wall_boxes):
+                message[PAYLOAD + i] = message[PAYLOAD + n + i] = 0.0
+    return message
 
 
 def likely_detections(scenario: Scenario, x: np.ndarray) -> np.ndarray:

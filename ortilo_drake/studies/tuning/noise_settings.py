@@ -40,8 +40,9 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
         found[f"estimator.W.{name}"] = float(getattr(W, name))
     if "uwb" in scenario.sensors and V.uwb is None:
         noise = scenario.multilateration.noise
-        name, size = ("sd", noise.sd) if noise.kind == "constant" else ("fraction", noise.fraction)
-        found[f"multilateration.noise.{name}"] = size
+        for name in ("sd", "fraction"):
+            if hasattr(noise, name):
+                found[f"multilateration.noise.{name}"] = getattr(noise, name)
     if "camera" in scenario.sensors and V.camera is None:
         found["landmark_fix.center_sd"] = scenario.landmark_fix.center_sd
     for sensor in scenario.sensors:
