@@ -14,7 +14,7 @@ from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes
 from ortilo_drake.loop.diagram import add_wiring, connect_chance, system_of
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import N_U
+from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import VehicleTruth
@@ -63,9 +63,9 @@ def add_vehicle(
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or h, N_U))
     plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, scenario.world.kinematics, x_0=x_0))
     pushing = disturbance_boxes(scenario)
-    pushes = add_wiring(
-        builder, Wiring(pushing), {"disturbance": pushing[-1].name}, h, seed=scenario.seed, chance=chance
-    )
+    moved = Wiring([*pushing, outside("plant", N_X)] if any(scenario.world.drag) else pushing)
+    state, said = {"plant": plant.GetOutputPort("state")}, {"disturbance": pushing[-1].name}
+    pushes = add_wiring(builder, moved, said, h, state, seed=scenario.seed, chance=chance)
     disturbance = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     builder.Connect(pushes.outputs["disturbance"], disturbance.get_input_port())
     builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))

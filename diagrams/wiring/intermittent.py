@@ -27,8 +27,9 @@ from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
 from ortilo_drake.onboard.estimator.robust.opening import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
+from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.described import flown
+from ortilo_drake.sensors.described import flown, measuring
 
 
 class Filtering(NamedTuple):
@@ -78,6 +79,11 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         name: solver if solver.system is not None else solver.reading(belief=about[name])
         for name, solver in fixes.items()
     }
+    ranging = measuring("anchors")
+    sighted = sighted_box(belief.uwb, room) if ranging in fixes else None
+    if sighted is not None and fixes[ranging].system is None:
+        split.append(sighted.reading(message=heard[ranging].name, belief=about[ranging]))
+        fixes[ranging] = fixes[ranging].reading(message=sighted.name)
     handed = heard | fixes
 
     chain = [handler_of(belief, {name: box.size for name, box in handed.items()}).reading(belief=its.known)]

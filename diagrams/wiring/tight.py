@@ -13,6 +13,7 @@ from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.estimator.tight.element import heard_box, tight_box
 from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of, sample_sds
 from ortilo_drake.onboard.fix_solver import fix_reader_box
+from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described, flown
 
@@ -35,6 +36,10 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     heard = heard_box(belief.measurement, sensors, samples, layout.clones, aids.angle_sd, belief.h, rows)
     silent = [constant(f"no_{name}", np.zeros(size)) for name, size in _NOTHING.items() if name not in messages]
     said = {name: messages[name].name if name in messages else f"no_{name}" for name in _NOTHING}
+    sighted = sighted_box(belief.uwb, room) if "uwb" in messages else None
+    if sighted is not None:
+        solving.append(sighted.reading(message=said["uwb"], belief="filter"))
+        said["uwb"] = sighted.name
     fixes = bundle("fixes", [box for box in solving if box.name in {f"{name}_fix" for name in own}])
     fixes = fixes if own else constant("fixes", np.zeros(1))  # a system of its own reads a port, which is never empty
     return [heard.reading(**said), kalman.reading(**said, control="servo"), *silent, *solving, fixes]

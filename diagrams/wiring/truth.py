@@ -9,8 +9,9 @@ from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.sensors.described import described
-from ortilo_drake.sensors.imu import zeroed
+from ortilo_drake.sensors.imu import ahrs_drawn, zeroed
 from ortilo_drake.sensors.messages import message_size
+from ortilo_drake.sensors.uwb import paths_drawn
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
@@ -27,12 +28,12 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
         draw: what was drawn.
     """
     if scenario.truth == Truth():
-        return {name: given for name, given in zeroed(scenario, {}, draw).items() if name in wiring.boxes}
+        return of_any_world(wiring, scenario, {}, draw)
     payloads = payloads_of(wiring, scenario, room)
     drawn = draw_truth(scenario.truth, draw, room, payloads)
     parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
     parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
-    parts.append(zeroed(scenario, drawn, draw))
+    parts.append(of_any_world(wiring, scenario, drawn, draw))
     found: dict[str, Given] = {}
     for name, given in (item for part in parts for item in part.items()):
         if name in wiring.boxes:
@@ -61,6 +62,12 @@ def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int
 
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
     return {name: size(name) - PAYLOAD for name in flying}
+
+
+def of_any_world(wiring: Wiring, scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
+    """Return what is drawn though nothing differs from what is believed: the imu's zero, detours of ranges, a drift."""
+    found = zeroed(scenario, drawn, draw) | paths_drawn(wiring.boxes, draw) | ahrs_drawn(scenario, draw)
+    return {name: given for name, given in found.items() if name in wiring.boxes}
 
 
 def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:

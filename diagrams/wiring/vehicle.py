@@ -10,6 +10,7 @@ from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_tab
 from ortilo_drake.world.slow_error import gauss_markov
 from ortilo_drake.world.vehicle.continuous_element import continuous_boxes
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, lasting_force_box
+from ortilo_drake.world.vehicle.drag import drag_box
 from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
@@ -54,7 +55,7 @@ def felt_control(scenario: Scenario) -> str:
 
 
 def disturbance_boxes(scenario: Scenario) -> list[Box]:
-    """Return what pushes the vehicle about; the last box says it."""
+    """Return what pushes the vehicle about; the last box says it, and may read the true state, `plant`."""
     boxes = [disturbance_box(scenario.world.disturbance, scenario.h)]
     lasting, faults = scenario.truth.force, force_table(scenario.faults)
     if lasting != ForceTruth():
@@ -62,6 +63,8 @@ def disturbance_boxes(scenario: Scenario) -> list[Box]:
         boxes.append(lasting_force_box(noise, scenario.h).reading(disturbance=boxes[-1].name))
     if faults.kinds.size:
         boxes.append(force_faults_box(faults, scenario.h).reading(disturbance=boxes[-1].name))
+    if any(scenario.world.drag):
+        boxes.append(drag_box(scenario.world.drag).reading(disturbance=boxes[-1].name, state="plant"))
     return boxes
 
 

@@ -110,9 +110,14 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
         check_size(name, dict(scenario.truth.sensors)[name], payload)
+    behind = described(name).behind
+    changed = None if behind is None else behind(scenario, room, sensor, each)
+    if changed is not None:
+        changes.append(changed.reading(state=seen))
+    said = changes[-1] if changes else sensor
     errors = None if scenario.is_picture(name) else errors_of(scenario.truth, name, payload, h)
     if errors is not None:
-        changes.append(errors_box(name, sensor, errors, each, h))
+        changes.append(errors_box(name, said, errors, each, h))
     said = changes[-1] if changes else sensor
     boxes = fault_boxes(name, said, faults, room.anchor_positions, each, its_h)
     changes += [box.reading(state=seen) for box in boxes]
@@ -181,7 +186,7 @@ def is_element(name: str) -> bool:
 
 def feels(scenario: Scenario, whole_imu: bool) -> bool:
     """Return whether a sensor asks for what acts on the body."""
-    felt = whole_imu or reads_whole_imu(scenario)
+    felt = whole_imu or reads_whole_imu(scenario) or scenario.imu.ahrs is not None
     return any((felt and described(name).feels) or is_system(scenario, name) for name in scenario.sensors)
 
 

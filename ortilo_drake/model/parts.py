@@ -80,6 +80,8 @@ class Sensor:
             By default those that its filter believes in (estimator.biases.row_sd).
         element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.
+        behind: (scenario, room, the Box that says its message, samples a tick) -> Box that changes the message before
+            the errors of `truth` do, None where nothing does. It reads the true state, and may the acceleration.
         solver: (scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise.
         drawn: (scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by
             their names; built in likewise.
@@ -116,6 +118,7 @@ class Sensor:
     information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
     unknown: Callable[[Any, Any], Any] | None = None
     element: Callable[[Any, Any, bool], Any] | None = None
+    behind: Callable[[Any, Any, Any, int], Any] | None = None
     solver: Callable[[Any, Any], Any] | None = None
     drawn: Callable[[Any, Any, Any, Any], Any] | None = None
     feels: bool = False

@@ -37,6 +37,8 @@ from ortilo_drake.scenario.onboard import (
 from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 from ortilo_drake.scenario.sensors import (
+    AffineNoise,
+    Ahrs,
     Camera,
     ConstantNoise,
     Imu,
@@ -46,6 +48,7 @@ from ortilo_drake.scenario.sensors import (
     WallEffect,
     WallsBias,
     WallsBlock,
+    WallsExcess,
     WallsIgnored,
 )
 from ortilo_drake.scenario.truth import Truth
@@ -53,6 +56,8 @@ from ortilo_drake.scenario.world import Disturbance, FirstOrderRotors, IdealRoto
 
 __all__ = [
     "SCENARIO_FOLDER",
+    "AffineNoise",
+    "Ahrs",
     "Belief",
     "BernoulliLoss",
     "Biases",
@@ -97,6 +102,7 @@ __all__ = [
     "WallEffect",
     "WallsBias",
     "WallsBlock",
+    "WallsExcess",
     "WallsIgnored",
     "WaypointPlanner",
     "World",

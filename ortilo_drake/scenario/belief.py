@@ -20,11 +20,10 @@ from ortilo_drake.model.typed_yaml import FileName, Frozen
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import IntermittentFilter
-from ortilo_drake.scenario.link import LinkRate
 from ortilo_drake.scenario.onboard import Detector, LandmarkFix, LqServo, Multilateration
 from ortilo_drake.scenario.own_parts import model_for, model_of_all
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
-from ortilo_drake.scenario.sensors import CameraSetup, ImuSetup, SensorSetup
+from ortilo_drake.scenario.sensors import CameraSetup, ImuSetup, UwbSetup
 
 
 def _as_file_name(name: str) -> str:
@@ -66,7 +65,7 @@ class Belief(Frozen):
     vehicle: Vehicle = Vehicle()
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
     imu: ImuSetup = ImuSetup()
-    uwb: SensorSetup = SensorSetup(link=LinkRate(rate=10.0))
+    uwb: UwbSetup = UwbSetup()
     camera: CameraSetup = CameraSetup()
     detector: Detector = Detector()
     multilateration: Multilateration = Multilateration()

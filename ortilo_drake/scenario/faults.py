@@ -211,7 +211,7 @@ class LandmarkGone(Fault):
 
 
 class People(Fault):
-    """People who walk to and fro: upright cylinders that hide landmarks from the camera and anchors from the receiver.
+    """People who walk to and fro: upright cylinders in the way of camera and receiver.
 
     Attributes:
         start: when they come [s].
@@ -221,6 +221,8 @@ class People(Fault):
         speed: of all [m/s].
         radius: of the cylinders [m].
         height: of the cylinders, on the floor [m].
+        excess: mean of the exponential length by which a range through a person comes out longer [m], drawn anew for
+            each; null if there is none.
     """
 
     kind: Literal["people"]
@@ -228,6 +230,7 @@ class People(Fault):
     speed: Positive = 1.2
     radius: Positive = 0.25
     height: Positive = 1.75
+    excess: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
 
 
 class Gust(Fault):

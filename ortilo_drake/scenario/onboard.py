@@ -56,7 +56,7 @@ class Multilateration(Frozen):
 
     @model_validator(mode="after")
     def _believes_in_noise(self) -> "Multilateration":
-        size = self.noise.sd if self.noise.kind == "constant" else self.noise.fraction
+        size = sum(self.noise.sds)
         if size <= 0.0:
             raise ValueError(f".noise: {size}: must be greater than 0, ranges are weighted by it")
         return self

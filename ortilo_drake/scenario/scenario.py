@@ -220,6 +220,9 @@ def _believed(data: dict[str, Any]) -> dict[str, Any]:
         if key in SENSORS:
             setup: Any = Belief.model_fields[key].annotation
             group = {name: value for name, value in group.items() if name in setup.model_fields}
+        if key == "uwb" and group["behind_walls"] is None:
+            lengthen = data["uwb"]["walls"]["kind"] in ("bias", "excess")
+            group["behind_walls"] = "left_out" if lengthen else "used"
         if isinstance(group, dict) and isinstance(group.get("link"), dict):
             kept[key] = group | {"link": {"rate": group["link"]["rate"]}}
     return kept

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
@@ -31,6 +32,21 @@ class ImuSetup(SensorSetup):
     standstill: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
 
 
+class Ahrs(Frozen):
+    """An attitude filter without a magnetometer: a complementary filter that takes the specific force for gravity.
+
+    Its roll and pitch are drawn to those of the specific force, so they err while the vehicle accelerates; nothing
+    holds its yaw, which drifts. Walks of the angles are truth.imu's.
+
+    Attributes:
+        time: in which roll and pitch follow the specific force, the reciprocal of the filter's gain [s].
+        drift_sd: standard deviation of the rate at which the yaw drifts, drawn by seed [rad/s].
+    """
+
+    time: Positive = 5.0
+    drift_sd: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+
+
 class Imu(ImuSetup):
     """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(period of its samples).
 
@@ -41,12 +57,14 @@ class Imu(ImuSetup):
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
         rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
+        ahrs: what its attitude filter makes of acceleration; null has it not err.
     """
 
     link: Link = Link()
     angle_density: NonNegativeFloat = 0.01 * USUAL_ROOT
     rate_density: NonNegativeFloat = 0.01 * USUAL_ROOT
     specific_force_density: NonNegativeFloat = 0.05 * USUAL_ROOT
+    ahrs: Ahrs | None = None
 
     def sds(self, period: float) -> tuple[float, float, float]:
         """Return the standard deviations of angles, rates and specific force of a sample every so many seconds."""
@@ -65,6 +83,11 @@ class ProportionalNoise(Frozen):
     kind: Literal["proportional"] = "proportional"
     fraction: NonNegativeFloat = 0.0075
 
+    @property
+    def sds(self) -> tuple[float, float]:
+        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
+        return 0.0, self.fraction
+
 
 class ConstantNoise(Frozen):
     """Range noise that is the same at every distance.
@@ -76,6 +99,30 @@ class ConstantNoise(Frozen):
 
     kind: Literal["constant"]
     sd: NonNegativeFloat
+
+    @property
+    def sds(self) -> tuple[float, float]:
+        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
+        return self.sd, 0.0
+
+
+class AffineNoise(Frozen):
+    """Range noise with a floor: its standard deviation is a constant and a share of the distance.
+
+    Attributes:
+        kind: 'affine'.
+        sd: standard deviation at distance 0 [m].
+        fraction: by which it grows, over distance [1].
+    """
+
+    kind: Literal["affine"]
+    sd: NonNegativeFloat = 0.03
+    fraction: NonNegativeFloat = 0.002
+
+    @property
+    def sds(self) -> tuple[float, float]:
+        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
+        return self.sd, self.fraction
 
 
 class WallsIgnored(Frozen):
@@ -110,15 +157,60 @@ class WallsBlock(Frozen):
     kind: Literal["block"]
 
 
-RangeNoise = Annotated[ProportionalNoise | ConstantNoise, Field(discriminator="kind")]
-WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock, Field(discriminator="kind")]
+class WallsExcess(Frozen):
+    """Each wall in the line of sight lengthens a range by an exponential length; not the wall that holds the anchor.
+
+    The length of each anchor's ranges changes slowly, so that they come out too long in bursts: for as long as there is
+    a wall between.
+
+    Attributes:
+        kind: 'excess'.
+        mean: of the length that a wall adds [m]; its standard deviation is the same, its skewness 2.
+        time: correlation time of it [s].
+    """
+
+    kind: Literal["excess"]
+    mean: NonNegativeFloat = 0.3
+    time: Positive = 1.0
 
 
-class Uwb(SensorSetup):
+RangeNoise = Annotated[ProportionalNoise | ConstantNoise | AffineNoise, Field(discriminator="kind")]
+WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock | WallsExcess, Field(discriminator="kind")]
+
+
+class UwbSetup(SensorSetup):
+    """What the onboard half knows of the uwb.
+
+    Attributes:
+        link: rate of its messages.
+        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
+            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
+            half knows that and takes each range on to the stamp by the velocity that it believes.
+        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
+            to who flies there, by how much is not.
+    """
+
+    link: LinkRate = LinkRate(rate=10.0)
+    round: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    behind_walls: Literal["used", "left_out"] | None = None
+
+    def ages(self, n: int) -> np.ndarray:
+        """Return by how much each of n ranges is older than its message's stamp (n) [s]."""
+        return self.round * (1.0 - np.arange(1, n + 1) / n)
+
+
+class Uwb(UwbSetup):
     """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls.
 
     Attributes:
         link: rate and delivery of its messages.
+        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
+            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
+            half knows that and takes each range on to the stamp by the velocity that it believes.
+        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
+            to who flies there, by how much is not.
         noise: noise of each range.
         walls: what walls in the line of sight do to a range.
         max_distance: farther anchors give no range [m].

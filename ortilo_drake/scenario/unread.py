@@ -74,7 +74,7 @@ RULES = (
     Rule(("imu.rate_density", *_imu("rates")), _RATES, "estimator.kind tight, or estimator.rates measured"),
     Rule(("imu.specific_force_density", *_imu("specific_force")), _FORCE, "estimator.kind tight, or force measured"),
     Rule(
-        ("imu.angle_density", *_imu("level", "yaw", "angles")[:-2]),
+        ("imu.angle_density", "imu.ahrs", *_imu("level", "yaw", "angles")[:-2]),
         _tight(lambda s: s.estimator.imu.angle_density is not None),
         "estimator.imu.angle_density that is not null",
     ),

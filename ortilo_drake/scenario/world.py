@@ -7,6 +7,8 @@ from pydantic import Field, NonNegativeFloat, model_validator
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 
+DragCoefficient = Annotated[float, Field(ge=0.0, le=10.0)]
+
 
 class IdealRotors(Frozen):
     """The control acts on the body at once and without limit, as in the paper's model.
@@ -55,12 +57,14 @@ class World(Frozen):
             Where a sensor is faster than the tick the plant is always integrated, from sample to sample.
         rotors: between the control and the body.
         disturbance: what pushes the vehicle about.
+        drag: of the rotors in still air, force over velocity along x, y and z of B [N s/m].
     """
 
     kinematics: Literal["linear", "small_angle", "rigid_body"] = "small_angle"
     plant: Literal["sampled", "continuous"] = "sampled"
     rotors: Annotated[IdealRotors | FirstOrderRotors, Field(discriminator="kind")] = IdealRotors()
     disturbance: Disturbance = Disturbance()
+    drag: tuple[DragCoefficient, DragCoefficient, DragCoefficient] = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
     def _lag_is_integrated(self) -> "World":

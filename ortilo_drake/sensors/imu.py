@@ -22,6 +22,8 @@ from ortilo_drake.sensors.information_linear import linear_rows, own_rows
 from ortilo_drake.sensors.information_rows import Information, rows_of
 from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
+from ortilo_drake.world.sensors.ahrs import STREAM as AHRS_STREAM
+from ortilo_drake.world.sensors.ahrs import ahrs_box
 from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.sensor_errors import factor_of
 from ortilo_drake.world.sensors.standstill import left_at_rest, zero_at_rest
@@ -138,6 +140,18 @@ def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Given]:
     return {"imu": Given(tables={"bias": bias})}
 
 
+def ahrs_drawn(scenario: Scenario, draw: AtStart) -> dict[str, Given]:
+    """Return how the yaw of the imu's attitude filter drifts."""
+    if scenario.imu.ahrs is None:
+        return {}
+    return {"imu_ahrs": Given({"drift": scenario.imu.ahrs.drift_sd * float(draw(AHRS_STREAM, 1)[0])})}
+
+
+def attitude_filter(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
+    """Return the attitude filter behind the imu, None where its angles are those of the body."""
+    return None if scenario.imu.ahrs is None else ahrs_box(scenario.imu.ahrs, message, samples, scenario.h)
+
+
 def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
     """Return how the vehicle of a scenario and its seed stood still: for how long, and what was measured; {} if not."""
     if scenario.samples_at_rest == 0:
@@ -159,6 +173,7 @@ SENSOR = Sensor(
     information=information,
     unknown=unknown,
     element=element,
+    behind=attitude_filter,
     drawn=drawn,
     feels=True,
     samples_itself=True,

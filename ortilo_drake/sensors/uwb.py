@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import UWB
 from ortilo_drake.model.parts import Sensor
@@ -18,9 +19,11 @@ from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import Information
 from ortilo_drake.sensors.messages import solver_system
 from ortilo_drake.sensors.unknown_error import Error, gauss_markov, moved, own, spread, walk
-from ortilo_drake.world.drawn_truth import Drawn, draw_truth
+from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
+from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
 
 
@@ -42,9 +45,15 @@ def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.n
     settings = ranging_settings(scenario.uwb)
     settings[:2] = 0.0
     unbiased = np.zeros(len(room.anchors))
-    return np.asarray(
+    message = np.asarray(
         uwb_message(x, room.anchor_positions, unbiased, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h)
     )
+    if scenario.belief.uwb.behind_walls == "left_out":
+        n = len(unbiased)
+        for i, anchor in enumerate(room.anchor_positions):
+            if walls_crossed(x[:3], anchor, room.wall_boxes):
+                message[PAYLOAD + i] = message[PAYLOAD + n + i] = 0.0
+    return message
 
 
 def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -101,14 +110,28 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
     """Return where the anchors stand and how their ranges err, of the sensor and of whatever is a fault of them."""
     anchors = Given(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
     found = {"uwb": anchors.with_(Given(tables={"bias": its["uwb.bias"]}))}
-    return found | {name: anchors for name, box in boxes.items() if box.element.out is fault_out}
+    return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
+
+
+def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
+    """Return the first of what walls lengthen ranges by."""
+    if "uwb_paths" not in boxes:
+        return {}
+    return {"uwb_paths": Given(start={"x": draw(PATHS_STREAM, len(boxes["uwb_paths"].given.start["x"]))})}
+
+
+def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
+    """Return what makes the ranges as long as their signals' paths, None where those are straight and at once."""
+    box = paths_box(scenario.uwb, room, scenario.h)
+    return None if box is None else box.reading(message=message.name)
 
 
 def noise_numbers(scenario: Belief) -> dict[str, float]:
     """Return the number by which a range's noise is believed."""
     noise = scenario.multilateration.noise
-    name, size = ("sd", noise.sd) if noise.kind == "constant" else ("fraction", noise.fraction)
-    return {f"multilateration.noise.{name}": size}
+    return {
+        f"multilateration.noise.{name}": getattr(noise, name) for name in ("sd", "fraction") if hasattr(noise, name)
+    }
 
 
 SENSOR = Sensor(
@@ -122,6 +145,7 @@ SENSOR = Sensor(
     unknown=unknown,
     payload=lambda scenario, room: 2 * len(room.anchors),
     element=lambda scenario, room, whole: uwb_box(scenario.uwb, room, scenario.h),
+    behind=paths,
     solver=lambda scenario, room: fix_box(scenario.multilateration, room.anchor_positions),
     drawn=drawn,
     measures="anchors",

@@ -21,7 +21,10 @@ from ortilo_drake.scenario.schema import scenario_schema
         ("force_density=0.1", "'world.disturbance.force_density'"),  # two groups down, of several
         ("disturbance.force_density=0.1", "'world.disturbance.force_density'"),
         ("gates.uwb=0.9", "'estimator.gates.uwb'"),
-        ("estimator.ranges.noise.sd=0.1", "'estimator.ranges.noise.sd' (kind tight, constant)"),  # of another kind
+        (
+            "estimator.ranges.noise.sd=0.1",
+            "'estimator.ranges.noise.sd' (kind tight, affine or tight, constant)",
+        ),  # of another kind
         ("estimator.huber=3", "'estimator.huber' (kind tight)"),
         ("estimator.horizn=0.2", "'horizon'"),  # mistyped
         ("torque_densityd=0.1", "'world.disturbance.torque_density'"),  # mistyped, and in another group

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.systems.framework import Context
+from scipy import stats
 
 from ortilo_drake.diagrams.world import World, make_world
 from ortilo_drake.flight.flight import fly
@@ -13,7 +14,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.faults import LoadDropped, People, RotorWeak
 from ortilo_drake.world.faults.people import cylinders_at
-from ortilo_drake.world.faults.table import numbered, table_of
+from ortilo_drake.world.faults.table import numbered, settings_of, table_of
 from ortilo_drake.world.faults.vehicle_faults import wrench_matrix
 
 P_WB = np.array([6.6, 2.2, 1.5])
@@ -189,11 +190,29 @@ def test_people_hide_the_anchors_behind_them() -> None:
     assert np.array_equal(message("uwb", stands | {"height": 1.0}), plain)
 
 
+def test_people_lengthen_the_ranges_through_them() -> None:
+    """By an exponential length, new in every message."""
+    middle = (0.5 * (P_WB + ANCHORS[3])).tolist()
+    stands = {"kind": "people", "walks": [[*middle[:2], *middle[:2]]], "height": 3.0, "excess": 0.5}
+    worlds, h = [hovering(scenario_with(*faults)) for faults in ((stands,), ())], 1.0 / 30.0
+
+    def said(world: World, context: Context, tick: int) -> np.ndarray:
+        context.SetTime(tick * h)
+        found: np.ndarray = world.GetOutputPort("uwb").Eval(context)
+        return found.copy()
+
+    longer = np.array([said(*worlds[0], tick) - said(*worlds[1], tick) for tick in range(TICK, TICK + 1200, 3)])
+    through = np.flatnonzero(longer.any(axis=0))
+    assert PAYLOAD + 3 in through
+    assert through.max() < PAYLOAD + N  # all ranges are there
+    assert stats.kstest(longer[:, PAYLOAD + 3], "expon", args=(0.0, 0.5)).pvalue > 1e-3
+
+
 def test_people_walk_to_and_fro() -> None:
     people = People(kind="people", start=1.0, walks=((0.0, 0.0, 3.0, 4.0),), speed=2.0)
-    table = table_of([*numbered((people,))])
+    values = settings_of(table_of([*numbered((people,))]), 0)
     for t, way in ((1.0, 0.0), (2.0, 2.0), (3.5, 5.0), (4.5, 3.0), (6.0, 0.0)):
-        np.testing.assert_allclose(cylinders_at(table, 0, t), [[0.6 * way, 0.8 * way, 0.25, 1.75]], atol=1e-12)
+        np.testing.assert_allclose(cylinders_at(values, t - 1.0), [[0.6 * way, 0.8 * way, 0.25, 1.75]], atol=1e-12)
 
 
 def test_a_stuck_sensor_says_what_it_said_last() -> None:

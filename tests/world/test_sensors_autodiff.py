@@ -8,19 +8,24 @@ from drake_box import PlayedBox
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 
 from ortilo_drake.loop.element import Box, Given, outside
+from ortilo_drake.model.signals import IMU_SIZE
 from ortilo_drake.model.vehicle import M100
+from ortilo_drake.onboard.ranging.sighted import sighted_box
+from ortilo_drake.scenario import Ahrs, Disturbance, Imu, Link, Uwb, load_scenario
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
-from ortilo_drake.scenario import Disturbance, Imu, Link, Uwb, load_scenario
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box
+from ortilo_drake.world.sensors.ahrs import ahrs_box
 from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.message_error import errors_box
+from ortilo_drake.world.sensors.range_paths import paths_box
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import SensorErrors
 from ortilo_drake.world.sensors.true_velocity import velocity_box
 from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.slow_error import random_walk
 from ortilo_drake.world.vehicle.disturbance import disturbance_box
+from ortilo_drake.world.vehicle.drag import drag_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box, wrench_matrix
 
 H = 1.0 / 30.0
@@ -30,6 +35,9 @@ U, V_DOT = np.array([27.0, 0.1, -0.2, 0.05]), np.array([0.3, -0.2, 0.1])
 NOISY_IMU = Imu(angle_density=0.002, rate_density=0.004, specific_force_density=0.01)
 MESSAGE = np.array([1.0, 0.1, 3.0, 2.0])
 WALLS = {"kind": "bias", "per_wall": 0.2}
+
+PATHS = Uwb.model_validate({"walls": {"kind": "excess"}, "round": 0.04, "behind_walls": "left_out"})
+AT_X = np.concatenate(([1.0, 0.1], np.linalg.norm(X[:3] - ROOM.anchor_positions, axis=1), np.ones(len(ROOM.anchors))))
 
 SENT = {"sent": np.zeros(1)}
 RANGES = np.array([1.0, 0.1, 3.0, 2.0, 1.0, 0.0])
@@ -55,6 +63,16 @@ BOXES = {
         with_given(errors_box("uwb", outside("message", 6), SLOW, 1, H), Given(tables={"bias": np.array([0.2, 0.3])})),
         {"message": RANGES},
     ),
+    "uwb_paths": (
+        with_given(paths_box(PATHS, ROOM, H), Given(start={"x": np.linspace(0.5, 1.5, 2 * len(ROOM.anchors))})),
+        {"message": AT_X, "state": X},
+    ),
+    "uwb_sighted": (sighted_box(PATHS, ROOM), {"message": AT_X, "belief": np.concatenate((X, np.zeros(228)))}),
+    "imu_ahrs": (
+        with_given(ahrs_box(Ahrs(), outside("imu", IMU_SIZE), 1, H), Given(start={"e": np.array([0.1, 0.2, 0.3])})),
+        {"message": np.ones(IMU_SIZE), "state": X, "acceleration": V_DOT},
+    ),
+    "drag": (drag_box((0.5, 0.4, 0.3)), {"disturbance": np.ones(6), "state": X}),
     "disturbance": (disturbance_box(Disturbance(), H), {}),
 }
 SWITCHES = ("sent", "delay")  # what is read of them is their sign

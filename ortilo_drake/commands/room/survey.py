@@ -98,8 +98,7 @@ def _noise(scenario: "Scenario | None", sd: float | None, fraction: float | None
         return sd or 0.0, fraction or 0.0
     if scenario is None:
         return 0.0, 0.0075
-    noise = scenario.multilateration.noise
-    return (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
+    return scenario.multilateration.noise.sds
 
 
 def _read(sources: list[Path], room: str | None, most: int) -> "tuple[Room, Ranges, Scenario | None]":

@@ -36,6 +36,7 @@ from ortilo_drake.sensors.messages import message_size
 
 ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; ideal rotors give it
 SIGMAS: Final = 10.0
+MEANS: Final = 50.0  # of an exponential length: as rare as 10 standard deviations
 LOOSE: Final = 1000.0  # times what the vehicle does: so wrong an estimate may be, of a filter that has lost it
 LARGEST: Final = 1e6  # of what a registered sensor sends, where it names no limits itself
 LATEST: Final = 1e6  # longer than any flight [s]; what it reports of later than now is not used onboard
@@ -90,9 +91,10 @@ def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
     low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
     corners = np.array(list(product(*zip(low, high, strict=True))))
     distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
-    noise, walls = scenario.uwb.noise, scenario.uwb.walls
-    sd = noise.sd + 0.0 * distances if noise.kind == "constant" else noise.fraction * distances
-    bias = walls.per_wall * len(room.wall_boxes) if walls.kind == "bias" else 0.0
+    (s_0, s_1), walls = scenario.uwb.noise.sds, scenario.uwb.walls
+    sd = s_0 + s_1 * distances
+    wall = walls.per_wall if walls.kind == "bias" else MEANS * walls.mean if walls.kind == "excess" else 0.0
+    bias = wall * len(room.wall_boxes)
     return distances + bias + SIGMAS * sd
 
 
@@ -117,12 +119,12 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     angle_sd, rate_sd, specific_force_sd = scenario.imu.sds(scenario.imu_period)
     inertial = np.concatenate(
         (
-            angles + SIGMAS * angle_sd,
+            angles + SIGMAS * angle_sd + (0.0 if scenario.imu.ahrs is None else math.pi),
             (2.0 * rate + SIGMAS * rate_sd) * np.ones(3),
             (force + SIGMAS * specific_force_sd) * np.ones(3),
         )
     )
-    ranges = largest_ranges(scenario, room, speed * h)
+    ranges = largest_ranges(scenario, room, speed * (h + scenario.uwb.round))
     n = ranges.size
     camera = room.camera.scaled_to(scenario.image_width)
     width, height = camera.width - 0.5, camera.height - 0.5  # of a pixel's centre at whole numbers

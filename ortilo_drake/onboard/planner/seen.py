@@ -50,8 +50,7 @@ ALL_SOURCES = FixSources()
 
 def fix_sources(belief: Belief) -> FixSources:
     """Return what a vehicle with this belief has to find its position by."""
-    noise = belief.multilateration.noise
-    sds = (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
+    sds = belief.multilateration.noise.sds
     return FixSources(belief.measures_ranges, belief.sees_landmarks, sds, belief.yaw, belief.image_width)
 
 

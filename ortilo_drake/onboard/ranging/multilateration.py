@@ -170,9 +170,7 @@ def differentiable_fix_message(
 
 def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
     """Return s_0 [m], s_1 and s_2 [m] (3) of range_equations.py, as the settings have it."""
-    noise = settings.noise
-    sd = [noise.sd, 0.0] if noise.kind == "constant" else [0.0, noise.fraction]
-    return np.array([*sd, settings.bias_sd])
+    return np.array([*settings.noise.sds, settings.bias_sd])
 
 
 def fix_of(settings: MultilaterationSettings, anchors: np.ndarray, uwb: np.ndarray, x: np.ndarray) -> np.ndarray:

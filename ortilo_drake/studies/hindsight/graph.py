@@ -148,7 +148,7 @@ class FlightGraph:
         ranges, huber = self._settings.ranges, self._settings.huber
         anchors = np.ascontiguousarray(self._room.anchor_positions, dtype=float)
         lever, n = np.array(ranges.lever), len(anchors)
-        noise = (ranges.noise.sd, 0.0) if ranges.noise.kind == "constant" else (0.0, ranges.noise.fraction)
+        noise = ranges.noise.sds
         lasting = [self._process(ranges.bias_sd, ranges.bias_rate) for _ in range(n)] if ranges.bias_sd else []
         slow = [self._process(ranges.slow_sd, time=ranges.slow_time) for _ in range(n)] if ranges.slow_sd else []
         clock = self._process(ranges.clock_sd) if ranges.clock_sd else None

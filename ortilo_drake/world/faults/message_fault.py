@@ -1,4 +1,4 @@
-"""A fault between a sensor and its link: it changes the messages while it lasts, and nothing else."""
+"""A fault between a sensor and its link, which changes the messages while it lasts and nothing else."""
 
 import numpy as np
 from numba import njit

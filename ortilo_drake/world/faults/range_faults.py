@@ -48,6 +48,18 @@ def distance_to(p: np.ndarray, q: np.ndarray) -> float:
 
 
 @register_jitable
+def behind_people(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
+    """Return which anchors the people of fault i stand before (n)."""
+    people = cylinders_at(settings_of(faults, i), moment.t - faults.starts[i])
+    hidden = np.zeros(moment.anchors.shape[0], dtype=np.bool_)
+    for j in range(hidden.size):
+        for person in people:
+            if crosses_cylinder(moment.x[:3], moment.anchors[j], person):
+                hidden[j] = True
+    return hidden
+
+
+@register_jitable
 def longer(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
     """Return what fault i adds to each range (n) [m]."""
     kind, values, stream = faults.kinds[i], settings_of(faults, i), faults.streams[i]
@@ -64,6 +76,11 @@ def longer(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
         for j in range(n):
             if u[j] < values[0]:
                 added[j] = -values[1] * np.log1p(-u[n + j])
+    elif kind == PEOPLE and values[3] > 0.0:
+        hidden, u = behind_people(faults, i, moment), uniforms(moment.seed, stream, tick, n)
+        for j in range(n):
+            if hidden[j]:
+                added[j] = -values[3] * np.log1p(-u[j])
     elif kind == OUTLIER_BURSTS and (moment.t - faults.starts[i] + EARLY) % values[0] < values[1]:
         added[:] = values[2] * normals(moment.seed, stream, tick, n)
     return added
@@ -78,12 +95,8 @@ def silent(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
         dead = int((moment.t - faults.starts[i] + EARLY) // values[0]) + 1
         for anchor in values[1 : 1 + dead]:
             gone[int(anchor)] = True
-    elif kind == PEOPLE:
-        p_WB, people = moment.x[:3], cylinders_at(faults, i, moment.t)
-        for j in range(gone.size):
-            for person in people:
-                if crosses_cylinder(p_WB, moment.anchors[j], person):
-                    gone[j] = True
+    elif kind == PEOPLE and values[3] == 0.0:
+        return behind_people(faults, i, moment)
     return gone
 
 

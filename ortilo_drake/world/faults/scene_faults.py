@@ -67,6 +67,6 @@ def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
         elif kind == LANDMARK_GONE:
             there[int(values[0])] = False
         elif kind == PEOPLE:
-            cylinders = np.concatenate((cylinders, cylinders_at(faults, i, t)))
+            cylinders = np.concatenate((cylinders, cylinders_at(values, t - faults.starts[i])))
     seen = Surroundings(positions[there], room.outlines[there], room.sizes[there], room.boxes, cylinders)
     return Scene(seen, there)

@@ -94,7 +94,8 @@ def values_of_fault(fault: AnyFault) -> list[float]:
         case LandmarkGone():
             return [float(fault.landmark)]
         case People():
-            return [fault.speed, fault.radius, fault.height, *(v for walk in fault.walks for v in walk)]
+            said = [fault.speed, fault.radius, fault.height, fault.excess or 0.0]
+            return [*said, *(v for walk in fault.walks for v in walk)]
         case Gust():
             return [*fault.force]
         case LoadDropped():

@@ -92,16 +92,15 @@ def uwb_message(
 
 def ranging_settings(settings: Uwb) -> np.ndarray:
     """Return the settings as uwb_message takes them (5)."""
-    noise, walls = settings.noise, settings.walls
-    s_0, s_1 = (noise.sd, 0.0) if noise.kind == "constant" else (0.0, noise.fraction)
+    walls = settings.walls
     bias = walls.per_wall if walls.kind == "bias" else 0.0
     most_walls = 0.0 if walls.kind == "block" else np.inf
-    return np.array([s_0, s_1, bias, most_walls, settings.max_distance])
+    return np.array([*settings.noise.sds, bias, most_walls, settings.max_distance])
 
 
 def walls_between(settings: Uwb, room: Room) -> np.ndarray:
     """Return the walls that act on a range (m, 7): the room's, or none."""
-    return room.wall_boxes if settings.walls.kind != "none" else np.empty((0, 7))
+    return room.wall_boxes if settings.walls.kind in ("bias", "block") else np.empty((0, 7))
 
 
 def uwb_out(

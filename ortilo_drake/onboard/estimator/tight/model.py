@@ -98,7 +98,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
     return Aids(
         np.ascontiguousarray(room.anchor_positions, dtype=float),
         np.array(ranges.lever),
-        np.array([ranges.noise.sd, 0.0] if ranges.noise.kind == "constant" else [0.0, ranges.noise.fraction]),
+        np.array(ranges.noise.sds),
         ranges.differences,
         known.landmark_positions,
         known.landmark_outlines,

@@ -1,0 +1,53 @@
+"""Ranges as the solver takes them: of one instant, and of anchors in sight as far as the map and the estimate say.
+
+Range i of a round is s_i older than its message's stamp (uwb.round). The vehicle has come closer to the anchor or
+farther from it since, along the unit vector u_i from the anchor at the believed velocity: r_i + s_i u_i . v_WB is the
+range at the stamp, up to s_i^2 of the acceleration and s_i of the velocity's error. A range that passes a wall of the
+map is longer by nobody knows how much: it is left out.
+"""
+
+import numpy as np
+
+from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
+from ortilo_drake.model.placing import put
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD
+from ortilo_drake.scenario.sensors import UwbSetup
+
+
+def sighted_out(
+    message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, walls: np.ndarray, ages: np.ndarray, out: np.ndarray
+) -> None:
+    """Say a uwb message with its ranges at the stamp and without those behind walls."""
+    put(message, out)
+    if message[ARRIVED] == 0.0:
+        return
+    n = ages.size
+    for i in range(n):
+        if message[PAYLOAD + n + i] == 0.0:
+            continue
+        if walls_crossed(values_of(belief[:3]), values_of(anchors[i]), walls) > 0:
+            out[PAYLOAD + i] = out[PAYLOAD + n + i] = 0.0
+            continue
+        squared = along = 0.0
+        for j in range(3):
+            d = belief[j] - anchors[i, j]
+            squared += d * d
+            along += d * belief[6 + j]
+        if squared > 0.0:
+            out[PAYLOAD + i] += ages[i] * along / np.sqrt(squared)
+
+
+SIGHTED = Element("sighted", out=sighted_out, tables=(Array("anchors", 2), Array("walls", 2), Array("ages")))
+
+
+def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
+    """Return what makes of a uwb message, by the belief (240), the one to be solved; None where that is the same."""
+    n = len(room.anchors)
+    if settings.round == 0.0 and settings.behind_walls != "left_out":
+        return None
+    walls = room.wall_boxes if settings.behind_walls == "left_out" else np.empty((0, 7))
+    tables = {"anchors": room.anchor_positions, "walls": walls, "ages": settings.ages(n)}
+    return Box("uwb_sighted", SIGHTED, PAYLOAD + 2 * n, Given(tables=tables))
