@@ -43,7 +43,8 @@ def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | N
         make = flown(sensor, belief).make_onboard
         return None if make is None else system_solver_box(sensor, make(belief, room), message)
     if sensor == "uwb":
-        return fix_box(belief.multilateration, room.anchor_positions).reading(message=message.name)
+        solver = fix_box(belief.multilateration, room.anchor_positions).reading(message=message.name)
+        return solver.reading(learned="survey_bank") if belief.multilateration.bias_bank is not None else solver
     if sensor == "camera" and belief.landmark_fix.method not in ELEMENTS:  # it is OpenCV's
         its = LandmarkFix(belief.landmark_fix, as_known(belief, room), belief.image_width, belief.h)
         return system_solver_box(sensor, its, message)
