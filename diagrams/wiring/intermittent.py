@@ -22,12 +22,14 @@ from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, e
 from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box, parts_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
+from ortilo_drake.onboard.estimator.lasting_element import told_box
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
 from ortilo_drake.onboard.estimator.robust.opening import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.ranging.sighted import sighted_box
+from ortilo_drake.onboard.ranging.survey_bank import bank_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown, measuring
 
@@ -99,12 +101,19 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         rows = imu_rows_box(belief.measurement, variances).reading(imu=imu.name, stamps="handler.stamps")
         chain.append(rows.reading(**measured_by(chain[-1])))
     kalman = kalman_box(belief, its, xbar_0).reading(**measured_by(chain[-1]), control="servo")
+    banks = list[Box]()
+    if learns_survey(belief):
+        fix = fixes[ranging]
+        banks.append(bank_of(belief, room).reading(message=fix.reads["message"], fix=fix.name))
+        if its.extras:
+            kalman = told_box(kalman, its.seen, settings.biases.uwb_sd).reading(lasting=f"{fix.name}.lasting")
     kalman = kalman.reading(
         stamps="handler.stamps" if variances is None else "imu_rows.stamps",
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
     )
 
     boxes = [*gates, *past.values(), *split, *fixes.values(), bundle("messages", list(handed.values())), *chain, kalman]
+    boxes += banks
     if past:
         boxes.append(bundle("past", list(past.values())))
     if settings.robust is None:
@@ -121,6 +130,16 @@ def filtering_of(belief: Belief) -> Filtering:
     extras = extra_states(settings, belief.vehicle, belief.h, belief.flown_rows, belief.yaw)
     seen = augmented_rows(belief.measurement.rows, extras)
     return Filtering(extras, seen, N_XBAR + len(names_of(extras)), settings.delay == "replay")
+
+
+def learns_survey(belief: Belief) -> bool:
+    """Return whether fixes are made of ranges that tell how good the anchors' survey is."""
+    return belief.measures_ranges and belief.multilateration.bias_bank is not None
+
+
+def bank_of(belief: Belief, room: Room) -> Box:
+    """Return what learns how good the survey of a room's anchors is."""
+    return bank_box(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
 
 
 def measured_by(box: Box) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Sine and cosine of the onboard half, of sums and products alone: the same bits on every processor.
+"""Sine, cosine, exp and log of the onboard half, of sums and products alone: the same bits on every processor.
 
 Mathematical libraries differ in the last bit. What flies here and what is exported to a vehicle (codegen/) must not.
 The argument is reduced by pi / 2 in three parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980);
@@ -23,6 +23,41 @@ S_1, S_2, S_3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.9841
 S_4, S_5, S_6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 C_1, C_2, C_3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 C_4, C_5, C_6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+LN_2: Final = 6.93147180559945286227e-01
+TOO_SMALL: Final = -700.0  # exp of less counts as 0
+
+
+@register_jitable
+def exp(x: float) -> float:
+    """Return e to the power of x <= 0, to about 1e-15 relative; 0 below TOO_SMALL, NaN of NaN."""
+    if not x >= TOO_SMALL:
+        return 0.0 if x < TOO_SMALL else np.nan
+    halvings = int(0.5 - x / LN_2)
+    r, term, total = x + float(halvings) * LN_2, 1.0, 1.0
+    for i in range(1, 15):
+        term *= r / float(i)
+        total += term
+    for _ in range(halvings):
+        total *= 0.5
+    return total
+
+
+@register_jitable
+def log(x: float) -> float:
+    """Return the natural logarithm of a finite x > 0, to about 1e-15; NaN of any other."""
+    if not 0.0 < x < np.inf:
+        return np.nan
+    halvings = 0
+    while x > 1.5:
+        x, halvings = 0.5 * x, halvings + 1
+    while x < 0.75:
+        x, halvings = 2.0 * x, halvings - 1
+    f = (x - 1.0) / (x + 1.0)
+    square, term, total = f * f, f, f
+    for i in range(3, 26, 2):
+        term *= square
+        total += term / float(i)
+    return 2.0 * total + float(halvings) * LN_2
 
 
 @register_jitable

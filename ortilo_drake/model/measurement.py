@@ -95,6 +95,7 @@ class Measurement:
 
     Attributes:
         rows: as they were given.
+        states: names of the states that C is over.
         sensors: their names (s).
         outputs: names of the rows of y (p).
         layout: for compiled functions.
@@ -106,7 +107,7 @@ class Measurement:
     """
 
     def __init__(self, rows: Rows, states: tuple[str, ...] = STATE_NAMES):
-        self.rows, self.sensors = rows, tuple(name for name, _ in rows)
+        self.rows, self.states, self.sensors = rows, states, tuple(name for name, _ in rows)
         self.outputs = tuple(r.name for _, own in rows for r in own)
         widest = max((len(r.sees) for _, own in rows for r in own), default=1)
         C = np.zeros((len(self.outputs), len(states)))

@@ -11,6 +11,7 @@ from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
 PositiveVec3 = tuple[Positive, Positive, Positive]
 Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
+Share = Annotated[float, Field(ge=0.0, le=10.0)]
 
 
 class Exclusion(Frozen):
@@ -39,6 +40,9 @@ class Multilateration(Frozen):
         bias_sd: standard deviation of what lasts of a range's error [m]: its bias, the survey of its anchor. It counts
             in the weights of 'least_squares' and in whether ranges fit a position, and not in the fix's covariance:
             what lasts of a fix's error is for estimator.biases.uwb_sd.
+        bias_bank: shares of bias_sd [1] between which the ranges' residuals decide in flight, such as [0, 0.4, 1] of
+            a survey that may be exact. Fixes then tell the filter how large what lasts of their error is, in the place
+            of estimator.biases.uwb_sd. null believes bias_sd as it is. Only with 'least_squares'.
         exclude: which ranges are left out because they do not fit the others; null leaves none out. Only with
             'least_squares'.
     """
@@ -46,12 +50,19 @@ class Multilateration(Frozen):
     method: Literal["nearest_three", "least_squares"] = "least_squares"
     noise: RangeNoise = ProportionalNoise()
     bias_sd: NonNegativeFloat = 0.0
+    bias_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
     exclude: Exclusion | None = None
 
     @model_validator(mode="after")
     def _has_ranges_to_spare(self) -> "Multilateration":
         if self.exclude is not None and self.method != "least_squares":
             raise ValueError(f".exclude: must be null with method {self.method!r}, or the method 'least_squares'")
+        return self
+
+    @model_validator(mode="after")
+    def _has_what_the_bank_shares(self) -> "Multilateration":
+        if self.bias_bank is not None and (self.method != "least_squares" or self.bias_sd == 0.0):
+            raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares, and 'least_squares'")
         return self
 
     @model_validator(mode="after")

@@ -113,6 +113,12 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
     return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
 
 
+def solver(scenario: Belief, room: Room) -> Box:
+    """Return the multilateration; where the survey is learned it reads what was."""
+    box = fix_box(scenario.multilateration, room.anchor_positions)
+    return box if scenario.multilateration.bias_bank is None else box.reading(learned="survey_bank")
+
+
 def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
     """Return the first of what walls lengthen ranges by."""
     if "uwb_paths" not in boxes:
@@ -146,7 +152,7 @@ SENSOR = Sensor(
     payload=lambda scenario, room: 2 * len(room.anchors),
     element=lambda scenario, room, whole: uwb_box(scenario.uwb, room, scenario.h),
     behind=paths,
-    solver=lambda scenario, room: fix_box(scenario.multilateration, room.anchor_positions),
+    solver=solver,
     drawn=drawn,
     measures="anchors",
     title="UWB",

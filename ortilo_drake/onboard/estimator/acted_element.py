@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.measurement import Layout
@@ -16,6 +17,7 @@ from ortilo_drake.onboard.estimator.late_measurements import Slot, replay_step, 
 from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in
 
 
+@register_jitable
 def acted_filter_step(
     n: Any,
     k: int,

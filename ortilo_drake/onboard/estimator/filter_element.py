@@ -17,6 +17,7 @@ from ortilo_drake.onboard.estimator.structure import structure_of
 KNOWN = N_XBAR + N_XBAR * N_XBAR  # of the belief of [x; i]
 
 
+@register_jitable
 def filter_step(
     n: Any,
     y: np.ndarray,

@@ -32,6 +32,7 @@ def history_in(memory: np.ndarray, slot: Slot) -> np.ndarray:
     return history.reshape((history.size // slot.size, slot.size))
 
 
+@register_jitable
 def replay_filter_step(
     n: Any,
     k: int,

@@ -1,13 +1,17 @@
 """The fix of ranges as an element of the loop."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
 from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR
+from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency, consistency_of
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, SHARE, put_lasting
 from ortilo_drake.onboard.ranging.multilateration import believed_noise, put_fix_message, tested_fix_message
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
@@ -29,6 +33,54 @@ FIX = Element(
     tables=(Array("anchors", 2),),
     work=(Array("used"),),
 )
+
+
+@register_jitable
+def put_learned_noise(noise: np.ndarray, believed: np.ndarray, learned: np.ndarray) -> None:
+    """Write the ranges' noise (3) with that share of s_2 which has been learned, see survey_bank.py."""
+    put(believed, noise)
+    noise[2] *= learned[SHARE]
+
+
+@register_jitable
+def say_lasting(
+    out: np.ndarray,
+    message: np.ndarray,
+    belief: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    learned: np.ndarray,
+) -> None:
+    """Write what lasts of a fix's error and its sensitivities; without a fix, that all of the last one's is kept."""
+    n = anchors.shape[0]
+    at, p = out.size - 6 * n - 6, values_of(belief[:3])
+    if out[ARRIVED] == 0.0:
+        put(learned[LASTING:KEPT], out, at)
+        put((1.0, 1.0, 1.0), out, at + 3)
+    else:
+        there = values_of(message[PAYLOAD + n :])
+        put_lasting(out[at : at + 6], p, there, anchors, noise, learned, out[at + 6 :])
+
+
+def learning_out(
+    n: Any,
+    message: np.ndarray,
+    belief: np.ndarray,
+    learned: np.ndarray,
+    anchors: np.ndarray,
+    used: np.ndarray,
+    noise: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the fix message of the ranges that landed, weighed by what has been learned, and what lasts of its error."""
+    fill(out, 0.0)
+    put_learned_noise(noise, n.noise, learned)
+    if message[ARRIVED] != 0.0:
+        put_fix_message(message, anchors, noise, belief, n.three != 0, used, out)
+    say_lasting(out, message, belief, anchors, noise, learned)
+
+
+LEARNING = replace(FIX, name="learning_multilateration", out=learning_out, work=(Array("used"), Array("noise")))
 
 
 def tested_out(
@@ -66,12 +118,60 @@ TESTED = Element(
 )
 
 
+def learning_tested_out(
+    n: Any,
+    message: np.ndarray,
+    belief: np.ndarray,
+    learned: np.ndarray,
+    anchors: np.ndarray,
+    quantiles: np.ndarray,
+    clock: np.ndarray,
+    noise: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say what learning_out says of those ranges that fit each other, with the clock before what lasts."""
+    fill(out, 0.0)
+    put(clock, out, FIX_SIZE)
+    put_learned_noise(noise, n.noise, learned)
+    if message[ARRIVED] != 0.0:
+        consistency = Consistency(quantiles, n.least, n.share, n.clock != 0)
+        fix, after = tested_fix_message(message, anchors, noise, belief[:N_XBAR], clock, consistency)
+        put(fix, out)
+        put(after, out, FIX_SIZE)
+    say_lasting(out, message, belief, anchors, noise, learned)
+
+
+def learning_tested_step(clock: np.ndarray, out: np.ndarray) -> None:
+    """Keep what is known of the clock."""
+    put(out[FIX_SIZE : FIX_SIZE + 3], clock)
+
+
+LEARNING_TESTED = replace(
+    TESTED,
+    name="learning_tested_multilateration",
+    out=learning_tested_out,
+    step=learning_tested_step,
+    work=(Array("noise"),),
+)
+
+
 def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
-    """Return the solver: it reads the uwb message as it lands and the belief about which it is solved (240)."""
+    """Return the solver: it reads the uwb message as it lands and the belief about which it is solved (240).
+
+    With a bank it reads what is `learned` of the survey too, see survey_bank.py, and says what is `lasting` (6).
+    """
     numbers, tables = {"noise": believed_noise(settings)}, {"anchors": anchors}
+    n, size = len(anchors), FIX_SIZE if settings.exclude is None else FIX_SIZE + 3
+    parts, work = dict[str, tuple[int, int]](), dict[str, tuple[int, ...]]()
+    learns = settings.bias_bank is not None
+    if learns:
+        parts = {"fix": (0, size), "lasting": (size, 6), "sensitivities": (size + 6, 6 * n)}
+        size, work = size + 6 + 6 * n, {"noise": (3,)}
     if settings.exclude is None:
         three = {"three": settings.method == "nearest_three"}
-        return Box("uwb_fix", FIX, FIX_SIZE, Given(numbers | three, tables=tables), {"used": (len(anchors),)})
-    demands = consistency_of(settings.exclude, len(anchors))._asdict()
+        given, element = Given(numbers | three, tables=tables), LEARNING if learns else FIX
+        return Box("uwb_fix", element, size, given, work | {"used": (n,)}, parts=parts)
+    demands = consistency_of(settings.exclude, n)._asdict()
     tables["quantiles"] = demands.pop("quantiles")
-    return Box("uwb_fix", TESTED, FIX_SIZE + 3, Given(numbers | demands, {"clock": np.zeros(3)}, tables))
+    given, element = Given(numbers | demands, {"clock": np.zeros(3)}, tables), LEARNING_TESTED if learns else TESTED
+    return Box("uwb_fix", element, size, given, work, parts=parts)

@@ -1,0 +1,116 @@
+"""The part of a fix's error that lasts, as the geometry makes it of errors of the anchors.
+
+A fix errs by G A a, with a the errors of the anchors' positions of sd s each (3 n), A = -diag(u_i^T) what of them lies
+along the ranges, and G = N^-1 J^T R^-1 as range_equations.py has it. Of an axis the sd here, and the correlation with
+the error of a fix elsewhere, are
+
+    sigma = s |g|,   rho = g . g' / (|g| |g'|),   g . g' = sum_i G_i G'_i u_i . u'_i
+
+g is the fix's sensitivity. From fix to fix the error is kept by r, rho with a place that was kept over that of the fix
+before: a row of fixes so has the correlation of its ends, however short the steps.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, product
+
+SHARE, LASTING, KEPT, KEY = 0, 1, 4, 7  # of what is learned, where each begins, see survey_bank.py
+NEW_KEY: Final = 0.7  # a place is kept until less than this of an axis' error is
+
+
+@register_jitable
+def put_sensitivities(
+    out: np.ndarray, p: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
+) -> None:
+    """Write u_i and the columns of G at p (n, 6), zeros of a range that is not there.
+
+    The distances stand for the ranges, so that nothing depends on noise.
+
+    Args:
+        out: to write to (6 n).
+        p: where the vehicle is believed to be (3).
+        there: 1 where a range is there, else 0 (n).
+        anchors: a_i in W (n, 3).
+        noise: s_0 [m], s_1 and s_2 [m], see range_equations.py.
+    """
+    n = anchors.shape[0]
+    fill(out, 0.0)
+    xx = xy = xz = yy = yz = zz = 0.0
+    for i in range(n):
+        if there[i] != 0.0:
+            x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
+            d = np.sqrt(x * x + y * y + z * z) + 1e-300
+            w = 1.0 / (max(noise[0] + noise[1] * d, MIN_SD) ** 2 + noise[2] ** 2)
+            x, y, z = x / d, y / d, z / d
+            put((x, y, z, w * x, w * y, w * z), out, 6 * i)
+            xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
+            yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
+    definite, C = inverse((xx, xy, xz, yy, yz, zz))
+    for i in range(n):
+        x, y, z = product(C, out[6 * i + 3 : 6 * i + 6]) if definite else (0.0, 0.0, 0.0)
+        put((x, y, z), out, 6 * i + 3)
+
+
+@register_jitable
+def covariance_between(one: np.ndarray, other: np.ndarray, axis: int) -> float:
+    """Return the covariance of an axis of two fixes' errors by anchors whose positions err by 1, of sensitivities."""
+    total = 0.0
+    for i in range(0, one.size, 6):
+        both = one[i] * other[i] + one[i + 1] * other[i + 1] + one[i + 2] * other[i + 2]
+        total += both * one[i + 3 + axis] * other[i + 3 + axis]
+    return total
+
+
+@register_jitable
+def put_lasting(
+    out: np.ndarray,
+    p: np.ndarray,
+    there: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    learned: np.ndarray,
+    here: np.ndarray,
+) -> None:
+    """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before (6).
+
+    Args:
+        out: to write to (6).
+        p: where the vehicle is believed to be (3).
+        there: 1 where a range is there, else 0 (n).
+        anchors: a_i in W (n, 3).
+        noise: s_0 [m], s_1 and s_2 [m].
+        learned: see survey_bank.bank_box.
+        here: to write the fix's sensitivities to (6 n).
+    """
+    put_sensitivities(here, p, there, anchors, noise)
+    key = learned[KEY : KEY + here.size]
+    for axis in range(3):
+        now, before = covariance_between(here, here, axis), covariance_between(key, key, axis)
+        out[axis], out[3 + axis] = noise[2] * np.sqrt(now), 1.0
+        if before > 0.0 and now > 0.0:
+            kept = max(covariance_between(here, key, axis) / np.sqrt(before * now), 0.0)
+            out[3 + axis] = min(kept / learned[KEPT + axis], 1.0)
+
+
+@register_jitable
+def keep(learned: np.ndarray, lasting: np.ndarray, n: int) -> None:
+    """Keep what a fix says lasts, and its sensitivities where it is far from the place with which it was compared.
+
+    Args:
+        learned: see survey_bank.bank_box.
+        lasting: of put_lasting, and the sensitivities after it (6 + 6 n).
+        n: how many anchors there are.
+    """
+    put(lasting[:3], learned, LASTING)
+    least = 1.0
+    for axis in range(3):
+        learned[KEPT + axis] *= lasting[3 + axis]
+        least = min(least, learned[KEPT + axis])
+    if least < NEW_KEY or learned[KEY] == 0.0:
+        put(lasting[6:], learned, KEY)
+        for axis in range(3):
+            learned[KEPT + axis] = 1.0

@@ -1,0 +1,158 @@
+"""How good the survey of the anchors is, learned from what ranges to them disagree by.
+
+Twelve ranges for three unknowns leave nine residuals. With the unit vectors u_i as the rows of J and the weights
+W = diag(1 / v_i^2) of the ranges' noise alone, a fix p gives the information of its residuals e_i = r_i - |p - a_i| on
+what lasts of each range's error, beta (n), whatever the position:
+
+    M = W - W J (J^T W J)^-1 J^T W,   Lambda = sum_k M_k,   eta = sum_k M_k e_k
+
+M J = 0, so that an error of p itself does not count. What the bank holds are shares c_j of the sd s_2 that lasts as it
+is believed (multilateration.bias_sd). Of beta ~ N(0, (c_j s_2)^2 I) the likelihood over that of beta = 0 is
+
+    log L_j = -1/2 log det(I + s^2 Lambda) + 1/2 s^2 eta^T (I + s^2 Lambda)^-1 eta,   s = c_j s_2
+
+The models are equally likely before the first fix, and the share that is believed is the root of the mean of c_j^2 over
+them. As the vehicle moves another part of a survey's error lies along each range: what fixes said fades with MEMORY.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.cholesky import squared_norm_in_place
+from ortilo_drake.model.elementary import exp, log
+from ortilo_drake.model.placing import fill
+from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD
+from ortilo_drake.onboard.ranging.lasting_error import SHARE, keep
+from ortilo_drake.onboard.ranging.multilateration import believed_noise
+from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, normal_equations, product
+from ortilo_drake.scenario import Multilateration as MultilaterationSettings
+
+MEMORY: Final = 10.0  # [s]
+
+
+@register_jitable
+def gather(
+    gathered: np.ndarray, p: np.ndarray, uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, rows: np.ndarray
+) -> None:
+    """Add a fix's M and M e to [Lambda, eta]; nothing where the ranges do not make a position.
+
+    Args:
+        gathered: [Lambda, eta] (n, n + 1), of Lambda the lower half.
+        p: the fix (3).
+        uwb: the message (2 + 2 n).
+        anchors: a_i in W (n, 3).
+        noise: s_0 [m] and s_1, see range_equations.py.
+        rows: to work in, for the rows of W J (n, 3).
+    """
+    n = anchors.shape[0]
+    ranges, there = uwb[PAYLOAD : PAYLOAD + n], uwb[PAYLOAD + n :]
+    _, N, g = normal_equations(p, ranges, there, anchors, noise[:2])
+    definite, C = inverse(N)
+    if not definite:
+        return
+    for i in range(n):
+        if there[i] == 0.0:
+            fill(rows[i], 0.0)
+            continue
+        x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
+        d = np.sqrt(x * x + y * y + z * z) + 1e-300
+        w = 1.0 / max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
+        rows[i, 0], rows[i, 1], rows[i, 2] = w * x / d, w * y / d, w * z / d
+        x, y, z = product(C, rows[i])
+        gathered[i, n] += w * (ranges[i] - d) - (x * g[0] + y * g[1] + z * g[2])
+        gathered[i, i] += w
+        for j in range(i + 1):
+            gathered[i, j] -= x * rows[j, 0] + y * rows[j, 1] + z * rows[j, 2]
+
+
+@register_jitable
+def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray) -> float:
+    """Return log L of an sd s [m] by [Lambda, eta] (n, n + 1); S (n, n) and e (n) are to work in."""
+    n = e.size
+    for i in range(n):
+        for j in range(i + 1):
+            S[i, j] = s * s * gathered[i, j]
+        S[i, i] += 1.0
+        e[i] = s * gathered[i, n]
+    found = 0.5 * squared_norm_in_place(S, e)
+    for i in range(n):
+        found -= log(S[i, i])
+    return found
+
+
+@register_jitable
+def weigh(
+    learned: np.ndarray, gathered: np.ndarray, bank: np.ndarray, s_2: float, S: np.ndarray, e: np.ndarray
+) -> None:
+    """Write the share and the weights of the models to what is learned; S and e as log_likelihood."""
+    weights, best = learned[learned.size - bank.size :], -np.inf
+    for j in range(bank.size):
+        weights[j] = log_likelihood(gathered, bank[j] * s_2, S, e)
+        best = max(best, weights[j])
+    total = mean = 0.0
+    for j in range(bank.size):
+        weights[j] = exp(weights[j] - best)
+        total += weights[j]
+    for j in range(bank.size):
+        weights[j] /= total
+        mean += weights[j] * bank[j] ** 2
+    learned[SHARE] = np.sqrt(mean)
+
+
+def bank_step(
+    n: Any,
+    message: np.ndarray,
+    fix: np.ndarray,
+    anchors: np.ndarray,
+    bank: np.ndarray,
+    learned: np.ndarray,
+    gathered: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+    rows: np.ndarray,
+) -> None:
+    """Learn from the residuals of a fix that was made in this tick."""
+    its, uwb = values_of(fix), values_of(message)
+    if its[ARRIVED] != 0.0:
+        for i in range(e.size):
+            for j in range(e.size + 1):
+                gathered[i, j] *= n.keeps
+        gather(gathered, its[PAYLOAD : PAYLOAD + 3], uwb, anchors, n.noise, rows)
+        weigh(learned, gathered, bank, n.noise[2], S, e)
+        keep(learned, its[its.size - 6 * e.size - 6 :], e.size)
+
+
+BANK = Element(
+    "survey_bank",
+    step=bank_step,
+    numbers=(Number("noise", (3,)), Number("keeps")),
+    tables=(Array("anchors", 2), Array("bank")),
+    state=(Array("learned"), Array("gathered", 2)),
+    work=(Array("S", 2), Array("e"), Array("rows", 2)),
+    shows="learned",
+)
+
+
+def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
+    """Return what learns how good the survey is: it reads the uwb message as it lands and the fix made of it.
+
+    It says what is learned: [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the
+    place that lasting_error.py keeps (3), the sensitivities there (6 n), weights of the models].
+
+    Args:
+        settings: with a bank.
+        anchors: a_i in W (n, 3).
+        period: from one message to the next [s].
+    """
+    bank, n = np.array(settings.bias_bank), len(anchors)
+    weights = np.full(bank.size, 1.0 / bank.size)
+    learned = np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(6 * n), weights))
+    numbers = {"noise": believed_noise(settings), "keeps": np.exp(-period / MEMORY)}
+    start, tables = {"learned": learned, "gathered": np.zeros((n, n + 1))}, {"anchors": anchors, "bank": bank}
+    return Box(
+        "survey_bank", BANK, learned.size, Given(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)}
+    )

@@ -1,0 +1,167 @@
+"""What is learned of the anchors' survey, against dense Gaussians and drawn surveys."""
+
+import numpy as np
+import pytest
+from plain_box import PlainBox
+from scipy.linalg import null_space
+from scipy.stats import multivariate_normal
+
+from ortilo_drake.diagrams.wiring.intermittent import filtering_of
+from ortilo_drake.model.room import ORTILO_ROOM, load_room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.lasting_element import Told, told_layout, told_of, vary
+from ortilo_drake.onboard.ranging.fix_element import fix_box
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, keep, put_lasting
+from ortilo_drake.onboard.ranging.survey_bank import bank_box, gather, log_likelihood
+from ortilo_drake.scenario import Multilateration, load_scenario
+
+ANCHORS = load_room(ORTILO_ROOM).anchor_positions
+N = len(ANCHORS)
+FRACTION, SD = 0.0075, 0.05
+NOISE = np.array([0.0, FRACTION, SD])
+BANK = (0.0, 0.4, 1.0)
+SETTINGS = Multilateration(bias_sd=SD, bias_bank=BANK)
+
+
+def units(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    away = p - ANCHORS
+    d = np.linalg.norm(away, axis=1)
+    return away / d[:, None], d
+
+
+def message(ranges: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
+    return np.concatenate(([1.0, 0.0], ranges, np.ones(N) if there is None else there))
+
+
+def gathered_of(fixes: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    gathered = np.zeros((N, N + 1))
+    for p, ranges, there in fixes:
+        gather(gathered, p, message(ranges, there), ANCHORS, NOISE, np.zeros((N, 3)))
+    return gathered
+
+
+@pytest.mark.parametrize("s", [0.0, 0.02, 0.05, 0.2])
+def test_the_likelihood_is_that_of_a_dense_gaussian_of_all_residuals(s: float) -> None:
+    generator = np.random.default_rng(1)
+    fixes, blocks, seen, values = [], [], [], []
+    for k in range(4):
+        p = np.array([5.0 + k, 0.3 * k, 1.5])
+        J, d = units(p)
+        ranges = d + generator.normal(0.0, 0.04, N)
+        there = np.ones(N) if k else np.array([1.0] * 7 + [0.0] * 5)
+        fixes.append((p, ranges, there))
+        some = there > 0.0
+        B = null_space(J[some].T).T  # what residuals say whatever the position
+        blocks.append(B @ np.diag((FRACTION * ranges[some]) ** 2) @ B.T)
+        seen.append(B @ np.eye(N)[some])
+        values.append(B @ (ranges - d)[some])
+    seen_all, y = np.vstack(seen), np.concatenate(values)
+    V, at = np.zeros((len(y), len(y))), 0
+    for block in blocks:
+        V[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    dense = [multivariate_normal(cov=V + sd**2 * seen_all @ seen_all.T).logpdf(y) for sd in (s, 0.0)]
+    found = log_likelihood(gathered_of(fixes), s, np.zeros((N, N)), np.zeros(N))
+    assert found == pytest.approx(dense[0] - dense[1], abs=1e-6, rel=1e-8)
+
+
+def test_an_error_of_the_position_itself_says_nothing() -> None:
+    p = np.array([8.0, 1.0, 1.5])
+    J, d = units(p)
+    moved = J @ np.array([0.3, -0.2, 0.1])  # ranges longer as if p were elsewhere, to first order
+    with_, without = (gathered_of([(p, ranges, np.ones(N))]) for ranges in (d + moved, d))
+    M = np.diag((FRACTION * (d + moved)) ** -2.0)
+    assert np.abs(with_[:, N]).max() < 1e-9 * np.abs(M @ moved).max()
+    np.testing.assert_allclose(without[:, N], 0.0, atol=1e-9)
+
+
+def flown(sd: float, seed: int, seconds: float) -> np.ndarray:
+    """Return what is learned on a straight line at 0.5 m/s, of a survey of that sd [m] and fixes at 10 Hz."""
+    generator = np.random.default_rng(seed)
+    true = ANCHORS + generator.normal(0.0, 1.0, ANCHORS.shape) * sd
+    solver, bank = PlainBox(fix_box(SETTINGS, ANCHORS)), PlainBox(bank_box(SETTINGS, ANCHORS, 0.1))
+    for k in range(int(10 * seconds)):
+        p = np.array([0.05 * k, 0.02 * k, 1.5])
+        d = np.linalg.norm(p - true, axis=1)
+        uwb = message(d * (1.0 + FRACTION * generator.normal(size=N)))
+        belief = np.concatenate((p, np.zeros(237)))
+        fix = solver.say(message=uwb, belief=belief, learned=bank.state["learned"])
+        bank.step(message=uwb, fix=fix)
+    return bank.state["learned"].copy()
+
+
+@pytest.mark.parametrize(("sd", "right", "wrong"), [(0.0, 0, 2), (0.05, 2, 0)])
+def test_within_six_seconds_it_tells_five_centimetres_from_none(sd: float, right: int, wrong: int) -> None:
+    for seed in range(20):
+        weights = flown(sd, seed, 6.0)[-len(BANK) :]
+        assert weights.sum() == pytest.approx(1.0)
+        assert weights[wrong] < 0.02 < weights[right], (seed, weights)
+
+
+def test_before_the_first_fix_all_models_are_equally_likely() -> None:
+    learned = bank_box(SETTINGS, ANCHORS, 0.1).given.start["learned"]
+    assert learned[0] == pytest.approx(np.sqrt(np.mean(np.square(BANK))))
+    np.testing.assert_array_equal(learned[-3:], 1.0 / 3.0)
+
+
+def fix_errors(p: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Return the errors of weighted fits at p (m, 3), to first order, by errors of the anchors (m, n, 3)."""
+    J, d = units(p)
+    W = np.diag(1.0 / ((FRACTION * d) ** 2 + SD**2))
+    along = -np.einsum("ij,mij->mi", J, errors)
+    return np.linalg.solve(J.T @ W @ J, J.T @ W @ along.T).T
+
+
+def test_what_lasts_is_what_drawn_surveys_make_of_a_fix() -> None:
+    errors = np.random.default_rng(3).normal(0.0, SD, (40_000, N, 3))
+    here, there = np.array([4.0, 1.0, 1.5]), np.array([4.8, 1.2, 1.6])
+    learned = bank_box(SETTINGS, ANCHORS, 0.1).given.start["learned"].copy()
+    said = np.zeros(6 + 6 * N)
+    put_lasting(said[:6], here, np.ones(N), ANCHORS, NOISE, learned, said[6:])
+    drawn = fix_errors(here, errors), fix_errors(there, errors)
+    np.testing.assert_allclose(said[:3], drawn[0].std(axis=0), rtol=0.02)
+    np.testing.assert_array_equal(said[3:6], 1.0)  # nothing was said before
+    keep(learned, said, N)
+    put_lasting(said[:6], there, np.ones(N), ANCHORS, NOISE, learned, said[6:])
+    together = [np.corrcoef(drawn[0][:, axis], drawn[1][:, axis])[0, 1] for axis in range(3)]
+    np.testing.assert_allclose(said[:3], drawn[1].std(axis=0), rtol=0.02)
+    np.testing.assert_allclose(said[3:6], together, atol=0.02)
+    keep(learned, said, N)
+    is_far = min(together) < 0.7
+    assert (learned[KEPT : KEPT + 3] == 1.0).all() == is_far
+    assert (learned[KEY : KEY + 6 * N] == said[6:]).all() == is_far
+
+
+def test_coefficients_and_variances_follow_what_a_fix_tells() -> None:
+    its = filtering_of(load_scenario("imu_uwb").belief)
+    told = told_of(its.seen, (0.03, 0.05, 0.09))
+    lasting = np.array([0.06, 0.05, 0.0, 1.0, 0.5, 0.8])
+    weights = np.zeros(its.seen.layout.weights.shape)
+    layout = told_layout(its.seen.layout, told, lasting, weights)
+    seen = [layout.weights[row, column] for row, column in zip(told.row, told.column, strict=True)]
+    np.testing.assert_allclose(seen, [2.0, 1.0, 0.0])
+    assert [
+        layout.states[row, column] for row, column in zip(told.row, told.column, strict=True)
+    ] == told.state.tolist()
+
+    n = its.n
+    root = np.random.default_rng(2).normal(size=(n, n))
+    x, P = np.arange(1.0, n + 1.0), root @ root.T
+    belief = np.concatenate((x, P.ravel()))
+    vary(belief, n, told, lasting)
+    A, Q = np.eye(n), np.zeros((n, n))
+    for state, r, sd in zip(told.state, lasting[3:], told.sd, strict=True):
+        A[state, state], Q[state, state] = r, (1.0 - r**2) * sd**2
+    np.testing.assert_allclose(belief[:n], A @ x)
+    np.testing.assert_allclose(belief[n:].reshape(n, n), A @ P @ A.T + Q, atol=1e-12)
+
+
+def test_a_filter_without_such_states_is_told_nothing() -> None:
+    its = filtering_of(load_scenario("imu_uwb", ("estimator.biases.uwb_sd=[0, 0, 0]",)).belief)
+    told: Told = told_of(its.seen, (0.0, 0.0, 0.0))
+    assert all(len(part) == 0 for part in told)
+
+
+def test_a_bank_has_something_to_share() -> None:
+    with pytest.raises(InputError, match=r"bias_bank: must be null without bias_sd"):
+        load_scenario("nominal_imu_uwb", ("multilateration.bias_bank=[0, 1]",))
