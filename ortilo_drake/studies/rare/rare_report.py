@@ -46,10 +46,10 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
         kept = _column_means([one.kept for one in found.repetitions])
         accepted = _column_means([one.accepted for one in found.repetitions])
         cells = [
-            [f"{level:.3g}", f"{share:.3g}", f"{step:.3g}", f"{taken:.2f}"]
+            [f"{level:.3g}", f"{share:.3g}", f"{step[0]:.3g}", f"{step[1]:.3g}", f"{taken:.2f}"]
             for level, share, step, taken in zip(found.plan.levels, kept, found.plan.steps, accepted, strict=False)
         ]
-        lines += table(["level [m]", "of those before it", "step", "steps taken"], cells)
+        lines += table(["level [m]", "of those before it", "all moved by", "new numbers", "steps taken"], cells)
     if found.repetitions:
         cells = [[str(i), _share(r.probability), f"{r.flights:,}"] for i, r in enumerate(found.repetitions)]
         lines += table(["repetition", "probability", "flights"], cells)
