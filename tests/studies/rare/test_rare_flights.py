@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -178,6 +179,13 @@ def test_where_nothing_happens_it_stops_after_one_climb(
     assert (found["probability"], found["repetitions"]) == (None, [])
     assert found["high"] == pytest.approx(binomtest(0, flown).proportion_ci(0.95, method="wilson").high)
     assert f"fewer than {found['high']:.2g} (95 %), none in {flown} flights" in said.splitlines()[0]
+
+
+def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
+    found = replace(made([Climb(2e-4, (0.1, 0.1), (0.3,), 40, 0)] * 2, 2.04e-4), low=1.1e-4, high=3.9e-4)
+    first = rare_text(SCENARIO, found).splitlines()[0]
+    assert first == "# nominal_imu_uwb: about one flight in 4,900 loses its vehicle (95 %: one in 2,600 to 9,100)"
+    assert "No interval can be given: none of 2 repetitions" in rare_text(SCENARIO, made(NEVER))
 
 
 def test_repetitions_that_go_different_ways_are_told() -> None:
