@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import xarray as xr
@@ -16,8 +16,10 @@ from ortilo_drake.flight.played import Played
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.world.drawn_truth import AtStart, of_seed
+from ortilo_drake.world.given_noise import GivenNoise
 
 NO_LOG = np.zeros((0, 0))
+_LEARNED_BY = 4  # flights by which it is learned what noise a flight draws
 
 
 class Engine:
@@ -134,26 +136,48 @@ class Engine:
         """How many standard normal numbers each stream gives to what is drawn at the start, by its name."""
         return self._flights.normals_at_start()
 
-    def distances(self, seeds: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+    @cached_property
+    def noise(self) -> GivenNoise:
+        """Where each stream's numbers stand in the noise that a flight is given."""
+        return GivenNoise(self.ticks, partial(self._fly_away, draw=of_seed(0)), _LEARNED_BY)
+
+    @property
+    def numbers(self) -> int:
+        """How many standard normal numbers decide a flight."""
+        return self.ticks * self.noise.width + sum(self.drawn.values())
+
+    def distances(self, seeds: np.ndarray) -> np.ndarray:
         """Fly, and return how far each flight is from its reference at each tick [m] (n, ticks); infinity once lost.
+
+        What is drawn at the start is of each flight's first seed.
 
         Args:
             seeds: of all noise, of each flight at each tick (n, ticks).
-            start: normal numbers for what is drawn at the start of each, stream after stream as `drawn` has them (n,
-                m); None for those of each flight's first seed.
         """
-        found = np.full(seeds.shape, np.inf)
-        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
+        return np.array([self._fly_away(its, of_seed(int(its[0]))) for its in seeds.astype(np.int64)])
+
+    def distances_given(self, numbers: np.ndarray) -> np.ndarray:
+        """Fly, and return the same of the numbers that decide each flight.
+
+        Args:
+            numbers: standard normal (n, numbers): the rows of `noise` for one tick after the other, then what is drawn
+                at the start, stream after stream as `drawn` has them.
+        """
         names, ends = list(self.drawn), np.cumsum(list(self.drawn.values()))
-        for i, of_ticks in enumerate(seeds.astype(np.int64)):
-            draw = of_seed(int(of_ticks[0]))
-            if start is not None:
-                parts = dict(zip(names, np.split(start[i], ends[:-1]), strict=True)) if names else {}
-                draw = _among(parts)
-            last, cause = self._flights.fly(of_ticks, draw, trace, arrived, NO_LOG)
-            flown = slice(0, last + 1 if cause == NOT_LOST else last)
-            away = trace[flown, TRUE] - trace[flown, REFERENCE]
-            found[i, flown] = np.sqrt(np.sum(away**2, axis=1))
+        found, at = np.empty((len(numbers), self.ticks)), self.ticks * self.noise.width
+        for i, its in enumerate(numbers.astype(np.float32, copy=False)):
+            parts = dict(zip(names, np.split(its[at:].astype(float), ends[:-1]), strict=True)) if names else {}
+            found[i] = self._fly_away(self.noise.seeds(its[:at].reshape(self.ticks, -1)), _among(parts))
+        return found
+
+    def _fly_away(self, seeds: np.ndarray, draw: AtStart) -> np.ndarray:
+        """Return how far one flight is from its reference at each tick [m], infinity once lost."""
+        found = np.full(self.ticks, np.inf)
+        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
+        last, cause = self._flights.fly(seeds, draw, trace, arrived, NO_LOG)
+        flown = slice(0, last + 1 if cause == NOT_LOST else last)
+        away = trace[flown, TRUE] - trace[flown, REFERENCE]
+        found[flown] = np.sqrt(np.sum(away**2, axis=1))
         return found
 
     def simulated_time(self, figures: np.ndarray) -> float:

@@ -4,9 +4,13 @@ Philox 4x64-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC
 numpy.random.Philox, compiled by numba: a block cipher turns the counter (block, tick) under the key
 (seed, stream) into four 64-bit words. No state, so a noise source is a memoryless function of time, and adding
 a sensor or changing a rate leaves every other stream as it was.
+
+A negative seed stands for numbers that are given, see given_noise.py: normal numbers are those, and a uniform one is
+Phi of a normal one.
 """
 
 import hashlib
+import math
 
 import numpy as np
 from numba import njit, uint64
@@ -15,11 +19,13 @@ from numba.extending import register_jitable
 from ortilo_drake.loop.plain import instead_of
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.triples import Four
+from ortilo_drake.world.given_noise import given_numbers, number_at, seed_beside
 
 _M0, _M1 = uint64(0xD2E7470EE14C6C93), uint64(0xCA5A826395121157)
 _W0, _W1 = uint64(0x9E3779B97F4A7C15), uint64(0xBB67AE8584CAA73B)
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
+_BELOW_1 = 1.0 - 2.0**-53
 _LOW, _32, _11 = uint64(0xFFFFFFFF), uint64(32), uint64(11)
 
 
@@ -65,9 +71,26 @@ def _normal_pair(word0: np.uint64, word1: np.uint64) -> tuple[float, float]:
     return radius * np.cos(angle), radius * np.sin(angle)
 
 
+@register_jitable
+def _phi(z: float) -> float:
+    """Return the share of standard normal numbers below z, less than 1."""
+    return min(0.5 * math.erfc(-z / math.sqrt(2.0)), _BELOW_1)
+
+
+@register_jitable
+def _four_given(seed: int, stream: np.uint64, tick: int) -> Four:
+    at, given = given_numbers(seed, stream, tick, 4)
+    if given == 4:
+        return number_at(at, 0), number_at(at, 1), number_at(at, 2), number_at(at, 3)
+    word0, word1, word2, word3 = philox_words(seed_beside(seed), stream, 0, tick)
+    return *_normal_pair(word0, word1), *_normal_pair(word2, word3)
+
+
 @register_jitable(forceinline=True)
 def four_normals(seed: int, stream: np.uint64, tick: int) -> Four:
     """Return the first four standard normal numbers that belong to this seed, stream and tick."""
+    if seed < 0:
+        return _four_given(seed, stream, tick)
     word0, word1, word2, word3 = philox_words(seed, stream, 0, tick)
     return *_normal_pair(word0, word1), *_normal_pair(word2, word3)
 
@@ -75,6 +98,9 @@ def four_normals(seed: int, stream: np.uint64, tick: int) -> Four:
 @register_jitable(forceinline=True)
 def four_uniforms(seed: int, stream: np.uint64, tick: int) -> Four:
     """Return the first four numbers uniform on [0, 1) that belong to this seed, stream and tick."""
+    if seed < 0:
+        z = _four_given(seed, stream, tick)
+        return _phi(z[0]), _phi(z[1]), _phi(z[2]), _phi(z[3])
     word0, word1, word2, word3 = philox_words(seed, stream, 0, tick)
     return _uniform(word0), _uniform(word1), _uniform(word2), _uniform(word3)
 
@@ -83,6 +109,11 @@ def four_uniforms(seed: int, stream: np.uint64, tick: int) -> Four:
 def uniforms(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     """Return n numbers uniform on [0, 1) that belong to this seed, stream and tick."""
     values = np.empty(n)
+    if seed < 0:
+        put_normals(values, seed, stream, tick)
+        for i in range(n):
+            values[i] = _phi(values[i])
+        return values
     for at in range(0, n, 4):
         words = philox_words(seed, stream, at // 4, tick)
         for i in range(min(n - at, 4)):
@@ -93,6 +124,18 @@ def uniforms(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
 @register_jitable
 def put_normals(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> None:
     """Write the standard normal numbers that belong to this seed, stream and tick to values (n)."""
+    if seed < 0:
+        at, given = given_numbers(seed, stream, tick, values.size)
+        if given < values.size:
+            _put_drawn(values, seed_beside(seed), stream, tick)
+        for i in range(given):
+            values[i] = number_at(at, i)
+    else:
+        _put_drawn(values, seed, stream, tick)
+
+
+@register_jitable
+def _put_drawn(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> None:
     n = values.size
     for at in range(0, n, 4):
         word0, word1, word2, word3 = philox_words(seed, stream, at // 4, tick)

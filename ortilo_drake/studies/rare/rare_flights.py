@@ -25,9 +25,7 @@ from ortilo_drake.studies.rare.subset import (
     CHAIN,
     LEAST,
     Climb,
-    Paths,
     Plan,
-    Size,
     climb,
     flights_of,
     most_levels,
@@ -35,9 +33,7 @@ from ortilo_drake.studies.rare.subset import (
 )
 
 LEVEL = 0.95  # of the intervals
-PARTS = 1  # seeds of each tick; the engine's noise is of one
 AT_ONCE = 500  # flights that are counted by one job
-_IN_MEMORY = 100  # flights whose distances are held at a time
 
 
 @dataclass(frozen=True)
@@ -94,16 +90,9 @@ def _engine_of(scenario_json: str) -> Engine:
     return Engine(Scenario.model_validate_json(scenario_json))
 
 
-def _farthest(engine: Engine, paths: Paths) -> np.ndarray:
+def _farthest(engine: Engine, numbers: np.ndarray) -> np.ndarray:
     """Return the largest distance from the reference of each flight [m], infinity if it is lost (n)."""
-    parts = (
-        paths.at(np.arange(i, min(i + _IN_MEMORY, len(paths.seeds)))) for i in range(0, len(paths.seeds), _IN_MEMORY)
-    )
-    return np.concatenate([engine.distances(part.seeds[:, :, 0], part.start).max(axis=1) for part in parts])
-
-
-def _size(engine: Engine) -> Size:
-    return Size(engine.ticks, sum(engine.drawn.values()), PARTS)
+    return engine.distances_given(numbers).max(axis=1)
 
 
 def _goal(corridor: float | None) -> float:
@@ -115,7 +104,7 @@ def climb_flights(
 ) -> Climb:
     """Return one estimate. Runs in a worker: the arguments are plain data."""
     engine = _engine_of(scenario_json)
-    return climb(partial(_farthest, engine), _size(engine), _goal(corridor), plan, paths, seed, repetition)
+    return climb(partial(_farthest, engine), engine.numbers, _goal(corridor), plan, paths, seed, repetition)
 
 
 def count_flights(scenario_json: str, corridor: float | None, seeds: range) -> int:
@@ -166,7 +155,7 @@ def rare_flights(
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
     engine = _engine_of(text := scenario.model_dump_json())  # refuses before anything is kept
     event = "lost" if corridor is None else f"corridor_{corridor:g}"
-    folder, size = flight_folder(out, scenario), _size(engine)
+    folder, size = flight_folder(out, scenario), engine.numbers
     plan_file = folder / f"{event}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
     plan: Plan | None = kept_json(plan_file, Plan, in_folder(plan_file))
     if plan is None:
@@ -203,7 +192,8 @@ def rare_flights(
     ends = log_interval(p, LEVEL)
     mean = float(p.mean()) if ends else None
     low, high = ends or (independent.low, independent.high)
-    return Rare(corridor, mean, low, high, least, plan, found, flights, size.drawn, independent, counted)
+    drawn = sum(engine.drawn.values())
+    return Rare(corridor, mean, low, high, least, plan, found, flights, drawn, independent, counted)
 
 
 def _count_of(batch: range) -> Any:

@@ -8,6 +8,7 @@ from ortilo_drake.studies.rare.subset import KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
 FAR_APART = 30.0  # of the interval's ends, from which the figure is said to be a magnitude [1]
+_MILLIARD = 1e9  # flights, from which their number is written with an exponent
 APART = 0.25  # of acceptances at one level, from which repetitions are said to have gone different ways [1]
 
 
@@ -15,12 +16,19 @@ def verdict(scenario: Scenario, found: Rare) -> str:
     """Return how often it happens, in one line."""
     event = "loses its vehicle" if found.corridor is None else f"strays {found.corridor:g} m or more from its reference"
     if found.probability is not None:
-        return f"{scenario.name}: about one flight in {1.0 / found.probability:,.0f} {event}"
+        one_in, low, high = (_one_in(p) for p in (found.probability, found.high, found.low))
+        return f"{scenario.name}: about one flight in {one_in} {event} (95 %: one in {low} to {high})"
     flown = found.independent
     if flown.events:
         share = f"one flight in {flown.flights / flown.events:,.0f}"
         return f"{scenario.name}: about {share} {event}, by counting: {flown.events} of {flown.flights:,}"
     return f"{scenario.name} {event}: fewer than {flown.high:.2g} (95 %), none in {flown.flights:,} flights"
+
+
+def _one_in(probability: float) -> str:
+    """Return of how many flights it is one, in two digits."""
+    flights = float(f"{1.0 / max(probability, 1e-99):.2g}")
+    return f"{flights:,.0f}" if flights < _MILLIARD else f"{flights:.2g}"
 
 
 def rare_text(scenario: Scenario, found: Rare) -> str:
@@ -46,10 +54,10 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
         kept = _column_means([one.kept for one in found.repetitions])
         accepted = _column_means([one.accepted for one in found.repetitions])
         cells = [
-            [f"{level:.3g}", f"{share:.3g}", f"{step:.3g}", f"{taken:.2f}"]
+            [f"{level:.3g}", f"{share:.3g}", f"{step[0]:.3g}", f"{step[1]:.3g}", f"{taken:.2f}"]
             for level, share, step, taken in zip(found.plan.levels, kept, found.plan.steps, accepted, strict=False)
         ]
-        lines += table(["level [m]", "of those before it", "step", "steps taken"], cells)
+        lines += table(["level [m]", "of those before it", "all moved by", "new numbers", "steps taken"], cells)
     if found.repetitions:
         cells = [[str(i), _share(r.probability), f"{r.flights:,}"] for i, r in enumerate(found.repetitions)]
         lines += table(["repetition", "probability", "flights"], cells)
@@ -73,8 +81,9 @@ def _by_repetitions(found: Rare, probability: float) -> list[str]:
 def _by_counting(found: Rare) -> list[str]:
     """Return what is known where no climb came to the event, or only one that was thrown away."""
     if found.repetitions:
-        came = sum(one.probability > 0.0 for one in found.repetitions) or "None"
-        why = f"{came} of {len(found.repetitions)} repetitions of subset simulation came to such a flight."
+        came = sum(one.probability > 0.0 for one in found.repetitions) or "none"
+        of = f"{came} of {len(found.repetitions)} repetitions of subset simulation"
+        why = f"No interval can be given: {of} came to such a flight."
     elif len(found.plan.levels) < most_levels(found.least):
         why = "Subset simulation found no flight that goes farther than its last level, and stopped."
     else:

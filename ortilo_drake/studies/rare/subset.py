@@ -7,18 +7,16 @@ are the next N. With the share that is at the next level in each round,
 
     p = share at L_1 x share at L_2 of those above L_1 x ... x share at the goal of those above the last.
 
-A path is made of independent pieces: J seeds for each tick, of which the noise of that tick is a pure function, and
-standard normal numbers z for what is drawn at its start. A step of a chain changes a little of all, by 0 < b <= 1:
+A path is a row of standard normal numbers z, those of its start and of every tick. A step of a chain changes a little
+of it, by 0 < b <= 1, and is taken if the new path is at the level or above. Two steps of three move all of z,
 
-    each seed of each tick is drawn anew with the probability b,      z' = (1 - b) z + sqrt(1 - (1 - b)^2) v,  v normal,
+    z' = (1 - b) z + sqrt(1 - (1 - b)^2) v,   v standard normal,
 
-both reversible for the law of paths (Gibbs; S. L. Cotter et al., "MCMC methods for functions", Statistical Science 28,
-2013), and is taken if the new path is at the level or above. What depends on a sum of many ticks' noise keeps 1 - b of
-itself by either. A path runs from its start to its end, so a cause may be long before its effect.
-
-With J = 1 the noise of a tick stays or is new altogether, and where a single tick decides no chain goes up. A normal
-number of a tick that is the sum of J seeds' numbers over sqrt(J) is moved within the tick: of J seeds one that is drawn
-anew leaves 1 - 1 / J of it, the step z' = (1 - b) z + ... above with b = 1 / J.
+and the third draws each number anew with the probability b. Both are reversible for the law of z, whatever its size
+(pCN: S. L. Cotter et al., "MCMC methods for functions", Statistical Science 28, 2013, and as conditional sampling:
+I. Papaioannou et al., "MCMC algorithms for subset simulation", Probabilistic Engineering Mechanics 41, 2015; Gibbs).
+The first goes up where one or two ticks decide, for it moves within them; the second where many numbers must each stay
+within bounds, as in a burst of losses. A path runs from its start to its end, so a cause may be long before its effect.
 
 A first climb chooses levels and steps; its own estimate is thrown away. The climbs that follow take them as given, so
 that their estimates are without bias (waste-free sequential Monte Carlo: H.-D. Dau, N. Chopin, Journal of the Royal
@@ -39,41 +37,11 @@ MOST_KEPT = 0.5  # share above which too many are equally high for a level [1]
 CHAIN = 10  # paths of a chain, its start among them
 ACCEPTED = 0.4  # share of steps that are to be taken [1]
 SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
+_AT_ONCE = 2**21  # numbers of the paths that are run together
 _GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too seldom
 LEAST = 1e-9  # the climb that chooses levels goes no further down than to such a probability [1]
 
-
-class Size(NamedTuple):
-    """What a path is made of.
-
-    Attributes:
-        ticks: how many it has.
-        drawn: normal numbers at its start.
-        parts: seeds of each tick.
-    """
-
-    ticks: int
-    drawn: int
-    parts: int
-
-
-class Paths(NamedTuple):
-    """Paths, by what they are made of.
-
-    Attributes:
-        seeds: of the noise of each tick (n, ticks, parts).
-        start: standard normal numbers, for what is drawn at the start (n, m).
-    """
-
-    seeds: np.ndarray
-    start: np.ndarray
-
-    def at(self, numbers: np.ndarray) -> "Paths":
-        """Return some of them, by their numbers."""
-        return Paths(self.seeds[numbers], self.start[numbers])
-
-
-Heights = Callable[[Paths], np.ndarray]  # how high each path comes (n)
+Heights = Callable[[np.ndarray], np.ndarray]  # how high each path (n, size) comes (n)
 
 
 @dataclass(frozen=True)
@@ -82,14 +50,14 @@ class Plan:
 
     Attributes:
         levels: below the goal, going up.
-        steps: b at each level, in (0, 1].
+        steps: b of each kind of step at each level, in (0, 1].
         flights: how many paths it ran.
         met: how many of the first, independent paths reached the goal.
         reached: whether a path above the last level reached it.
     """
 
     levels: tuple[Amount, ...]
-    steps: tuple[Share, ...]
+    steps: tuple[tuple[Share, Share], ...]
     flights: Count
     met: Count
     reached: bool
@@ -114,47 +82,102 @@ class Climb:
     met: Count
 
 
-def fresh(n: int, size: Size, random: np.random.Generator) -> Paths:
-    """Return n paths of that size."""
-    return Paths(random.integers(2**62, size=(n, size.ticks, size.parts)), random.standard_normal((n, size.drawn)))
+def fresh(n: int, size: int, random: np.random.Generator) -> np.ndarray:
+    """Return n paths of so many numbers (n, size)."""
+    return random.standard_normal((n, size), dtype=np.float32)
 
 
-def moved(paths: Paths, step: np.ndarray, random: np.random.Generator) -> Paths:
-    """Return paths a step away, b of each (n)."""
-    (n, ticks, parts), b = paths.seeds.shape, step[:, np.newaxis]
-    new = fresh(n, Size(ticks, paths.start.shape[1], parts), random)
-    seeds = np.where(random.random(paths.seeds.shape) < b[..., np.newaxis], new.seeds, paths.seeds)
-    return Paths(seeds, (1.0 - b) * paths.start + np.sqrt(1.0 - (1.0 - b) ** 2) * new.start)
+def moved(paths: np.ndarray, step: np.ndarray, few: bool, random: np.random.Generator) -> np.ndarray:
+    """Return paths a step away, b of each (n): a few of their numbers are new, or all are moved."""
+    new, kept = fresh(len(paths), paths.shape[1], random), (1.0 - step[:, np.newaxis]).astype(np.float32)
+    if few:
+        return np.where(random.random(paths.shape, dtype=np.float32) < kept, paths, new)
+    new *= np.sqrt(1.0 - kept**2)
+    new += kept * paths
+    return new
+
+
+class _Best:
+    """Paths of the highest keys among all that it is offered, so many at most: a level's paths need not all be held."""
+
+    def __init__(self, most: int, size: int):
+        self._paths, self._heights = np.empty((most, size), np.float32), np.empty(most)
+        self._keys = np.full(most, -np.inf)  # of none
+
+    def offer(self, paths: np.ndarray, heights: np.ndarray, keys: np.ndarray) -> None:
+        """Take the paths whose keys are among the highest (n); those of -infinity are not offered."""
+        there, most = np.flatnonzero(keys > -np.inf), len(self._keys)
+        best = np.argsort(-np.concatenate((self._keys, keys[there])), kind="stable")[:most]
+        goes = np.ones(most, dtype=bool)
+        goes[best[best < most]] = False
+        comes = there[best[best >= most] - most]
+        self._paths[goes], self._heights[goes], self._keys[goes] = paths[comes], heights[comes], keys[comes]
+
+    def starts(self, level: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return paths at a level from which chains go on, and their heights: each as often as any, on average."""
+        there = np.flatnonzero((self._keys > -np.inf) & (self._heights >= level))
+        chosen = np.resize(random.permutation(there), len(self._keys))
+        return self._paths[chosen], self._heights[chosen]
+
+
+Keep = Callable[[np.ndarray, np.ndarray], None]  # is given paths (n, size) and how high they come (n)
+
+
+def _parts(n: int, size: int) -> list[slice]:
+    """Return the parts of n paths that are run together."""
+    at_once = max(_AT_ONCE // max(size, 1), 1)
+    return [slice(at, min(at + at_once, n)) for at in range(0, n, at_once)]
+
+
+def _first(run: Heights, paths: int, size: int, keep: Keep, random: np.random.Generator) -> np.ndarray:
+    """Run so many new paths; return how high they come (n)."""
+    heights = np.empty(paths)
+    for part in _parts(paths, size):
+        new = fresh(part.stop - part.start, size, random)
+        heights[part] = run(new)
+        keep(new, heights[part])
+    return heights
 
 
 class _Above(NamedTuple):
-    """Paths at a level or above, how high they come, b after each step and the share of each that was taken."""
+    """How high the paths of chains come (n), the share of each step that was taken, and b of each kind of step."""
 
-    paths: Paths
     heights: np.ndarray
-    steps: list[float]
     accepted: list[float]
+    b: tuple[float, float]
 
 
 def _chains(
-    run: Heights, starts: Paths, heights: np.ndarray, level: float, b: float, fixed: bool, random: np.random.Generator
+    run: Heights,
+    starts: tuple[np.ndarray, np.ndarray],
+    level: float,
+    b: tuple[float, float],
+    fixed: bool,
+    keep: Keep,
+    random: np.random.Generator,
 ) -> _Above:
-    """Return the paths of a chain from each start, at a level or above; unless it is fixed, b is adapted on the way."""
-    paths, found, steps, accepted = [starts], [heights], [], []
-    for _ in range(CHAIN - 1):
-        step = np.minimum(b * SPREAD ** random.uniform(-1.0, 1.0, len(heights)), 1.0)
-        proposed = moved(paths[-1], step, random)
-        its = run(proposed)
-        taken = its >= level
-        seeds = np.where(taken[:, np.newaxis, np.newaxis], proposed.seeds, paths[-1].seeds)
-        paths.append(Paths(seeds, np.where(taken[:, np.newaxis], proposed.start, paths[-1].start)))
-        found.append(np.where(taken, its, found[-1]))
-        accepted.append(float(taken.mean()))
-        steps.append(b)
+    """Run a chain from each start, at a level or above; unless it is fixed, b is adapted on the way and averaged."""
+    (paths, heights), accepted = starts, list[float]()
+    used: tuple[list[float], list[float]] = [b[0]], [b[1]]
+    keep(paths, heights)
+    found = [heights.copy()]
+    for i in range(CHAIN - 1):
+        its = used[few := i % 3 == 2]
+        step = np.minimum(its[-1] * SPREAD ** random.uniform(-1.0, 1.0, len(heights)), 1.0)
+        count = 0
+        for part in _parts(*paths.shape):
+            proposed = moved(paths[part], step[part], few, random)
+            high = run(proposed)
+            taken = high >= level
+            paths[part][taken], heights[part][taken] = proposed[taken], high[taken]
+            count += int(taken.sum())
+        keep(paths, heights)
+        found.append(heights.copy())
+        accepted.append(count / len(heights))
         if not fixed:
-            b = min(b * float(np.exp(_GAIN * (accepted[-1] - ACCEPTED))), 1.0)
-    together = Paths(np.concatenate([p.seeds for p in paths]), np.concatenate([p.start for p in paths]))
-    return _Above(together, np.concatenate(found), steps, accepted)
+            its.append(min(its[-1] * float(np.exp(_GAIN * (accepted[-1] - ACCEPTED))), 1.0))
+    late = [float(np.exp(np.mean(np.log(its[len(its) // 2 :])))) for its in used]
+    return _Above(np.concatenate(found), accepted, (late[0], late[1]))
 
 
 def most_levels(least: float) -> int:
@@ -169,7 +192,7 @@ def flights_of(levels: int, paths: int) -> int:
 
 def plan_climb(
     run: Heights,
-    size: Size,
+    size: int,
     goal: float,
     paths: int,
     seed: int,
@@ -182,37 +205,41 @@ def plan_climb(
 
     Args:
         run: how high each path comes.
-        size: what a path is made of.
+        size: how many numbers a path is made of.
         goal: how high a path must come, at least.
         paths: N, a multiple of CHAIN.
         seed: of all that is drawn.
         least: the smallest probability that is sought [1].
         progress: called with how many paths have run.
     """
-    random, b, flights = np.random.default_rng((seed, 0)), ACCEPTED, 0
+    random, b, flights = np.random.default_rng((seed, 0)), (ACCEPTED, ACCEPTED), 0
 
-    def counted(some: Paths) -> np.ndarray:
+    def counted(some: np.ndarray) -> np.ndarray:
         nonlocal flights
         its = run(some)
         flights += len(its)
         progress(flights)
         return its
 
-    pool = fresh(paths, size, random)
-    heights = counted(pool)
+    best = _Best(paths // CHAIN, size)
+
+    def keep(its: np.ndarray, heights: np.ndarray) -> None:
+        best.offer(its, heights, heights)
+
+    heights = _first(counted, paths, size, keep, random)
     met = int(np.sum(heights >= goal))
     levels: list[float] = []
-    steps: list[float] = []
+    steps: list[tuple[float, float]] = []
     while len(levels) < most_levels(least):
         level = _next_level(heights, levels[-1] if levels else -np.inf)
         if level is None or level >= goal:  # no path comes higher any more, or there
             break
-        chosen = _starts(np.flatnonzero(heights >= level), paths, random)
-        above = _chains(counted, pool.at(chosen), heights[chosen], level, b, False, random)
-        b = float(np.exp(np.mean(np.log(above.steps[CHAIN // 2 :]))))
+        starts, best = best.starts(level, random), _Best(paths // CHAIN, size)
+        above = _chains(counted, starts, level, b, False, keep, random)
+        b = above.b
         levels.append(level)
         steps.append(b)
-        pool, heights = above.paths, above.heights
+        heights = above.heights
     return Plan(tuple(levels), tuple(steps), flights, met, bool(np.any(heights >= goal)))
 
 
@@ -230,30 +257,29 @@ def _next_level(heights: np.ndarray, last: float) -> float | None:
     return level if level > last else None
 
 
-def climb(run: Heights, size: Size, goal: float, plan: Plan, paths: int, seed: int, repetition: int) -> Climb:
+def climb(run: Heights, size: int, goal: float, plan: Plan, paths: int, seed: int, repetition: int) -> Climb:
     """Return one estimate of the probability that a path reaches the goal, without bias; arguments as plan_climb's.
 
     Each repetition of each seed has noise of its own.
     """
     random = np.random.default_rng((seed, 1 + repetition))
-    pool, flights = fresh(paths, size, random), paths
-    heights = run(pool)
+    best, next_levels = _Best(paths // CHAIN, size), iter((*plan.levels, np.nan))  # after the last none goes on
+    next_level = next(next_levels)
+
+    def keep(its: np.ndarray, heights: np.ndarray) -> None:
+        best.offer(its, heights, np.where(heights >= next_level, random.random(len(heights)), -np.inf))
+
+    heights, flights = _first(run, paths, size, keep, random), paths
     met = int(np.sum(heights >= goal))
     kept: list[float] = []
     accepted: list[float] = []
     for level, b in zip(plan.levels, plan.steps, strict=True):
-        there = np.flatnonzero(heights >= level)
-        kept.append(there.size / paths)
-        if not there.size:
+        kept.append(float(np.mean(heights >= level)))
+        if not kept[-1]:
             return Climb(0.0, tuple(kept), tuple(accepted), flights, met)
-        chosen = _starts(there, paths, random)
-        above = _chains(run, pool.at(chosen), heights[chosen], level, b, True, random)
-        pool, heights, flights = above.paths, above.heights, flights + paths - paths // CHAIN
+        starts, best, next_level = best.starts(level, random), _Best(paths // CHAIN, size), next(next_levels)
+        above = _chains(run, starts, level, b, True, keep, random)
+        heights, flights = above.heights, flights + paths - paths // CHAIN
         accepted.append(float(np.mean(above.accepted)))
     kept.append(float(np.mean(heights >= goal)))
     return Climb(float(np.prod(kept)), tuple(kept), tuple(accepted), flights, met)
-
-
-def _starts(there: np.ndarray, paths: int, random: np.random.Generator) -> np.ndarray:
-    """Return the numbers of the paths from which chains go on: each of those there as often as any, on average."""
-    return np.resize(random.permutation(there), paths // CHAIN)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,6 @@ from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.rare.rare_flights import Rare, counted_of, rare_flights
 from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
 from ortilo_drake.studies.rare.subset import Climb, Plan, flights_of
-from ortilo_drake.world.noise import normals, stream_id
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
 
 SHORT = ("world.disturbance.force_density=0.0365",)
@@ -69,16 +69,18 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     assert counted.stat().st_mtime_ns == before
 
 
-def test_what_is_drawn_at_the_start_makes_a_flight_as_it_does_from_its_seed() -> None:
+def test_what_is_drawn_at_the_start_decides_a_flight() -> None:
+    """That the numbers of a seed make its flight is in tests/world/test_given_noise.py."""
     spread = ("truth.vehicle.mass_factor_sd=0.1", "truth.survey.anchors_sd=0.05", "truth.uwb.slow_sd=0.05")
     engine = Engine(load_scenario("nominal_imu_uwb", (*SHORT, *spread)))
     assert engine.drawn["truth/vehicle.mass_factor"] == 1
-    seeds = np.full((1, engine.ticks), 7)
-    own = np.concatenate([normals(7, stream_id(name), 0, n) for name, n in engine.drawn.items()])
-    assert np.array_equal(engine.distances(seeds, own[np.newaxis]), engine.distances(seeds))
-    names, heavier = list(engine.drawn), own.copy()
-    heavier[sum(engine.drawn[name] for name in names[: names.index("truth/vehicle.mass_factor")])] += 1.0
-    assert not np.array_equal(engine.distances(seeds, heavier[np.newaxis]), engine.distances(seeds))
+    numbers = np.random.default_rng(7).standard_normal((2, engine.numbers), dtype=np.float32)
+    numbers[1] = numbers[0]
+    names, first = list(engine.drawn), engine.numbers - sum(engine.drawn.values())
+    before = sum(engine.drawn[name] for name in names[: names.index("truth/vehicle.mass_factor")])
+    numbers[1, first + before] += 1.0
+    one, heavier = engine.distances_given(numbers)
+    assert not np.array_equal(one, heavier)
 
 
 def test_a_node_of_the_cameras_slow_errors_is_of_its_ticks_seed_in_every_tick_about_it() -> None:
@@ -129,7 +131,7 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def made(repetitions: list[Climb], probability: float | None = None, events: int = 0) -> Rare:
-    plan, counted = Plan((1.0, 2.0), (0.5, 0.2), 40, 0, bool(repetitions)), counted_of(500, events)
+    plan, counted = Plan((1.0, 2.0), ((0.5, 0.2), (0.2, 0.1)), 40, 0, bool(repetitions)), counted_of(500, events)
     low, high = counted.low, counted.high
     return Rare(None, probability, low, high, 1e-2, plan, repetitions, 80, 0, counted, None)
 
@@ -177,6 +179,13 @@ def test_where_nothing_happens_it_stops_after_one_climb(
     assert (found["probability"], found["repetitions"]) == (None, [])
     assert found["high"] == pytest.approx(binomtest(0, flown).proportion_ci(0.95, method="wilson").high)
     assert f"fewer than {found['high']:.2g} (95 %), none in {flown} flights" in said.splitlines()[0]
+
+
+def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
+    found = replace(made([Climb(2e-4, (0.1, 0.1), (0.3,), 40, 0)] * 2, 2.04e-4), low=1.1e-4, high=3.9e-4)
+    first = rare_text(SCENARIO, found).splitlines()[0]
+    assert first == "# nominal_imu_uwb: about one flight in 4,900 loses its vehicle (95 %: one in 2,600 to 9,100)"
+    assert "No interval can be given: none of 2 repetitions" in rare_text(SCENARIO, made(NEVER))
 
 
 def test_repetitions_that_go_different_ways_are_told() -> None:

@@ -1,0 +1,130 @@
+"""Noise that is given instead of drawn: standard normal numbers of each tick, for who moves them a little.
+
+Where a seed is negative, minus the seed is the address of a tick's record, of whole numbers of eight bytes:
+
+    the address of a directory, that of the tick's row of float32 (0 for none), a seed for what the row does not have
+
+A directory says where a stream's numbers stand in a row. It is learned: flights whose rows are at 0 write down what
+they draw. What a later flight draws beyond that comes from its record's seed, as any noise does.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, register_jitable
+
+from ortilo_drake.loop.addresses import array_at
+
+MOST = 4096  # streams of a directory
+_RECORD = 3
+_STREAM, _FIRST, _NUMBERS, _TICKS, _RECORD_SEEN, _LEAST_TICK = range(6)  # an entry; the last two are for learning
+_ENTRY = 6
+
+
+def _pointer_to(kind: Any) -> Any:
+    @intrinsic
+    def pointer(typing_context: Any, address: Any) -> Any:
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Any) -> ir.Value:
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return types.CPointer(kind)(types.int64), codegen
+
+    return pointer
+
+
+_wholes, _floats = _pointer_to(types.int64), _pointer_to(types.float32)
+
+
+@register_jitable
+def seed_beside(seed: int) -> int:
+    """Return the seed of what the row of a record does not have."""
+    return array_at(_wholes(-seed), (_RECORD,))[2]
+
+
+@register_jitable
+def given_numbers(seed: int, stream: np.uint64, tick: int, n: int) -> tuple[int, int]:
+    """Return the address of what a tick's row has of the first n numbers of a stream, and how many: n, fewer or none.
+
+    Args:
+        seed: minus the address of the tick's record.
+        stream: number of the stream.
+        tick: that the stream counts; several of them may belong to one record, as of a sensor faster than the tick.
+        n: how many are asked for.
+    """
+    record = array_at(_wholes(-seed), (_RECORD,))
+    size = array_at(_wholes(record[0]), (1,))
+    entries = array_at(_wholes(record[0] + 8), (MOST, _ENTRY))
+    its, i, first, most = np.int64(stream), 0, 0, 0
+    while i < size[0] and entries[i, _STREAM] != its:
+        i += 1
+    if record[1] == 0:
+        _note(size, entries, i, its, n, seed, tick)
+    elif i < size[0]:
+        most = entries[i, _NUMBERS]
+        first = entries[i, _FIRST] + most * (tick % entries[i, _TICKS])
+    return record[1] + 4 * first, min(n, most)
+
+
+@register_jitable
+def number_at(address: int, i: int) -> float:
+    """Return the i-th number at an address."""
+    return array_at(_floats(address), (i + 1,))[i]
+
+
+@register_jitable
+def _note(size: np.ndarray, entries: np.ndarray, i: int, stream: int, n: int, seed: int, tick: int) -> None:
+    """Write down that n numbers of a stream belong to a tick, in entry i, which is new if it is the size."""
+    if i == MOST:
+        return
+    entry = entries[i]
+    if i == size[0]:
+        size[0] += 1
+        entry[_STREAM], entry[_TICKS] = stream, 1
+    entry[_NUMBERS] = max(entry[_NUMBERS], n)
+    if entry[_RECORD_SEEN] != seed:
+        entry[_RECORD_SEEN], entry[_LEAST_TICK] = seed, tick
+    entry[_TICKS] = max(entry[_TICKS], tick - entry[_LEAST_TICK] + 1)
+
+
+class GivenNoise:
+    """Where each stream's numbers stand in the row of a tick, and the seeds that stand for rows.
+
+    Args:
+        ticks: of a flight.
+        fly: flies once, of seeds for each tick (ticks).
+        flights: that it learns by, of the seeds from 0 on.
+
+    Attributes:
+        streams: where each begins, how many numbers it has, and in how many ticks of its own: (number of the stream,
+            first, numbers, ticks), one after the other.
+        width: of a row.
+    """
+
+    def __init__(self, ticks: int, fly: Callable[[np.ndarray], object], flights: int):
+        self._directory = np.zeros(1 + MOST * _ENTRY, dtype=np.int64)
+        self._records = np.zeros((ticks, _RECORD), dtype=np.int64)
+        self._records[:, 0] = self._directory.ctypes.data
+        self._handles = -(self._records.ctypes.data + self._records.strides[0] * np.arange(ticks))
+        for seed in range(flights):
+            self._records[:, 2] = seed
+            fly(self._handles)
+        entries = self._directory[1:].reshape(MOST, _ENTRY)[: self._directory[0]]
+        sizes = entries[:, _NUMBERS] * entries[:, _TICKS]
+        entries[:, _FIRST] = np.cumsum(sizes) - sizes
+        self.streams = [tuple(entry[: _TICKS + 1].tolist()) for entry in entries]
+        self.width = max(int(sizes.sum()), 2)
+
+    def seeds(self, rows: np.ndarray) -> np.ndarray:
+        """Return seeds that stand for rows of standard normal numbers (ticks, width), until they are asked for others.
+
+        The seed of what a row does not have is made of its first two numbers.
+        """
+        if rows.shape != (len(self._records), self.width) or rows.dtype != np.float32 or not rows.flags.c_contiguous:
+            raise ValueError(f"rows: {rows.shape} of {rows.dtype}: must be rows of {self.width} float32 a tick")
+        self._rows = rows  # so that it lives as long
+        self._records[:, 1] = rows.ctypes.data + rows.strides[0] * np.arange(len(rows))
+        self._records[:, 2] = np.ascontiguousarray(rows[:, :2]).view(np.int64)[:, 0] & (2**62 - 1)
+        return self._handles
