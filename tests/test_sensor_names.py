@@ -35,6 +35,7 @@ WHY = {
     "studies/sensitivity/mismatches.py": "a table of settings by their keys",
     "studies/rooms/room_scenario.py": "settings by their keys",
     "commands/options.py": "settings by their keys, of --camera and --detector",
+    "commands/faults.py": "settings by their keys",
     "api/studies.py": "a setting in an example",
     "hil/wire/limits.py": "the least and the greatest that their messages may hold",
     "hil/wire/packets.py": "the channels of the protocol",

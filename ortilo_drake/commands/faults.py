@@ -59,11 +59,11 @@ def faults(
     from ortilo_drake.studies.faults.catalogue import chosen_names
 
     chosen = chosen_names(names)
-    laid_over = tuple(settings or ())
+    laid_over = (*(settings or ()), ("camera.kind", "projected"))
 
     def varied(scenario: str) -> Any:
         def vary(under: tuple[tuple[str, Any], ...]) -> Scenario:
-            return load_scenario(scenario, (*laid_over, *under)).projected()
+            return load_scenario(scenario, (*laid_over, *under))
 
         return vary
 
