@@ -56,13 +56,15 @@ def put_sensitivities(
 
 
 @register_jitable
-def covariance_between(one: np.ndarray, other: np.ndarray, axis: int) -> float:
-    """Return the covariance of an axis of two fixes' errors by anchors whose positions err by 1, of sensitivities."""
-    total = 0.0
+def products(one: np.ndarray, other: np.ndarray, axis: int) -> tuple[float, float, float]:
+    """Return g . g, g . g' and g' . g' of an axis of two fixes, of their sensitivities (6 n)."""
+    own = both = others = 0.0
     for i in range(0, one.size, 6):
-        both = one[i] * other[i] + one[i + 1] * other[i + 1] + one[i + 2] * other[i + 2]
-        total += both * one[i + 3 + axis] * other[i + 3 + axis]
-    return total
+        g, g_other = one[i + 3 + axis], other[i + 3 + axis]
+        own += g * g
+        others += g_other * g_other
+        both += g * g_other * (one[i] * other[i] + one[i + 1] * other[i + 1] + one[i + 2] * other[i + 2])
+    return own, both, others
 
 
 @register_jitable
@@ -89,10 +91,10 @@ def put_lasting(
     put_sensitivities(here, p, there, anchors, noise)
     key = learned[KEY : KEY + here.size]
     for axis in range(3):
-        now, before = covariance_between(here, here, axis), covariance_between(key, key, axis)
+        now, both, before = products(here, key, axis)
         out[axis], out[3 + axis] = noise[2] * np.sqrt(now), 1.0
         if before > 0.0 and now > 0.0:
-            kept = max(covariance_between(here, key, axis) / np.sqrt(before * now), 0.0)
+            kept = max(both / np.sqrt(before * now), 0.0)
             out[3 + axis] = min(kept / learned[KEPT + axis], 1.0)
 
 

@@ -171,7 +171,8 @@ def _missing(scenario: Scenario, rows: list[Row]) -> list[str]:
     """Return why rows are not there."""
     there, lines = {row.way for row in rows}, []
     if RTS not in there:
-        runs_again = isinstance(scenario.estimator, IntermittentFilter)
+        settings = scenario.estimator
+        runs_again = isinstance(settings, IntermittentFilter) and settings.delay == "replay"
         why = "runs again where a measurement comes late (estimator.delay replay)" if runs_again else "is not linear"
         lines.append(f"RTS: the filter that flew {why}.")
     if GRAPH not in there:

@@ -117,8 +117,12 @@ def smooth(found: Forward) -> Smoothed:
 
 
 def is_linear(scenario: Scenario) -> bool:
-    """Return whether the scenario's filter is one whose run can be smoothed here: linear, and not run again."""
-    return isinstance(scenario.estimator, IntermittentFilter) and scenario.estimator.delay != "replay"
+    """Return whether the scenario's filter is one whose run can be smoothed here: linear, and not run again.
+
+    One that learns its anchors' survey is not: what it learns changes what its fixes see.
+    """
+    settings, learns = scenario.estimator, scenario.multilateration.bias_bank is not None
+    return isinstance(settings, IntermittentFilter) and settings.delay != "replay" and not learns
 
 
 def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, np.ndarray, list[Tick]]:
