@@ -10,7 +10,16 @@ import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
-from ortilo_drake.interop.recorded.sources import CommandSource, ImuSource, RangeSource, TruthSource
+from ortilo_drake.interop.recorded.sources import (
+    AccelerometerSource,
+    CommandSource,
+    DifferenceSource,
+    FinderSource,
+    FlowSource,
+    ImuSource,
+    RangeSource,
+    TruthSource,
+)
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive, parse_yaml, validate
 
@@ -26,7 +35,10 @@ class Find(Frozen):
 class Estimated(Frozen):
     """What is calibrated on the first part, by the truth."""
 
-    share: Share = Field(default=0.3, description="Share of the truth's time that calibrates; the rest judges.")
+    share: Share = Field(
+        default=0.3,
+        description="Share of the truth's time that calibrates; the rest judges. 0: nothing is calibrated.",
+    )
     clock: Literal["estimate"] | float = Field(
         default="estimate", description="Truth's clock less the sensors' [s], counted as the files have it."
     )
@@ -60,11 +72,41 @@ class FilterSettings(Frozen):
     gate: Positive = Field(
         default=4.0, description="Ranges farther from the prediction, in standard deviations, are out."
     )
+    huber: Positive | None = Field(
+        default=None, description="Innovations beyond so many standard deviations count less (Huber)."
+    )
+    near_floor: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=10.0,
+        description="Height [m] at which the floor doubles the errors of ranges: they grow by (this / height)^4.",
+    )
     baseline_acceleration: Positive = Field(
         default=1.0, description="White acceleration of the constant-velocity filter, which has no IMU [m/s²/√Hz]."
     )
     baseline_range: Positive = Field(default=0.06, description="Its ranges' standard deviation [m].")
     baseline_gate: Positive = Field(default=4.0, description="Its gate, in standard deviations.")
+
+
+class Start(Frozen):
+    """Where the vehicle starts, in the anchors' frame."""
+
+    position: Vector = Field(description="Of the estimated point [m].")
+    position_sd: Positive = Field(default=0.03, description="[m].")
+    heading: float = Field(default=0.0, ge=-10.0, le=10.0, description="[rad].")
+    heading_sd: Positive = Field(default=0.1, description="[rad].")
+    rests: bool = Field(default=False, description="Whether it stands level on the floor until it takes off.")
+
+
+class Drag(Frozen):
+    """A rotor's drag along x and y of the body, -k v: by which a failing accelerometer is noticed, and replaced."""
+
+    k: float = Field(default=0.38, ge=0.0, le=10.0, description="[1/s].")
+    noise: Positive = Field(default=0.5, description="White noise of the force so found [m/s²/√Hz].")
+    doubted: Positive = Field(
+        default=3.0,
+        description="A sample farther from it is not used [m/s²]; a tenth of all in a second: the axis fails.",
+    )
 
 
 class Gaps(Frozen):
@@ -91,7 +133,8 @@ class Imposed(Frozen):
 class Map(Frozen):
     """What a folder of recorded files holds; see docs/how_to/recorded.md."""
 
-    ranges: RangeSource
+    ranges: RangeSource | None = None
+    differences: DifferenceSource | None = None
     anchors: Annotated[
         Annotated[tuple[Vector, ...], Field(min_length=3, max_length=256)]
         | Find
@@ -103,7 +146,13 @@ class Map(Frozen):
         "table `id, x, y, z`, a DWM1001's console."
     )
     imu: ImuSource | None = None
+    accelerometer: AccelerometerSource | None = None
     command: CommandSource | None = None
+    range_finder: FinderSource | None = None
+    flow: FlowSource | None = None
+    drag: Drag | None = None
+    start: Start | None = None
+    floor: float = Field(default=0.0, ge=-1e4, le=1e4, description="Its z in the anchors' frame [m].")
     truth: TruthSource | None = None
     planar: bool = Field(default=False, description="Whether the antenna keeps one height, as on a ground robot.")
     height: float | None = Field(
@@ -115,26 +164,46 @@ class Map(Frozen):
     calibration: Estimated = Estimated()
     filter: FilterSettings = FilterSettings()
     imposed: Imposed = Imposed()
+    airborne: Positive | None = Field(
+        default=None,
+        description="Judged is the time from the first to the last stamp so far above the truth's first height [m].",
+    )
     available: Positive = Field(default=0.3, description="An estimate counts as available below this deviation [m].")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return what the rows call the anchors, in the order of `anchors`; empty if nothing says it."""
+        of_ranges = () if self.ranges is None else self.ranges.names
+        return of_ranges or (() if self.differences is None else self.differences.names)
 
     @model_validator(mode="after")
     def _anchors_are_those_of_the_ranges(self) -> Self:
         by_name = isinstance(self.anchors, dict | str)  # counted, or chosen by their names, when the files are read
-        heard = self.ranges.heard
+        if self.ranges is None and self.differences is None:
+            raise ValueError("ranges: are missing, and `differences`, too; give one or both")
+        heard = None if self.ranges is None else self.ranges.heard
+        names = self.names
         anchors = self.anchors.find if isinstance(self.anchors, Find) else len(self.anchors)
-        if (
-            heard is not None
-            and heard != anchors
-            and not (by_name and self.ranges.names)
-            and not isinstance(self.anchors, str)
-        ):
+        if heard is not None and heard != anchors and not (by_name and names) and not isinstance(self.anchors, str):
             raise ValueError(f"anchors: {anchors} of them, but the ranges are to {heard}")
-        if self.ranges.rows_name_anchors and not self.ranges.names and not by_name:
+        named = self.differences is not None or (self.ranges is not None and self.ranges.rows_name_anchors)
+        if named and not names and not by_name:
             raise ValueError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
         if isinstance(self.anchors, Find) and self.truth is None:
             raise ValueError("anchors: find: needs `truth`; without it `ortilo room survey` finds anchors")
         if self.height_sd is not None and self.height is None:
             raise ValueError("height_sd: belongs to `height`, which is not given")
+        if self.differences is not None and isinstance(self.anchors, Find):
+            raise ValueError("anchors: find: from single ranges only; differences need surveyed anchors")
+        for key in ("accelerometer", "range_finder", "flow", "drag"):
+            if getattr(self, key) is not None and self.imu is None:
+                raise ValueError(f"{key}: needs `imu`")
+        now = self.calibration
+        free = now.clock == "estimate" or now.lever == "estimate" or now.biases == "calibrated" or now.frame != "same"
+        if now.share == 0.0 and free:
+            raise ValueError(
+                "calibration.share: 0 calibrates nothing: give clock and lever, frame: same, and biases: online or none"
+            )
         if self.command is not None and self.imu is None:
             raise ValueError("command: needs `imu`, whose body rates turn it")
         return self

@@ -11,13 +11,36 @@ from ortilo_drake.interop.recorded.anchors import in_order, read_anchors
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import DifferenceSource, RangeSource
 from ortilo_drake.model.typed_yaml import InputError
 
 FARTHEST = 1e5  # [m]; what a ranging radio reports beyond is no range, and its square overflows
 FEWEST = 10  # ranges that make a recording
+LONGER = 1.0  # a difference is no longer than its anchors lie apart, but for its error [m]
 SHOWN = 8  # names of anchors in an error
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps [s], anchors, ranges (n each)
+
+
+class Ranges(NamedTuple):
+    """Ranges and differences in the order of their stamps (n each).
+
+    Stamp [s], anchor b, range r_b or difference r_b - r_a [m], and the other anchor a, -1 of a single range.
+    """
+
+    t: np.ndarray
+    anchor: np.ndarray
+    r: np.ndarray
+    other: np.ndarray
+
+    def only(self, which: np.ndarray) -> "Ranges":
+        """Return some of them."""
+        return Ranges(*(part[which] for part in self))
+
+
+def single_ranges(t: np.ndarray, anchor: np.ndarray, r: np.ndarray) -> Ranges:
+    """Return ranges that are no differences."""
+    return Ranges(t, anchor, r, np.full(len(t), -1))
 
 
 class Surveyed(NamedTuple):
@@ -34,7 +57,7 @@ class Surveyed(NamedTuple):
 
 def surveyed(folder: Path, map_: Map) -> Surveyed:
     """Return the map's anchors in the order of its ranges; InputError if their file is wrong or one is not in it."""
-    anchors, names = map_.anchors, map_.ranges.names
+    anchors, names = map_.anchors, map_.names
     if isinstance(anchors, Find):
         return Surveyed(names, anchors.find)
     if isinstance(anchors, tuple):
@@ -86,9 +109,11 @@ def _of_one_anchor(stream: Stream, i: int, scale: float) -> Rows:
     return _usable(stream, (stream.t, np.full(len(stream.t), i), stream.values[:, 0]), 1, scale)
 
 
-def _each_of_one_anchor(folder: Path, map_: Map, count: int, names: tuple[str, ...]) -> Iterator[tuple[int, Stream]]:
+def _each_of_one_anchor(
+    folder: Path, source: RangeSource, count: int, names: tuple[str, ...]
+) -> Iterator[tuple[int, Stream]]:
     """Yield anchor and stream of each file or topic that has the ranges to one anchor; none if the map has no such."""
-    source, of_files = map_.ranges, map_.ranges.anchors_of_files
+    of_files = source.anchors_of_files
     paths = files_of(folder, source.file)
     for i, topic in enumerate(source.topics):
         yield i, read_stream(paths, source, source.values, "ranges", topic)
@@ -105,8 +130,75 @@ def _each_of_one_anchor(folder: Path, map_: Map, count: int, names: tuple[str, .
         yield anchor, read_stream([path], source, source.values, "ranges", source.topic)
 
 
-def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Rows, np.ndarray | int]:
-    """Return the ranges [m] by their stamps [s], and the anchors' positions (n, 3), or their number.
+def _of_ranges(
+    folder: Path, source: RangeSource, names: tuple[str, ...], count: int, told: list[Rejections]
+) -> list[Rows]:
+    parts = []
+    for i, stream in _each_of_one_anchor(folder, source, count, names):
+        told += stream.told
+        parts.append(_of_one_anchor(stream, i, source.scale))
+    if parts:
+        return parts
+    paths = files_of(folder, source.file)
+    stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor)
+    told += stream.told
+    width = stream.values.shape[1]
+    if source.rows_name_anchors:
+        if not names:
+            raise InputError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
+        if width != 1:
+            raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
+        return [_usable(stream, _of_rows(stream, names), 1, source.scale)]
+    if width != count:
+        raise InputError(f"{stream.rejected.source}: {width} ranges in a row, but {count} anchors in the map")
+    rows = np.repeat(stream.t, count), np.tile(np.arange(count), len(stream.t)), stream.values.ravel()
+    return [_usable(stream, rows, count, source.scale, " (the others of their row are kept)")]
+
+
+def _of_differences(
+    folder: Path, source: DifferenceSource, found: Surveyed, told: list[Rejections]
+) -> tuple[np.ndarray, ...]:
+    """Return stamps [s], anchors b, differences r_b - r_a [m] and anchors a; what is no difference is counted."""
+    paths = files_of(folder, source.file)
+    stream, of_a = (
+        read_stream(paths, source, (source.value,), "differences", source.topic, names)
+        for names in (source.b, source.a)
+    )
+    told += stream.told
+    assert stream.names is not None
+    assert of_a.names is not None
+    if len(of_a.rows) != len(stream.rows) or (of_a.rows != stream.rows).any():
+        raise InputError(f"{stream.rejected.source}: rows that name one of two anchors")
+    b, a, value = (
+        anchors_of(stream.names.tolist(), found.names),
+        anchors_of(of_a.names.tolist(), found.names),
+        stream.values[:, 0],
+    )
+    unknown = (a < 0) | (b < 0)
+    if unknown.all():
+        said = ", ".join(np.unique(stream.names)[:SHOWN])
+        raise InputError(
+            f"{stream.rejected.source}: no row names two anchors of the map: {said}, not {', '.join(found.names)}"
+        )
+    anchors = np.asarray(found.positions)
+    none, same = ~unknown & ~np.isfinite(value), ~unknown & (a == b)
+    apart = np.linalg.norm(anchors[a] - anchors[b], axis=1)
+    long = ~(unknown | none | same) & (np.abs(source.scale * value) > apart + LONGER)
+    who = stream.names if (b < 0)[np.argmax(unknown)] else of_a.names
+    for bad, reason in (
+        (unknown, "differences to anchors that are not surveyed"),
+        (none, "differences that are NaN or empty"),
+        (same, "differences of one anchor to itself"),
+        (long, f"differences longer by {LONGER:g} m than their anchors lie apart"),
+    ):
+        called = f" ('{who[np.argmax(bad)]}')" if bad is unknown else ""
+        stream.rejected.add(reason, stream.place(bad) + called, int(bad.sum()))
+    good = ~(unknown | none | same | long)
+    return stream.t[good], b[good], source.sign * source.scale * value[good], a[good]
+
+
+def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ranges, np.ndarray | int]:
+    """Return ranges and differences [m] by their stamps [s], and the anchors' positions (n, 3), or their number.
 
     Args:
         folder: where the map's files are.
@@ -116,29 +208,13 @@ def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ro
     Raises:
         InputError: if a file cannot be read, or its ranges are not those to the map's anchors.
     """
-    source, (names, positions) = map_.ranges, (found := surveyed(folder, map_))
-    count, parts = found.number, []
-    for i, stream in _each_of_one_anchor(folder, map_, count, names):
-        told += stream.told
-        parts.append(_of_one_anchor(stream, i, source.scale))
-    if not parts:
-        paths = files_of(folder, source.file)
-        stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor)
-        told += stream.told
-        width = stream.values.shape[1]
-        if source.rows_name_anchors:
-            if not names:
-                raise InputError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
-            if width != 1:
-                raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
-            parts.append(_usable(stream, _of_rows(stream, names), 1, source.scale))
-        elif width != count:
-            raise InputError(f"{stream.rejected.source}: {width} ranges in a row, but {count} anchors in the map")
-        else:
-            rows = np.repeat(stream.t, count), np.tile(np.arange(count), len(stream.t)), stream.values.ravel()
-            parts.append(_usable(stream, rows, count, source.scale, " (the others of their row are kept)"))
-    t, anchor, r = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if len(t) < FEWEST:
-        raise InputError(f"{told[-1].source}: {len(t)} ranges")
-    order = np.lexsort((anchor, t))
-    return (t[order], anchor[order], r[order]), positions
+    found, parts = surveyed(folder, map_), []
+    if map_.ranges is not None:
+        rows = _of_ranges(folder, map_.ranges, found.names, found.number, told)
+        parts += [single_ranges(*row) for row in rows]
+    if map_.differences is not None:
+        parts.append(Ranges(*_of_differences(folder, map_.differences, found, told)))
+    ranges = Ranges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    if len(ranges.t) < FEWEST:
+        raise InputError(f"{told[-1].source}: {len(ranges.t)} ranges")
+    return ranges.only(np.lexsort((ranges.anchor, ranges.t))), found.positions

@@ -8,7 +8,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.attitudes import are_attitudes, rotations
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.range_rows import read_range_rows
+from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
 from ortilo_drake.model.input_files import exists
@@ -19,21 +19,18 @@ LARGEST = 1e12  # of a file's numbers; UTM in mm reaches 1e10
 FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
 
 
-class Ranges(NamedTuple):
-    """Single ranges in the order of their stamps: stamp [s], anchor, range [m] (n each)."""
-
-    t: np.ndarray
-    anchor: np.ndarray
-    r: np.ndarray
-
-
 class Imu(NamedTuple):
-    """Stamps [s] (n), body rates [rad/s] and specific force [m/s²] (n, 3), attitude (n, 3, 3) if known; body FLU."""
+    """Stamps [s] (n), body rates [rad/s] and specific force [m/s²] (n, 3), attitude (n, 3, 3) if known; body FLU.
+
+    Of an accelerometer with stamps of its own, `accelerometer` holds these (m) and its samples (m, 3), and `force` what
+    it last said at the gyro's stamps.
+    """
 
     t: np.ndarray
     rates: np.ndarray
     force: np.ndarray
     attitude: np.ndarray | None
+    accelerometer: tuple[np.ndarray, np.ndarray] | None = None
 
 
 class Truth(NamedTuple):
@@ -42,6 +39,18 @@ class Truth(NamedTuple):
     t: np.ndarray
     p: np.ndarray
     R: np.ndarray | None
+
+
+class Looks(NamedTuple):
+    """What looks down: stamps of range finder and flow [s] (k), (m), distances [m] (k) and flow [px] (m, 2)."""
+
+    finder_t: np.ndarray
+    distance: np.ndarray
+    flow_t: np.ndarray
+    flow: np.ndarray
+
+
+NO_LOOKS = Looks(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 2)))
 
 
 class Recording(NamedTuple):
@@ -59,6 +68,7 @@ class Recording(NamedTuple):
     truth_origin: float
     told: list[str]
     rejected: dict[str, int]
+    looks: Looks = NO_LOOKS
 
 
 def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarray:
@@ -112,7 +122,8 @@ def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) ->
     source = map_.imu
     assert source is not None
     turned = () if source.orientation is None else source.orientation.columns
-    stream = _read(folder, source, (*source.rates, *source.force, *turned), "imu", told, 6)
+    forces = source.force if map_.accelerometer is None else source.rates  # of another stream, below
+    stream = _read(folder, source, (*source.rates, *forces, *turned), "imu", told, 6)
     stream = _with_attitude(stream, source.orientation, 6)
     t, values = stream.t, stream.values
     M = axes_matrix(source.axes)
@@ -122,14 +133,40 @@ def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) ->
     if source.orientation is not None:
         # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
         attitude = M @ rotations(values[:, 6:], source.orientation, stream.rejected.source) @ M.T
-    t = t - (float(t[0]) if source.zero == "first" else origin)
+    t = _counted(t, source, origin)
     if map_.command is not None:
         commanded = _read(folder, map_.command, (map_.command.thrust,), "command", told, 1)
         t_u, thrust = commanded.t, commanded.values
-        t_u = t_u - (float(t_u[0]) if map_.command.zero == "first" else origin)
+        t_u = _counted(t_u, map_.command, origin)
         held = np.clip(np.searchsorted(t_u, t, side="right") - 1, 0, len(t_u) - 1)
         force = np.column_stack([np.zeros((len(t), 2)), thrust[held, 0] * map_.command.scale])
-    return Imu(t, rates, force, attitude)
+    own = None
+    if map_.accelerometer is not None:
+        stream = _read(folder, map_.accelerometer, map_.accelerometer.force, "accelerometer", told, 3)
+        t_a, of = _counted(stream.t, map_.accelerometer, origin), FORCE_UNITS[source.force_unit]
+        own = t_a, stream.values @ M.T * of
+        force = own[1][np.clip(np.searchsorted(t_a, t, side="right") - 1, 0, len(t_a) - 1)]
+    return Imu(t, rates, force, attitude, own)
+
+
+def _counted(t: np.ndarray, source: Source, origin: float) -> np.ndarray:
+    """Return stamps [s] from the first range's on, or from their own first."""
+    return t - (float(t[0]) if source.zero == "first" else origin)
+
+
+def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> Looks:
+    looks = NO_LOOKS
+    if map_.range_finder is not None:
+        stream = _read(folder, map_.range_finder, (map_.range_finder.distance,), "range_finder", told, 1)
+        distance = stream.values[:, 0] * map_.range_finder.scale
+        none = distance <= 0.0
+        stream.rejected.add("distances of 0 or less", stream.place(none), int(none.sum()))
+        t = _counted(stream.t, map_.range_finder, origin)
+        looks = looks._replace(finder_t=t[~none], distance=distance[~none])
+    if map_.flow is not None:
+        stream = _read(folder, map_.flow, map_.flow.pixels, "flow", told, 2)
+        looks = looks._replace(flow_t=_counted(stream.t, map_.flow, origin), flow=stream.values)
+    return looks
 
 
 def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
@@ -182,9 +219,10 @@ def read_recording(path: Path, map_: Map) -> Recording:
     if not exists(path):
         raise InputError(f"{path}: no such file or folder")
     told: list[Rejections] = []
-    (t, anchor, r), anchors = read_range_rows(path, map_, told)
-    origin = float(t[0])
-    ranges = Ranges(t - origin, anchor, r)
+    ranges, anchors = read_range_rows(path, map_, told)
+    origin = float(ranges.t[0])
+    ranges = ranges._replace(t=ranges.t - origin)
+    looks = _read_looks(path, map_, origin, told)
     imu = None if map_.imu is None else _read_imu(path, map_, origin, told)
     truth, truth_origin = (None, 0.0) if map_.truth is None else _read_truth(path, map_, told)
     if imu is not None and (imu.t[-1] < 0.0 or imu.t[0] > ranges.t[-1]):
@@ -196,4 +234,4 @@ def read_recording(path: Path, map_: Map) -> Recording:
         for reason, n in part.counts.items():
             counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
     name = path.name if path.is_dir() else path.parent.name
-    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts)
+    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks)

@@ -150,6 +150,19 @@ class RangeSource(Source):
         return self
 
 
+class DifferenceSource(Source):
+    """Differences of the ranges to two anchors [m], one a row: r_b - r_a."""
+
+    value: Column
+    a: Column = Field(description="The column that names anchor a.")
+    b: Column = Field(description="The column that names anchor b.")
+    names: tuple[Name, ...] = Field(
+        default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
+    )
+    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
+    sign: Literal[1, -1] = Field(default=1, description="1: a value is r_b - r_a; -1: it is r_a - r_b.")
+
+
 class Quaternion(Frozen):
     """A quaternion of the body's attitude in the world, in the order in which the file has it."""
 
@@ -188,6 +201,32 @@ class ImuSource(Source):
     def _axes_turn(self) -> Self:
         check_axes(self.axes)
         return self
+
+
+class AccelerometerSource(Source):
+    """Specific force [m/s²] in a stream of its own, in the place of the imu's; axes and unit are the imu's."""
+
+    force: Three
+
+
+class FinderSource(Source):
+    """A range finder that looks down, along -z of the body [m]."""
+
+    distance: Column
+    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
+    at: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="From the estimated point to the finder, body axes [m]."
+    )
+    sd: Positive = Field(default=0.05, description="Standard deviation [m].")
+
+
+class FlowSource(Source):
+    """Optical flow of the floor, counted as the Crazyflie's sensor does; see onboard/estimator/tight/floor_rows.py."""
+
+    pixels: tuple[Column, Column]
+    per_rad: Positive = Field(default=4.4, description="Pixels in an interval for one rad/s.")
+    per_rad_sd: float = Field(default=0.1, ge=0.0, le=1.0, description="Standard deviation of that, as a share.")
+    sd: Positive = Field(default=2.0, description="Standard deviation [px].")
 
 
 class CommandSource(Source):

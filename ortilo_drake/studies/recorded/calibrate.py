@@ -5,7 +5,8 @@ With the truth p_k, R_k at the ranges' stamps, F and s the turn and shift betwee
     Σ rho((|F (p_k + R_k l) + s - a_i| + c_i - r_ki) / 0.06 m) + |l|² / (0.1 m)² + Σ c_i² / (0.2 m)²,   rho = soft L1
 
 over F, s, c, l, the clock's offset unless the body rates or the map tell it, and the anchors a_i if they are to be
-found. A known height of the antenna is one more square, (mean z - height)² / sd².
+found. A known height of the antenna is one more square, (mean z - height)² / sd². Differences r_b - r_a do not tell the
+sum of the constants, which is held at 0.
 """
 
 from typing import NamedTuple
@@ -19,12 +20,14 @@ from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
+from ortilo_drake.studies.recorded.modelled import modelled
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, first_part, seen_by, some_of, truth_path
 
 SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
 COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
 FEW = 400  # ranges that a start goes by
 MANY = 40_000  # that a fit goes by at most
+SURE = 1e-4  # of the sum of all constants, which differences do not tell: it is 0 [m]
 FLAT = 0.5  # anchors whose heights differ by less do not tell what is above them from what is below [m]
 
 
@@ -79,7 +82,8 @@ class _Fit(NamedTuple):
 
 
 def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: TruthPath, anchors: np.ndarray) -> tuple:
-    t, which, r = ranges.t[chosen], ranges.anchor[chosen], ranges.r[chosen]
+    seen = ranges.only(chosen)
+    t, differ = seen.t, bool((ranges.other >= 0).all())
     free = fit.free()
     fixed = None if fit.offset else path.at(t + x[0])
 
@@ -92,7 +96,7 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
             p = p + R @ lever
         place = found if fit.find else anchors
         p = p @ F.T + shift
-        return np.linalg.norm(p - place[which], axis=1) + biases[which] - r, float(p[:, 2].mean())
+        return modelled(p, place, biases, seen) - seen.r, float(p[:, 2].mean())
 
     def residuals(y: np.ndarray) -> np.ndarray:
         full = x.copy()
@@ -100,7 +104,8 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
         _, _, _, biases, lever, _ = fit.parts(full)
         e, z = errors(y)
         height = [(z - fit.level.height) / fit.level.deviation] * bool(fit.level.deviation < np.inf)
-        return np.concatenate([e / SPREAD, lever / LEVER, biases / BIAS, height])
+        total = [biases.sum() / SURE] * differ
+        return np.concatenate([e / SPREAD, lever / LEVER, biases / BIAS, height, total])
 
     solved = least_squares(residuals, x[free], loss="soft_l1")
     full = x.copy()
@@ -131,6 +136,28 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     one_clock = recording.origin - recording.truth_origin
     meet = min(truth.t[-1], ranges.t[-1] + one_clock) - max(truth.t[0], ranges.t[0] + one_clock)
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
+
+
+def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) -> Calibration:
+    """Return what the map alone says, where nothing is calibrated: the truth only judges.
+
+    Args:
+        recording: with truth.
+        settings: of share 0.
+        lever: whether the antenna's counts.
+    """
+    truth, ranges, anchors = recording.truth, recording.ranges, np.asarray(recording.anchors)
+    assert truth is not None
+    assert isinstance(settings.clock, float | int)
+    assert isinstance(settings.lever, tuple)
+    offset, arm = float(settings.clock) - recording.truth_origin + recording.origin, np.array(settings.lever) * lever
+    path = truth_path(truth)
+    seen = ranges.only(seen_by(ranges, offset, path))
+    p, R = path.at(seen.t + offset)
+    c = np.zeros(len(anchors))
+    errors = np.sort(np.abs(modelled(p if R is None else p + R @ arm, anchors, c, seen) - seen.r))
+    left = float(np.sqrt(np.mean(errors[: max(1, int(0.99 * len(errors)))] ** 2)))
+    return Calibration(offset, "map", np.eye(3), np.zeros(3), None, arm, c, anchors, float(truth.t[0]), left)
 
 
 def calibrate(

@@ -39,6 +39,8 @@ def doubts_of(
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
     said = doubts.of_guess(look.guess)
+    if map_.differences is not None:
+        said += doubts.of_sign(recording.ranges, np.asarray(recording.anchors), map_.differences.sign)
     frozen: list[tuple[float, float]] = []
     moving = recording
     if truth is not None and calibration is not None:
@@ -72,7 +74,7 @@ def doubts_of(
 
 def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
     """Return what a cheap fit leaves of a motion, by the clock that was found [m]."""
-    if recording.truth is None or isinstance(recording.anchors, int):
+    if recording.truth is None or isinstance(recording.anchors, int) or (recording.ranges.other >= 0).any():
         return None
     path, offset = truth_path(recording.truth), np.array([calibration.offset])
     fit = plain_fit(recording.ranges, recording.anchors, path, offset, frame=map_.calibration.frame)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Ranges, Truth, frozen_rows
+from ortilo_drake.studies.recorded.first_fix import LEAST, fix_of
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
 
@@ -19,6 +20,8 @@ REFUSED = 0.2  # share of the ranges
 OFF_PLANE = 0.3  # of the anchors, root mean square [m]
 FROZEN = 0.5  # a position that stands still for longer [s]
 JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
+WINDOWS, WINDOW, MOST = 7, 0.5, 120  # differences of so many times so long [s], at most so many, tell their sign
+CLEARLY = 0.2  # share by which the other sign must be better
 MOVED = 0.3  # or ranges that change by so much meanwhile [m]
 
 
@@ -49,6 +52,39 @@ def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: 
         told = ", ".join(f"{biases[i]:+.2f} m (anchor {i + 1})" for i in large)
         found.append(f"biases of more than {LARGE:g} m: {told}")
     return found
+
+
+def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int) -> list[str]:
+    """Return whether differences agree on places much better with the other sign, and the key that says so.
+
+    Args:
+        ranges: what was heard.
+        anchors: positions (n, 3).
+        sign: the map's.
+    """
+    ranges = ranges.only(ranges.other >= 0)
+    shares = []
+    for t in np.linspace(ranges.t[0], ranges.t[-1], WINDOWS + 2)[1:-1] if len(ranges.t) else ():
+        window = ranges.only(np.flatnonzero((ranges.t >= t) & (ranges.t < t + WINDOW))[:MOST])
+        if len(np.unique(window.anchor)) > LEAST:
+            both = (window, window._replace(r=-window.r))
+            shares.append([fix_of(one, anchors, np.zeros(len(anchors))).agreeing for one in both])
+    now, then = np.median(shares, axis=0) if shares else (1.0, 0.0)
+    if then < now + CLEARLY:
+        return []
+    return [
+        f"differences: {now:.0%} of them agree on a place, with the other sign {then:.0%}: "
+        f"differences: {{sign: {-sign}}}"
+    ]
+
+
+def of_failed(failed: tuple[float, ...]) -> list[str]:
+    """Return which axes of the accelerometer were not used, and since when [s]."""
+    return [
+        f"imu: the accelerometer's {axis} contradicts drag and is not used from {since:.1f} s on: drag takes its place"
+        for axis, since in zip("xy", failed, strict=True)
+        if np.isfinite(since)
+    ]
 
 
 def of_guess(guess: Guess | None) -> list[str]:

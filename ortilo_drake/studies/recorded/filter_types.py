@@ -1,23 +1,50 @@
-"""What goes into the filter on single ranges, what it holds between two events, and what comes out.
+"""What goes into the filter on recorded events, what it holds between two of them, and what comes out.
 
-Shapes: n anchors, N = 15 + 2 n error states [dp, dv, dtheta, db_g, db_a, dc, dg]; see single_ranges.py.
+Shapes: n anchors, N = 16 + 2 n error states [dp, dv, theta, db_g, db_a, dc, dg, ds] and a nominal state of N + 1
+numbers, as onboard/estimator/tight/layout.py has them; see event_filter.py.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-IMU, RANGE, QUERY = 0, 1, 2  # kinds of events
-FIXED = 15  # error states before the anchors'
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
+
+RATES, FORCE, RANGE, FINDER, FLOW, QUERY = range(6)  # kinds of events, in the order of those with one stamp
+BIASES = N_INERTIAL  # where the anchors' constant errors begin in the error state
+ENTRIES = 16  # of a row, at most
+
+
+def states(anchors: int) -> int:
+    """Return the number of error states."""
+    return BIASES + 2 * anchors + 1
+
+
+def nominal(i: int) -> int:
+    """Return where an additive error state stands in the nominal state."""
+    return ADDITIVE + i - GYRO
 
 
 class Events(NamedTuple):
-    """What happens in order of time: stamp [s], kind, index (IMU sample or anchor), range [m] (n each)."""
+    """What happens in order of time.
+
+    Stamp [s], kind, index (of sample, anchor or flow), the other anchor of a difference or -1, and the range,
+    difference or height [m] (n each).
+    """
 
     t: np.ndarray
     kind: np.ndarray
     which: np.ndarray
+    other: np.ndarray
     r: np.ndarray
+
+
+class Heard(NamedTuple):
+    """What the events point to: body rates [rad/s] (k, 3), specific force [m/s²] (l, 3), flow [px] (m, 2)."""
+
+    rates: np.ndarray
+    force: np.ndarray
+    flow: np.ndarray
 
 
 class Noise(NamedTuple):
@@ -32,6 +59,8 @@ class Noise(NamedTuple):
     correlation_time: float
     bias_walk: float
     gate: float
+    huber: float = np.inf
+    near_floor: float = 0.0
 
 
 class Level(NamedTuple):
@@ -48,28 +77,50 @@ class Level(NamedTuple):
 UNKNOWN_LEVEL = Level(0.0, np.inf, np.inf)
 
 
+class Aids(NamedTuple):
+    """Range finder, flow and drag.
+
+    Attributes:
+        floor: z of the floor [m].
+        finder: where the range finder is in B (3) [m].
+        finder_sd: its noise [m].
+        pixels: of the flow in an interval for one rad/s [px s/rad].
+        flow_sd: its noise [px].
+        drag: k of the specific force -k v_B along x and y [1/s]; negative where the accelerometer is not doubted.
+        drag_sd: white noise of that [m/s²/√Hz].
+        doubted: an accelerometer's sample farther from it is not used [m/s²].
+    """
+
+    floor: float
+    finder: np.ndarray
+    finder_sd: float
+    pixels: float
+    flow_sd: float
+    drag: float
+    drag_sd: float
+    doubted: float
+
+
+NO_AIDS = Aids(0.0, np.zeros(3), np.inf, 0.0, np.inf, -1.0, 0.0, np.inf)
+
+
 class State(NamedTuple):
     """The filter between two events.
 
-    t [s]; nominal p, v (3), R (3, 3), biases of gyro and accelerometer (3), c, g (n); covariance P (N, N); the sample
-    of the IMU that holds (6); transition Phi since the last epoch (N, N), for a smoother.
+    t [s]; nominal x (N + 1); covariance C (N, N); the samples of the imu that hold (6); watched (7): whether it rests,
+    the speed upward that its force has added up to [m/s], share of doubted samples and the stamp since when the
+    accelerometer is not used, inf if it is (2 each, x and y), and for how long that speed has been above 0 [s].
     """
 
     t: float
-    p: np.ndarray
-    v: np.ndarray
-    R: np.ndarray
-    gyro: np.ndarray
-    accelerometer: np.ndarray
-    c: np.ndarray
-    g: np.ndarray
-    P: np.ndarray
-    sample: np.ndarray
-    since: np.ndarray
+    x: np.ndarray
+    C: np.ndarray
+    held: np.ndarray
+    watched: np.ndarray
 
 
 class Anew(NamedTuple):
-    """Position and velocity (6) with variances (6) for a filter to start anew; `opening` is added to P's diagonal (N).
+    """Position and velocity (6) with variances (6) for a filter to start anew; `opening` is added to C's diagonal (N).
 
     They enter as measurements of the first epoch. An infinite variance says that there are none.
     """
@@ -91,23 +142,42 @@ class Watch(NamedTuple):
     share: float
 
 
-class Run(NamedTuple):
-    """What a run gives, at each epoch (a stamp with ranges or a query) and for each range.
+class Tape(NamedTuple):
+    """What a smoother goes back through: in order what happened, a step in time, a row or a query.
 
-    t (m); x (m, 12 + 2 n) nominal [p, v, b_g, b_a, c, g]; R (m, 3, 3); P (m, 3, 3) of the position; innovation, its
-    variance and whether it was taken (one for each range); and for a smoother the predictions before the ranges:
-    x_before, R_before, whole covariances P_before and P_after, and the transition Phi from the epoch before.
+    Attributes:
+        what: of each 0, 1 or 2 (k).
+        A: transition of the first nine errors by the first fifteen, of each step (s, 9, 15).
+        keeps: factor by which each further error went on (s, N - 9).
+        where: indices of a row's entries (r, 16).
+        row: the entries, 0 where there is none (r, 16).
+        gain: K (r, N).
+        e: innovation (r).
+        S: its variance (r).
+        C: first nine rows of the covariance at each query (q, 9, N); kept as far as they are needed.
     """
 
-    t: np.ndarray
+    what: np.ndarray
+    A: np.ndarray
+    keeps: np.ndarray
+    where: np.ndarray
+    row: np.ndarray
+    gain: np.ndarray
+    e: np.ndarray
+    S: np.ndarray
+    C: np.ndarray
+
+
+class Run(NamedTuple):
+    """What a run gives.
+
+    At each query the nominal state x (q, N + 1) and the position's covariance P (q, 3, 3); of each range its
+    innovation, the innovation's variance and whether it was taken; and the tape, empty if it is not to be smoothed.
+    """
+
     x: np.ndarray
-    R: np.ndarray
     P: np.ndarray
     innovation: np.ndarray
     variance: np.ndarray
     taken: np.ndarray
-    x_before: np.ndarray
-    R_before: np.ndarray
-    P_before: np.ndarray
-    P_after: np.ndarray
-    Phi: np.ndarray
+    tape: Tape

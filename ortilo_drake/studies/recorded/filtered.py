@@ -3,37 +3,68 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Ranges
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, Imu, Looks, Ranges
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.recorded.filter_types import (
-    FIXED,
-    IMU,
+    BIASES,
+    FINDER,
+    FLOW,
+    FORCE,
+    NO_AIDS,
     QUERY,
     RANGE,
+    RATES,
     UNKNOWN_LEVEL,
+    Aids,
     Events,
+    Heard,
     Level,
     Noise,
     Run,
     State,
+    nominal,
+    states,
 )
 from ortilo_drake.studies.recorded.first_fix import fix_of, ranges_for_a_fix
-from ortilo_drake.studies.recorded.propagation import turn
 from ortilo_drake.studies.recorded.reacquired import NEVER, WATCH, Lost, run_on
 from ortilo_drake.studies.recorded.smoother import smooth
 
 TILT, BIAS = 0.05, 0.3  # standard deviations of a tilt [rad] and of the accelerometer's bias [m/s²]
+LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
 AT_REST = 1.0  # the first samples tell how the body is tilted [s]
 HEADINGS = 8  # tried, where none is known
 TRIAL = 30.0  # how long each is tried [s]
 
 
+class Start(NamedTuple):
+    """Where the vehicle starts: position (3) and its deviation [m], heading's deviation [rad], whether it rests there.
+
+    If it rests, it stands level and on the floor until take-off.
+    """
+
+    position: np.ndarray
+    position_sd: float
+    heading_sd: float
+    rests: bool
+
+
+class Innovations(NamedTuple):
+    """Of each range the innovation, its variance, and whether it was taken (n each)."""
+
+    innovation: np.ndarray
+    variance: np.ndarray
+    taken: np.ndarray
+
+
 class Known(NamedTuple):
     """What the filter is told.
 
-    anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, and what is known of the height.
+    anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, what is known of the height, where
+    the vehicle starts, what looks down, the numbers of that and of drag, and the deviation of the flow's scale.
     """
 
     anchors: np.ndarray
@@ -41,30 +72,37 @@ class Known(NamedTuple):
     lever: np.ndarray
     heading: float | None
     level: Level = UNKNOWN_LEVEL
+    start: Start | None = None
+    looks: Looks = NO_LOOKS
+    aids: Aids = NO_AIDS
+    scale_sd: float = 0.0
 
 
 class Estimate(NamedTuple):
     """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3).
 
-    Then the run behind it, the stamps of its ranges, and when the filter was lost.
+    Then the innovations of the ranges, and their stamps; when the filter was lost; since when the accelerometer's x and
+    y are not used [s], inf if they are.
     """
 
     t: np.ndarray
     p: np.ndarray
     P: np.ndarray
     R: np.ndarray
-    run: Run
+    run: Innovations
     range_stamps: np.ndarray
     lost: list[Lost]
+    failed: tuple[float, float] = (np.inf, np.inf)
 
 
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     """Return the filter's noise; without an IMU that of the constant-velocity filter."""
     s = settings
+    last = (np.inf if s.huber is None else s.huber, s.near_floor)
     if imu:
         white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
-        return Noise(*white, s.correlation_time, s.bias_walk, s.gate)
-    return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate)
+        return Noise(*white, s.correlation_time, s.bias_walk, s.gate, *last)
+    return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate, *last)
 
 
 def first_tilt(imu: Imu) -> np.ndarray:
@@ -96,48 +134,74 @@ def tilt_disagreement(imu: Imu) -> float | None:
     return float(np.arccos(np.clip(first_tilt(imu)[2] @ force / np.linalg.norm(force), -1.0, 1.0)))
 
 
-def _since(imu: Imu, begin: float) -> Imu:
-    """Return the samples from the first range on; the one before it is still held then."""
-    held = max(0, int(np.searchsorted(imu.t, begin, side="right")) - 1)
-    attitude = None if imu.attitude is None else imu.attitude[held:]
-    return Imu(np.maximum(imu.t[held:], begin), imu.rates[held:], imu.force[held:], attitude)
-
-
-def _events(ranges: Ranges, imu: Imu | None, queries: np.ndarray, begin: float) -> Events:
-    parts = [(ranges.t, RANGE, ranges.anchor, ranges.r), (queries, QUERY, np.zeros(len(queries), int), 0.0 * queries)]
+def _events(ranges: Ranges, imu: Imu | None, looks: Looks, queries: np.ndarray, begin: float) -> tuple[Events, Heard]:
+    """Return what happens from `begin` on, in order; of the imu the sample before it is held then."""
+    rates = force = np.zeros((0, 3))
+    parts = [
+        (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r),
+        (looks.finder_t, FINDER, None, None, looks.distance),
+        (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None),
+        (queries, QUERY, None, None, None),
+    ]
     if imu is not None:
-        parts.append((imu.t, IMU, np.arange(len(imu.t)), 0.0 * imu.t))
-    t = np.concatenate([part[0] for part in parts])
-    kind = np.concatenate([np.full(len(part[0]), part[1]) for part in parts])
-    index = np.concatenate([part[2] for part in parts]).astype(np.int64)
-    r = np.concatenate([part[3] for part in parts])
-    order = np.lexsort((index, kind, t))
+        rates, (t_force, force) = imu.rates, imu.accelerometer or (imu.t, imu.force)
+        for kind, stamps in ((RATES, imu.t), (FORCE, t_force)):
+            first = max(0, int(np.searchsorted(stamps, begin, side="right")) - 1)
+            parts.append((np.maximum(stamps[first:], begin), kind, np.arange(first, len(stamps)), None, None))
+    columns = zip(*([one[0], *_filled(one)] for one in parts), strict=True)
+    t, kinds, which, other, r = (np.concatenate(column) for column in columns)
+    order = np.lexsort((which, kinds, t))
     order = order[t[order] >= begin]
-    return Events(t[order], kind[order], index[order], r[order])
+    events = Events(t[order], kinds[order], which[order].astype(np.int64), other[order].astype(np.int64), r[order])
+    return events, Heard(rates, force, looks.flow)
+
+
+def _filled(part: tuple) -> tuple[np.ndarray, ...]:
+    """Return kind, index, other anchor and number of a part's events, with 0, -1 and 0 where it has none."""
+    t, kind, *columns = part
+    fill = (0, -1, 0.0)
+    return np.full(len(t), kind), *(
+        np.full(len(t), of) if c is None else c for c, of in zip(columns, fill, strict=True)
+    )
 
 
 def _start(
     ranges: Ranges, imu: Imu | None, known: Known, settings: FilterSettings, heading: float, sure: bool
 ) -> State:
     n = len(known.anchors)
-    variances = np.zeros(FIXED + 2 * n)
+    variances = np.zeros(states(n))
     c = np.zeros(n) if known.biases is None else known.biases.copy()
     R = np.eye(3)
     if imu is not None:
-        R = turn(np.array([0.0, 0.0, heading])) @ first_tilt(imu)
-        variances[6:8], variances[8] = tilt_deviation(imu) ** 2, (0.1 if sure else 0.4) ** 2
+        rest = known.start is not None and known.start.rests
+        R = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix() @ (np.eye(3) if rest else first_tilt(imu))
+        up = known.start.heading_sd if known.start is not None else 0.1 if sure else 0.4
+        tilts = R.T @ np.diag([(LEVEL if rest else tilt_deviation(imu)) ** 2] * 2 + [up**2]) @ R  # theta is in B
+        variances[6:9] = np.diag(tilts)
         variances[9:12], variances[12:15] = 0.01**2, BIAS**2
-        variances[FIXED : FIXED + n] = settings.bias_start**2 if known.biases is None else 0.0
-        variances[FIXED + n :] = settings.range_correlated**2
-    fix = fix_of(ranges_for_a_fix(ranges), known.anchors, c, known.level)
-    variances[:6] = fix.variances
-    zero, N = np.zeros(3), len(variances)
-    at_rest = np.append(zero, R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
-    p, v, P = fix.x[:3] - R @ known.lever, fix.x[3:], np.diag(variances)
-    return State(float(ranges.t[0]), p, v, R, zero, zero.copy(), c, np.zeros(n), P, at_rest, np.eye(N))
+        variances[BIASES : BIASES + n] = settings.bias_start**2 if known.biases is None else 0.0
+        variances[BIASES + n : -1] = settings.range_correlated**2
+    variances[-1] = known.scale_sd**2
+    if known.start is None:
+        fix = fix_of(ranges_for_a_fix(ranges), known.anchors, c, known.level)
+        place, variances[:6] = fix.x, fix.variances
+        place[:3] -= R @ known.lever
+    else:
+        place = np.append(known.start.position, np.zeros(3))
+        variances[:3], variances[3:6] = known.start.position_sd**2, 0.0 if known.start.rests else STANDS**2
+    x = np.zeros(len(variances) + 1)
+    x[:6] = place
+    x[Q:ADDITIVE] = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    x[nominal(BIASES) : nominal(BIASES) + n] = c
+    C = np.diag(variances)
+    if imu is not None:
+        C[6:9, 6:9] = tilts
+    at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
+    rests = known.start is not None and known.start.rests and imu is not None
+    return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
 
 
-def innovation_score(run: Run, gate: float) -> float:
+def innovation_score(run: Innovations, gate: float) -> float:
     """Return the log-likelihood of the innovations, each counted at most as if it lay on the gate."""
     return float(-0.5 * np.sum(np.log(run.variance) + np.minimum(run.innovation**2 / run.variance, gate**2)))
 
@@ -172,22 +236,30 @@ def estimate(
     noise = noise_of(settings, imu is not None) if noise is None else noise
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
-    imu = None if imu is None else _since(imu, begin)
-    samples = np.zeros((0, 6)) if imu is None else np.column_stack([imu.rates, imu.force])
 
-    def run(heading: float, sure: bool, until: float, whole: bool) -> tuple[Run, list[Lost]]:
-        events = _events(ranges, imu, queries, begin)
+    def run(heading: float, sure: bool, until: float, whole: bool) -> tuple[list[Run], list[Lost], State]:
+        events, heard = _events(ranges, imu, known.looks, queries, begin)
         events = Events(*(part[events.t <= until] for part in events))
         start = _start(ranges, imu, known, settings, heading, sure)
         watch = WATCH if until == np.inf else NEVER  # a wrong heading must not be mended while it is tried
-        return run_on(events, samples, known.anchors, known.lever, start, known.level, noise, watch, whole)
+        aids = known.aids if imu is not None else NO_AIDS
+        return run_on(events, heard, known.anchors, known.lever, start, known.level, noise, aids, watch, whole)
 
     heading = known.heading
     if heading is None:
         tried = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS if imu is not None else np.zeros(1)
-        scores = [innovation_score(run(h, False, begin + TRIAL, False)[0], noise.gate) for h in tried]
+        scores = [innovation_score(_joined(run(h, False, begin + TRIAL, False)[0]), noise.gate) for h in tried]
         heading = float(tried[int(np.argmax(scores))])
-    found, lost = run(heading, known.heading is not None, np.inf, smoothed)
-    at = np.searchsorted(found.t, queries)
-    p, R, P = (smooth(found)) if smoothed else (found.x[:, :3], found.R, found.P)
-    return Estimate(queries, p[at], P[at], R[at], found, ranges.t, lost)
+    runs, lost, end = run(heading, known.heading is not None, np.inf, smoothed)
+    x, P = (
+        smooth(runs)
+        if smoothed
+        else tuple(np.concatenate(part) for part in zip(*(one[:2] for one in runs), strict=True))
+    )
+    R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
+    failed = (float(end.watched[4]), float(end.watched[5]))
+    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed)
+
+
+def _joined(runs: list[Run]) -> Innovations:
+    return Innovations(*(np.concatenate(part) for part in zip(*(run[2:5] for run in runs), strict=True)))

@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
+from ortilo_drake.studies.recorded.modelled import modelled
 
 FIRST_RANGES = 1.0  # the ranges that a position goes by [s]
 LONGEST = 3.0  # of slow ranges, until enough anchors are heard [s]
@@ -61,8 +62,7 @@ def agreeing(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray) 
 
 
 def _errors(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray) -> np.ndarray:
-    p = x[:3] + (ranges.t - ranges.t[0])[:, None] * x[3:]
-    return np.linalg.norm(p - anchors[ranges.anchor], axis=1) + c[ranges.anchor] - ranges.r
+    return modelled(x[:3] + (ranges.t - ranges.t[0])[:, None] * x[3:], anchors, c, ranges) - ranges.r
 
 
 def fix_of(

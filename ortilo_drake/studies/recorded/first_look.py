@@ -35,8 +35,9 @@ def first_look(recording: Recording, map_: Map) -> Look:
         InputError: if ranges, anchors and truth are not of one size, so that nothing can be made of them.
     """
     anchors = recording.anchors
-    if isinstance(anchors, int):
+    if isinstance(anchors, int) or map_.ranges is None:
         return Look(None, None)
+    recording = recording._replace(ranges=recording.ranges.only(recording.ranges.other < 0))
     r, room = recording.ranges.r, float(np.linalg.norm(np.ptp(anchors, axis=0)))
     said = f"{recording.name}: ranges of {np.quantile(r, 0.02):.3g} to {np.quantile(r, 0.98):.3g} m"
     said += f" for anchors {room:.3g} m apart"
@@ -68,6 +69,7 @@ def first_look(recording: Recording, map_: Map) -> Look:
 
 def _unit(middle: float, room: float, map_: Map) -> str:
     """Return the unit that brings the ranges nearest to the room's size."""
+    assert map_.ranges is not None
     unit = min(UNITS, key=lambda one: abs(np.log(middle * UNITS[one] / (0.6 * room))))
     return f"in {unit}? ranges: {{scale: {map_.ranges.scale * UNITS[unit]:.6g}}} makes them metres"
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
-from ortilo_drake.interop.recorded.recording import Ranges, Recording
+from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.filtered import Known, estimate, innovation_score, noise_of
@@ -65,7 +65,7 @@ def _part(recording: Recording, map_: Map) -> _Part:
         queries = recording.truth.t - calibration.offset
         queries = queries[(queries >= SETTLED) & (queries <= end)]
     first = recording.ranges.t <= end
-    return _Part(Ranges(*(part[first] for part in recording.ranges)), recording, known, calibration, queries)
+    return _Part(recording.ranges.only(first), recording, known, calibration, queries)
 
 
 def _score(part: _Part, settings: FilterSettings, by: By) -> float:
@@ -73,9 +73,10 @@ def _score(part: _Part, settings: FilterSettings, by: By) -> float:
     if imu is not None:
         before_end = imu.t <= part.ranges.t[-1]
         attitude = None if imu.attitude is None else imu.attitude[before_end]
-        imu = imu._replace(
-            t=imu.t[before_end], rates=imu.rates[before_end], force=imu.force[before_end], attitude=attitude
-        )
+        own = imu.accelerometer
+        if own is not None:
+            own = own[0][own[0] <= part.ranges.t[-1]], own[1][own[0] <= part.ranges.t[-1]]
+        imu = Imu(imu.t[before_end], imu.rates[before_end], imu.force[before_end], attitude, own)
     found = estimate(part.ranges, imu, part.known, settings, part.queries if by == "truth" else np.zeros(0))
     if by == "innovations":
         settled = found.range_stamps >= SETTLED

@@ -9,7 +9,7 @@ from ortilo_drake.interop.recorded.recording import Ranges
 def lose_some(ranges: Ranges, share: float, seed: int) -> Ranges:
     """Return the ranges without a share of them, each lost independently."""
     kept = np.random.Generator(np.random.Philox(seed)).random(len(ranges.t)) >= share
-    return Ranges(ranges.t[kept], ranges.anchor[kept], ranges.r[kept])
+    return ranges.only(kept)
 
 
 def gap_ends(ranges: Ranges, gaps: Gaps, first: float) -> np.ndarray:
@@ -23,4 +23,4 @@ def lose_gaps(ranges: Ranges, gaps: Gaps, ends: np.ndarray) -> Ranges:
     lost = np.zeros(len(ranges.t), dtype=bool)
     for end in ends:
         lost |= (ranges.t >= end - gaps.last) & (ranges.t < end)
-    return Ranges(ranges.t[~lost], ranges.anchor[~lost], ranges.r[~lost])
+    return ranges.only(~lost)

@@ -11,11 +11,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.recording import GRAVITY, Ranges
+from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.filter_types import FIXED, RANGE, Anew, Events, Level, Noise, Run, State, Watch
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
+from ortilo_drake.onboard.estimator.tight.layout import Q
+from ortilo_drake.studies.recorded.event_filter import run_filter
+from ortilo_drake.studies.recorded.filter_types import (
+    BIASES,
+    RANGE,
+    Aids,
+    Anew,
+    Events,
+    Heard,
+    Level,
+    Noise,
+    Run,
+    State,
+    Watch,
+    nominal,
+)
 from ortilo_drake.studies.recorded.first_fix import agreeing, fix_of, ranges_for_a_fix
-from ortilo_drake.studies.recorded.single_ranges import run_filter
 
 ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
 REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors
@@ -35,8 +50,8 @@ class Lost(NamedTuple):
 
 def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """Return what is added to P's diagonal, so that position and velocity x (6) do not contradict the state."""
-    off = np.square(x - np.concatenate((state.p, state.v)))
-    P = np.diag(state.P)
+    off = np.square(x - state.x[:6])
+    P = np.diag(state.C)
     beyond = off > SURPRISE**2 * (P[:6] + variances)
     opening = np.zeros(len(P))
     opening[:6][beyond] = off[beyond]
@@ -48,33 +63,34 @@ def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray
 
 def run_on(
     events: Events,
-    samples: np.ndarray,
+    heard_all: Heard,
     anchors: np.ndarray,
     lever: np.ndarray,
     start: State,
     level: Level,
     noise: Noise,
+    aids: Aids,
     watch: Watch,
     whole: bool,
-) -> tuple[Run, list[Lost]]:
-    """Run the filter over all events, and return the run and when it was lost.
+) -> tuple[list[Run], list[Lost], State]:
+    """Run the filter over all events, and return the runs between its starts, when it was lost, and how it ended.
 
     Args:
         events: in order of time.
-        samples: body rates and specific force, body axes (k, 6).
+        heard_all: the numbers that they point to.
         anchors: positions (n, 3).
         lever: from the estimated point to the antenna, body axes (3).
         start: the state before the first event.
         level: what is known of the height.
         noise: the noise.
+        aids: range finder, flow and drag.
         watch: when it is lost; NEVER keeps it from starting anew.
         whole: whether to keep what a smoother needs.
     """
     heard = events.kind == RANGE
-    ranges = Ranges(events.t[heard], events.which[heard], events.r[heard])
+    ranges = Ranges(events.t[heard], events.which[heard], events.r[heard], events.other[heard])
     before = np.concatenate([[0], np.cumsum(heard)])  # ranges before each event
-    N = FIXED + 2 * len(anchors)
-    nothing = Anew(np.zeros(6), np.full(6, np.inf), np.zeros(N))
+    nothing = Anew(np.zeros(6), np.full(6, np.inf), np.zeros(len(start.C)))
     parts: list[Run] = []
     lost: list[Lost] = []
     state, anew, done, since = start, nothing, 0, None
@@ -83,7 +99,7 @@ def run_on(
         rest = Events(*(part[done:] for part in events))
         first = before[done]
         run, state, taken_in = run_filter(
-            rest, samples, anchors, lever, state, anew, level, noise, GRAVITY, watch, whole
+            rest, heard_all, anchors, lever, state, anew, level, noise, aids, watch, whole
         )
         parts.append(run)
         done += taken_in
@@ -94,7 +110,7 @@ def run_on(
         if done == len(events.t):
             break
         t = float(events.t[done])
-        astray = np.trace(state.P[:3, :3]) > ASTRAY**2
+        astray = np.trace(state.C[:3, :3]) > ASTRAY**2
         since = since if since is not None else last if astray else min(last, t - REFUSED)
         anew = _anew(ranges, int(before[done]), anchors, lever, state, level, astray) or nothing
         watch = watch._replace(wait=t + AGAIN)
@@ -103,19 +119,20 @@ def run_on(
             since = None
     if since is not None:
         lost.append(Lost(since, None))
-    return Run(*(np.concatenate(part) for part in zip(*parts, strict=True))), lost
+    return parts, lost, state
 
 
 def _anew(
     ranges: Ranges, first: int, anchors: np.ndarray, lever: np.ndarray, state: State, level: Level, astray: bool
 ) -> Anew | None:
-    arm, c = state.R @ lever, state.c
+    arm, c = matrix_of(state.x[Q : Q + 4]) @ lever, state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]
+    p, v = state.x[:3], state.x[3:6]
     try:
         window = ranges_for_a_fix(ranges, first)
     except InputError:
         return None
-    x = np.concatenate((state.p + arm, state.v))
-    fix = fix_of(window, anchors, c, level, state.p + arm)
+    x = np.concatenate((p + arm, v))
+    fix = fix_of(window, anchors, c, level, p + arm)
     if fix.agreeing < 0.5 or (not astray and fix.agreeing <= agreeing(window, anchors, c, x)):
         return None
     found = fix.x - np.append(arm, np.zeros(3))

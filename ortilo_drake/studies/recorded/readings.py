@@ -59,6 +59,7 @@ def readings(recording: Recording, map_: Map) -> Iterator[Reading]:
     truth, ranges, anchors = recording.truth, recording.ranges, recording.anchors
     assert truth is not None
     assert map_.truth is not None
+    assert map_.ranges is not None
     assert not isinstance(anchors, int)
     now = Reading("", ranges, anchors, truth, map_.calibration.frame)
     for unit, by in {**UNITS, **BACK}.items():

@@ -8,10 +8,10 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
+from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
 from ortilo_drake.studies.recorded.doubted import doubts_of
-from ortilo_drake.studies.recorded.doubts import range_noise
-from ortilo_drake.studies.recorded.filter_types import FIXED
+from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
 from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, tilt_disagreement
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
@@ -21,9 +21,9 @@ from ortilo_drake.studies.recorded.truth_path import truth_path
 
 QUERY_RATE = 10.0  # of the estimates where there is no truth [Hz]
 SHORTEST = 3.0  # a recording is judged on no less [s]
-LARGEST = 2e9  # of the covariances that a smoother goes back through [bytes]
 TILTED = np.radians(5.0)  # the unit's attitude and its specific force should agree better than this at rest
 CV, CV_SMOOTH, CV_RAW = "constant velocity", "constant velocity, smoothed", "constant velocity, not calibrated"
+AIDED, AIDED_SMOOTH = "with IMU, range finder and flow", "with IMU, range finder and flow, smoothed"
 WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibrated (biases online)"
 
 
@@ -106,19 +106,20 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         first = t[0] + map_.calibration.share * (t[-1] - t[0])
     else:
         say("calibration")
-        calibration = calibrate(recording, map_.calibration, level=given)
-        own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset, level=given)
+        if map_.calibration.share == 0.0:
+            calibration = uncalibrated(recording, map_.calibration)
+            own = uncalibrated(recording, map_.calibration, lever=False)
+        else:
+            calibration = calibrate(recording, map_.calibration, level=given)
+            own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset, level=given)
         t = truth.t - calibration.offset
         t = t[(t >= ranges.t[0]) & (t <= ranges.t[-1])]
         first = calibration.end - calibration.offset
 
-    if (t > first).sum() < 2 or t[-1] - max(first, t[0]) < SHORTEST:
+    judged = airborne(t, truth, calibration, map_)
+    t_judged = t[judged(t) & (t > first)]
+    if len(t_judged) < 2 or t_judged[-1] - t_judged[0] < SHORTEST:
         raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge")
-    count = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
-    states = FIXED + 2 * count
-    smooths = 24 * (len(np.unique(ranges.t)) + len(t)) * states**2 < LARGEST
-    if not smooths:
-        notes.append(f"too long to smooth: the covariances would take more than {LARGEST / 1e9:g} GB")
 
     def true_at(t: np.ndarray, by: Calibration | None) -> np.ndarray | None:
         if truth is None or by is None:
@@ -138,26 +139,30 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
             left_out[name] = f"less than {SHORTEST:g} s are left to judge after the first range"
             return
         true = true_at(found.t, by)
-        rows[name], drawn[name] = score(found, found.t > first, true, map_.available), (found, true)
+        rows[name], drawn[name] = score(found, (found.t > first) & judged(found.t), true, map_.available), (found, true)
 
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
     raw = Known(anchors, None, np.zeros(3), None, given)
     if own is not None:
         plain = Known(own.anchors, own.biases, np.zeros(3), None, calibrated_level(map_, own, recording))
         row(CV, plain, own, False)
-        if smooths:
-            row(CV_SMOOTH, plain, own, False, smoothed=True)
-    row(CV_RAW, raw, own, False)
+        row(CV_SMOOTH, plain, own, False, smoothed=True)
+    if map_.calibration.share > 0.0 or truth is None:
+        row(CV_RAW, raw, own, False)
     if calibration is not None:
-        known = known_of(calibration, recording, map_)
+        known = with_aids(known_of(calibration, recording, map_), recording, map_, False)
         main = WITH_IMU if imu is not None else CV
         if imu is not None:
             row(WITH_IMU, known, calibration, True)
-            if smooths:
-                row(SMOOTH, known, calibration, True, smoothed=True)
+            row(SMOOTH, known, calibration, True, smoothed=True)
+        if map_.range_finder is not None or map_.flow is not None:
+            aided = with_aids(known, recording, map_, True)
+            row(AIDED, aided, calibration, True)
+            row(AIDED_SMOOTH, aided, calibration, True, smoothed=True)
     else:
-        known, main = raw, (RAW if imu is not None else CV_RAW)
-    if imu is not None:
+        known = raw = with_aids(raw, recording, map_, True)
+        main = RAW if imu is not None else CV_RAW
+    if imu is not None and (map_.calibration.share > 0.0 or truth is None):
         row(RAW, raw, calibration, True)
     if imu is None and own is not None:
         known = plain
@@ -183,6 +188,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     best = next((name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in rows), None)
     if best is None:
         raise InputError(f"{recording.name}: {next(iter(left_out.values()))}")
+    notes += of_failed(drawn[best][0].failed)
     notes += [f"{name}: this row is left out: {why}" for name, why in left_out.items()]
     heading = shift = lever = biases = None
     if calibration is not None:

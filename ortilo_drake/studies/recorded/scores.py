@@ -80,8 +80,7 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
         available_below: limit of the deviation [m].
     """
     deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
-    since = found.t[judged][0]
-    counted = found.range_stamps >= since
+    counted = (found.range_stamps >= found.t[judged][0]) & (found.range_stamps <= found.t[judged][-1])
     taken = found.run.taken & counted
     squares = found.run.innovation[taken] ** 2 / found.run.variance[taken]
     nis = float(np.mean(squares)) if len(squares) else float("nan")

@@ -1,56 +1,96 @@
-"""The Rauch-Tung-Striebel smoother of a run: every estimate by all ranges, those to come as well.
+"""The smoother of a run: every estimate by all that was heard, what came later as well (modified Bryson-Frazier).
 
-    C_k = P_k Phi_k+1' (P_k+1|k)^-1,   dx_k = C_k dx_k+1,   P_k|N = P_k + C_k (P_k+1|N - P_k+1|k) C_k'
+Backwards, with lambda and Lambda from 0 on: at a row H with gain K, innovation e of variance S, over a step F, and at
+what is asked for
 
-with dx_k+1 the smoothed state less its prediction, as an error state.
+    lambda <- H' (-e / S) + (I - K H)' lambda,   Lambda <- H' H / S + (I - K H)' Lambda (I - K H)
+    lambda <- F' lambda,                         Lambda <- F' Lambda F
+    error = -P lambda,                           P_smoothed = P - P Lambda P
 
-Source: Rauch, Tung and Striebel, AIAA Journal 3, 1965.
+No covariance is inverted, so that a state may be known exactly.
+
+Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18, 1973.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.studies.recorded.filter_types import Run
-from ortilo_drake.studies.recorded.propagation import turn
-
-TINY = 1e-12  # keeps P_k+1|k regular where a state has no variance [squared units of the state]
+from ortilo_drake.onboard.estimator.tight.inertial import turn
+from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL, THETA, Q
+from ortilo_drake.studies.recorded.filter_types import Run, Tape
 
 
 @register_jitable
-def _rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Return the rotation vector of a small turn."""
-    a = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
-    sine = np.sqrt(np.sum(a * a))
-    if sine < 1e-9:
-        return a
-    return a * (np.arctan2(sine, (R[0, 0] + R[1, 1] + R[2, 2] - 1.0) / 2.0) / sine)
+def _through(M: np.ndarray, A: np.ndarray, keeps: np.ndarray) -> None:
+    """Replace M by F' M; on M and then on its transpose this is F' M F."""
+    N = len(M)
+    top = np.zeros((N_INERTIAL, N))
+    for i in range(GYRO):
+        for j in range(N_INERTIAL):
+            if A[i, j] != 0.0:
+                for c in range(N):
+                    top[j, c] += A[i, j] * M[i, c]
+    for j in range(N):
+        for c in range(N):
+            kept = keeps[j - GYRO] * M[j, c] if j >= GYRO else 0.0
+            M[j, c] = kept + (top[j, c] if j < N_INERTIAL else 0.0)
 
 
 @njit(cache=True)
-def smooth(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return smoothed positions (m, 3), attitudes (m, 3, 3) and covariances of the position (m, 3, 3).
+def _back(tape: Tape, x: np.ndarray, P: np.ndarray, adjoint: np.ndarray, information: np.ndarray) -> None:
+    """Go back through a tape; x (q, N + 1) and P (q, 3, 3) become the smoothed ones, adjoint and information go on."""
+    step, number, asked, N = len(tape.A), len(tape.e), len(x), len(adjoint)
+    for k in range(len(tape.what) - 1, -1, -1):
+        if tape.what[k] == 2:
+            asked -= 1
+            rows = tape.C[asked]
+            error = -rows @ adjoint
+            x[asked, :THETA] += error[:THETA]
+            turn(x[asked, Q : Q + 4], error[THETA], error[THETA + 1], error[THETA + 2])
+            P[asked] -= rows[:3] @ information @ rows[:3].T
+        elif tape.what[k] == 1:
+            number -= 1
+            where, row, K, S = tape.where[number], tape.row[number], tape.gain[number], tape.S[number]
+            u = information @ K
+            s, along = 1.0 / S, -tape.e[number] / S
+            for i in range(N):
+                s += K[i] * u[i]
+                along -= K[i] * adjoint[i]
+            for a in range(len(row)):
+                if row[a] != 0.0:
+                    at, of = where[a], row[a]
+                    adjoint[at] += of * along
+                    for j in range(N):
+                        information[at, j] -= of * u[j]
+                        information[j, at] -= of * u[j]
+                    for b in range(len(row)):
+                        information[at, where[b]] += of * row[b] * s
+        else:
+            step -= 1
+            A, keeps = tape.A[step], tape.keeps[step]
+            new = np.zeros(N)
+            for j in range(GYRO, N):
+                new[j] = keeps[j - GYRO] * adjoint[j]
+            for i in range(GYRO):
+                for j in range(N_INERTIAL):
+                    new[j] += A[i, j] * adjoint[i]
+            adjoint[:] = new
+            _through(information, A, keeps)
+            _through(information.T, A, keeps)
+
+
+def smooth(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smoothed nominal states (q, N + 1) and covariances of the position (q, 3, 3) of the queries.
 
     Args:
-        run: of run_filter with `whole`.
+        runs: of run_filter with `whole`, one after the other.
     """
-    m, N = len(run.t), run.P_after.shape[1]
-    p, R_out, P_out = np.empty((m, 3)), np.empty((m, 3, 3)), np.empty((m, 3, 3))
-    x, R, P = run.x[m - 1].copy(), run.R[m - 1].copy(), run.P_after[m - 1].copy()
-    p[m - 1], R_out[m - 1], P_out[m - 1] = x[:3], R, P[:3, :3]
-    tiny = TINY * np.eye(N)
-    for k in range(m - 2, -1, -1):
-        before = run.P_before[k + 1]
-        C = np.ascontiguousarray(np.linalg.solve(before + tiny, run.Phi[k + 1] @ run.P_after[k]).T)
-        gap = x - run.x_before[k + 1]
-        dx = np.empty(N)
-        dx[:6], dx[6:9] = gap[:6], _rotation_vector(R @ run.R_before[k + 1].T)
-        dx[9:] = gap[6:]
-        dx = C @ dx
-        x, R = run.x[k].copy(), turn(dx[6:9]) @ run.R[k]
-        x[:6] += dx[:6]
-        x[6:] += dx[9:]
-        P = run.P_after[k] + C @ (P - before) @ C.T
-        P = (P + P.T) / 2.0
-        p[k], R_out[k], P_out[k] = x[:3], R, P[:3, :3]
-    return p, R_out, P_out
+    N = runs[0].tape.gain.shape[1]
+    adjoint, information = np.zeros(N), np.zeros((N, N))
+    x, P = [run.x.copy() for run in runs], [run.P.copy() for run in runs]
+    for run, x_of, P_of in reversed(list(zip(runs, x, P, strict=True))):
+        _back(run.tape, x_of, P_of, adjoint, information)
+    return np.concatenate(x), np.concatenate(P)

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from made_up_motion import ANCHORS, BIASES, LEVER, attitude, made_up, place
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
-from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording, Truth
+from ortilo_drake.interop.recorded.range_rows import single_ranges
+from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_plane
@@ -32,7 +33,7 @@ def rows(t, r, kept=None):
     """Return single ranges of rows (m, 6), those that are kept."""
     t, anchor = np.repeat(t, 6), np.tile(np.arange(6), len(t))
     kept = np.isfinite(r).ravel() if kept is None else kept(t, anchor)
-    return Ranges(t[kept], anchor[kept], r.ravel()[kept])
+    return single_ranges(t[kept], anchor[kept], r.ravel()[kept])
 
 
 def flown(motion, ranges, imu=True, path=place, stamps=None, smoothed=False):
@@ -118,7 +119,7 @@ def test_a_vehicle_that_moves_at_the_first_range_is_found_moving() -> None:
 
 def test_slow_ranges_start_the_filter_by_as_many_seconds_as_three_anchors_take() -> None:
     t = np.arange(6.0)
-    one_by_one = Ranges(t, np.arange(6), np.ones(6))
+    one_by_one = single_ranges(t, np.arange(6), np.ones(6))
     assert len(ranges_for_a_fix(one_by_one).t) == 4
     with pytest.raises(InputError, match="2 anchors heard in the first 3 s"):
         ranges_for_a_fix(one_by_one._replace(t=2.0 * t))

@@ -8,7 +8,8 @@ from made_up_motion import ANCHORS, GRAVITY, TABLE_MAP, made_up
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording, Truth
+from ortilo_drake.interop.recorded.range_rows import single_ranges
+from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import calibrate
@@ -28,7 +29,7 @@ def as_map(text: str = "") -> Map:
 def recording() -> Recording:
     m = made_up(duration=40.0)
     t, first = m.t_r - m.t_r[0], m.t_truth[0]
-    ranges = Ranges(np.repeat(t, 6), np.tile(np.arange(6), len(t)), m.r.ravel())
+    ranges = single_ranges(np.repeat(t, 6), np.tile(np.arange(6), len(t)), m.r.ravel())
     imu = Imu(m.t_imu - m.t_r[0], m.imu[:, :3], m.imu[:, 3:], None)
     truth = Truth(m.t_truth - first, m.p, m.R)
     return Recording("walk", ranges, imu, truth, ANCHORS, float(m.t_r[0]), float(first), [], {})

@@ -9,13 +9,10 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Gaps, Map
 from ortilo_drake.interop.recorded.recording import Ranges, read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filter_types import Noise
 from ortilo_drake.studies.recorded.filtered import Known, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
-from ortilo_drake.studies.recorded.propagation import transition, turn
 from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, replay
-from ortilo_drake.studies.recorded.single_ranges import range_row
 
 FIRST = 0.05  # the first range's stamp, from which the recording counts [s]
 
@@ -211,23 +208,3 @@ def test_losses_are_as_asked_for_and_repeat(recording) -> None:
     assert ends[0] == 22.0
     assert np.diff(np.unique(heard.t)).max() == pytest.approx(2.05, abs=0.051)
     assert not ((heard.t >= 20.0) & (heard.t < 22.0)).any()
-
-
-def test_rows_and_transition_are_the_derivatives_of_the_equations() -> None:
-    rng = np.random.default_rng(0)
-    p, R, n = rng.uniform(1, 3, 3), turn(np.array([0.3, -0.2, 1.0])), len(ANCHORS)
-    _, H = range_row(p, R, LEVER, ANCHORS[2], 2, n)
-    for k in range(9):
-        d = np.zeros(9)
-        d[k] = 1e-6
-        ahead = range_row(p + d[:3], turn(d[6:9]) @ R, LEVER, ANCHORS[2], 2, n)[0]
-        behind = range_row(p - d[:3], turn(-d[6:9]) @ R, LEVER, ANCHORS[2], 2, n)[0]
-        assert H[k] == pytest.approx((ahead - behind) / 2e-6, abs=1e-7)
-    f, h = np.array([0.4, -0.3, 9.6]), 0.02
-    noise = Noise(0.1, 0.01, 0.02, 5e-4, 0.03, 0.05, 0.7, 0.001, 4.0)
-    Phi = transition(h, R, R @ f, noise, n)
-    for k, bias in ((6, np.zeros(3)), (12, np.eye(3)[0])):
-        d = 1e-6
-        turned = turn(np.eye(3)[0] * d) @ R if k == 6 else R
-        dv = (turned @ (f - bias * d * (k == 12)) - R @ f) * h / d
-        np.testing.assert_allclose(Phi[3:6, k], dv, atol=1e-5)

@@ -1,0 +1,159 @@
+"""Events of a Crazyflie's log on its uSD card, field by field: versions 1 and 2, little endian.
+
+    0xBC, version (H), number of kinds (H)
+    each kind: its number (H), its name and a zero, number of fields (H), `name(T)` and a zero of each field
+    each event: number of its kind (H), stamp since the start (I in ms in version 1, Q in us in version 2), the fields
+    CRC-32 of all before (I)
+
+with T a code of Python's struct. A log has no units of its own: the firmware's gyroscope is in deg/s, its accelerometer
+in g, its range finder in mm.
+
+Source: crazyflie-firmware, tools/usdlog/cfusdlog.py.
+"""
+
+import struct
+from array import array
+from functools import lru_cache
+from pathlib import Path
+from typing import Final, NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import Column
+from ortilo_drake.interop.recorded.tables import NUMBERS, Table
+from ortilo_drake.model.input_files import MIB, open_file
+from ortilo_drake.model.typed_yaml import InputError, nearest
+
+MAGIC: Final = 0xBC
+LIMIT: Final = 1024 * MIB
+HEADS: Final = {1: (struct.Struct("<HI"), 1e-3), 2: (struct.Struct("<HQ"), 1e-6)}  # of an event; seconds in its stamp
+CODES: Final = "?bBhHiIlLqQefd"
+STANDARD: Final = {"l": "i", "L": "I"}  # of struct's codes those that NumPy makes longer
+FEWEST: Final = 2
+
+
+class _Kind(NamedTuple):
+    """A kind of event: its name, its fields and their layout, and where in the file its events are."""
+
+    name: str
+    fields: tuple[str, ...]
+    layout: np.dtype
+    places: array
+
+
+class _Log(NamedTuple):
+    data: bytes
+    head: struct.Struct
+    unit: float
+    kinds: dict[int, _Kind]
+    unread: int  # bytes at the end that could not be read
+    why: str
+
+
+def is_usd(path: Path) -> bool:
+    """Return whether a file begins as such a log."""
+    if not path.is_file():
+        return False
+    with open_file(path) as file:
+        return file.read(1) == bytes([MAGIC])
+
+
+def _name(data: bytes, at: int, path: Path) -> tuple[str, int]:
+    end = data.find(b"\0", at)
+    if end < 0:
+        raise InputError(f"{path}: cut short in the names of its events")
+    return data[at:end].decode(errors="replace"), end + 1
+
+
+def _kinds(data: bytes, count: int, path: Path) -> tuple[dict[int, _Kind], int]:
+    kinds, at = {}, 5
+    for _ in range(count):
+        (number,) = struct.unpack_from("<H", data, at)
+        name, at = _name(data, at + 2, path)
+        (fields,) = struct.unpack_from("<H", data, at)
+        at += 2
+        names, codes = [], []
+        for _ in range(fields):
+            field, at = _name(data, at, path)
+            if len(field) < 4 or field[-3] != "(" or field[-1] != ")" or field[-2] not in CODES:
+                raise InputError(f"{path}: {name}: field '{field[:40]}' must be name(T) with T one of {CODES}")
+            names.append(field[:-3])
+            codes.append(np.dtype(f"<{STANDARD.get(field[-2], field[-2])}"))
+        layout = np.dtype({"names": [str(i) for i in range(fields)], "formats": codes})
+        kinds[number] = _Kind(name, tuple(names), layout, array("q"))
+    return kinds, at
+
+
+@lru_cache(maxsize=1)  # each stream of a map asks for the same file
+def _index(path: Path, changed: int) -> _Log:
+    with open_file(path, LIMIT) as file:
+        data = file.read()
+    if len(data) < 9 or data[0] != MAGIC:
+        raise InputError(f"{path}: is no uSD log, or cut short: {len(data)} bytes")
+    version, count = struct.unpack_from("<HH", data, 1)
+    if version not in HEADS:
+        raise InputError(f"{path}: uSD log of version {version}; 1 and 2 are read")
+    if crc32(data[:-4]) != struct.unpack("<I", data[-4:])[0]:
+        raise InputError(f"{path}: its CRC is wrong: the log was cut short or spoilt")
+    head, unit = HEADS[version]
+    try:
+        kinds, at = _kinds(data, count, path)
+    except struct.error:
+        raise InputError(f"{path}: cut short in the names of its events") from None
+    end, why, sizes = len(data) - 4, "", {number: head.size + kind.layout.itemsize for number, kind in kinds.items()}
+    while at + head.size <= end:
+        number = data[at] + 256 * data[at + 1]
+        size = sizes.get(number)
+        if size is None:
+            why = f"bytes behind an event of unknown number {number}"
+            break
+        if at + size > end:
+            break
+        kinds[number].places.append(at)
+        at += size
+    return _Log(data, head, unit, kinds, end - at, why or "bytes of an event that is cut short")
+
+
+def read_usd(
+    path: Path, topic: str, columns: tuple[Column, ...], rejected: Rejections, names: Column | None = None
+) -> Table:
+    """Return the events of a kind, stamps in s since the start.
+
+    Args:
+        path: the log.
+        topic: the kind's name, such as estTDOA.
+        columns: names of fields with numbers, or their places from 1.
+        rejected: where to count what could not be read.
+        names: the field that names each event's anchor.
+
+    Raises:
+        InputError: if the file is no such log, its CRC is wrong, or there is no such kind, field or hardly an event.
+    """
+    log = _index(path, path.stat().st_mtime_ns)
+    rejected.word = "event"
+    rejected.add(log.why, "", log.unread)
+    kind = next((kind for kind in log.kinds.values() if kind.name == topic), None)
+    known = [kind.name for kind in log.kinds.values()]
+    if kind is None:
+        raise InputError(f"{path}: no event '{topic}'{nearest(topic, known)}; has {', '.join(known) or 'none'}")
+    places = np.array(kind.places)
+    if len(places) < FEWEST:
+        raise InputError(f"{path}: {topic}: {len(places)} events")
+    if len(places) * (len(columns) + 2) > NUMBERS:
+        raise InputError(f"{path}: {topic}: more than {NUMBERS:,} numbers; cut the log into several recordings")
+    raw = np.frombuffer(log.data, np.uint8)
+    bytes_of = raw[places[:, None] + np.arange(log.head.size + kind.layout.itemsize)]
+    stamp = np.ascontiguousarray(bytes_of[:, 2 : log.head.size]).view("<u8" if log.head.size > 6 else "<u4")[:, 0]
+    events = np.ascontiguousarray(bytes_of[:, log.head.size :]).view(kind.layout)[:, 0]
+
+    def column(wanted: Column) -> np.ndarray:
+        at = wanted - 1 if isinstance(wanted, int) else kind.fields.index(wanted) if wanted in kind.fields else -1
+        if not 0 <= at < len(kind.fields):
+            raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(kind.fields)}")
+        return np.asarray(events[str(at)])
+
+    values = np.column_stack([column(wanted).astype(float) for wanted in columns])
+    called = None if names is None else np.array([str(name) for name in column(names).tolist()], dtype=object)
+    return Table(stamp * log.unit, values, called, np.arange(1, len(places) + 1))

@@ -1,0 +1,52 @@
+"""What the filter goes by beside ranges and IMU, as the map has it, and which part of a flight is judged."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import NO_LOOKS, Recording, Truth
+from ortilo_drake.studies.recorded.calibrate import Calibration
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS
+from ortilo_drake.studies.recorded.filtered import Known, Start
+
+
+def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Known:
+    """Return what the filter is told with the map's start and drag, and with what looks down if that is asked for."""
+    aids, start, heading = NO_AIDS._replace(floor=map_.floor), None, known.heading
+    if map_.drag is not None:
+        aids = aids._replace(drag=map_.drag.k, drag_sd=map_.drag.noise, doubted=map_.drag.doubted)
+    if map_.range_finder is not None:
+        aids = aids._replace(finder=np.array(map_.range_finder.at), finder_sd=map_.range_finder.sd)
+    scale_sd = 0.0
+    if map_.flow is not None:
+        aids = aids._replace(pixels=map_.flow.per_rad, flow_sd=map_.flow.sd)
+        scale_sd = map_.flow.per_rad_sd
+    if map_.start is not None:
+        at = map_.start
+        start, heading = Start(np.array(at.position), at.position_sd, at.heading_sd, at.rests), at.heading
+    return known._replace(
+        aids=aids, start=start, heading=heading, scale_sd=scale_sd, looks=recording.looks if looks else NO_LOOKS
+    )
+
+
+def airborne(
+    t: np.ndarray, truth: Truth | None, calibration: Calibration | None, map_: Map
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what says at which stamps by the sensors' clock a flight is judged: all, or only while it is airborne.
+
+    Args:
+        t: stamps by the sensors' clock [s].
+        truth: the motion's.
+        calibration: its clock and frame.
+        map_: `airborne` says how far above its first height the vehicle flies.
+    """
+    first, last = -np.inf, np.inf
+    if truth is not None and calibration is not None and map_.airborne is not None:
+        z = calibration.position(truth.p)[:, 2]
+        up = truth.t[z > np.median(z[:FIRST]) + map_.airborne] - calibration.offset
+        first, last = (float(up[0]), float(up[-1])) if len(up) else (np.inf, -np.inf)
+    return lambda stamps: (stamps >= first) & (stamps <= last)
+
+
+FIRST = 20  # positions that tell the first height

@@ -1,0 +1,86 @@
+"""A Crazyflie's uSD log: what struct wrote is read, and one line or a count says what is wrong with a spoilt one."""
+
+import importlib.util
+import struct
+from zlib import crc32
+
+import numpy as np
+import pytest
+from usd_logs import usd_log, util_folder
+
+from ortilo_drake.interop.recorded.columns import read_stream
+from ortilo_drake.interop.recorded.sources import Source
+from ortilo_drake.model.typed_yaml import InputError
+
+KINDS = {
+    0: ("estTDOA", [("idA", "B"), ("idB", "B"), ("distanceDiff", "f")]),
+    7: ("estFlow", [("deltaX", "h"), ("count", "L")]),
+}
+EVENTS = [(0, 10_000, (1, 2, 0.5)), (7, 11_500, (-3, 70_000)), (0, 12_000, (2, 3, -0.25)), (7, 13_000, (4, 5))]
+
+
+def read(path, topic="estTDOA", columns=("distanceDiff",), names=None):
+    return read_stream([path], Source(file=path.name, topic=topic), columns, "ranges", topic, names)
+
+
+@pytest.mark.parametrize(("version", "unit"), [(1, 1e-3), (2, 1e-6)])
+def test_both_versions_are_read(tmp_path, version, unit) -> None:
+    path = tmp_path / "log07"
+    path.write_bytes(usd_log(KINDS, EVENTS, version))
+    tdoa, flow = read(path, names="idB"), read(path, "estFlow", ("deltaX", 2))
+    np.testing.assert_allclose(tdoa.t, np.array([10_000, 12_000]) * unit)
+    np.testing.assert_array_equal(tdoa.values, [[0.5], [-0.25]])
+    assert tdoa.names.tolist() == ["2", "3"]
+    np.testing.assert_array_equal(flow.values, [[-3, 70_000], [4, 5]])
+    assert not tdoa.rejected.counts
+
+
+def test_what_is_spoilt_is_one_line(tmp_path) -> None:
+    path, log = tmp_path / "log", usd_log(KINDS, EVENTS)
+    spoilt = {
+        "its CRC is wrong": log[:-9],
+        "CRC is wrong": log[:40] + b"\7" + log[41:],
+        "cut short: 4 bytes": log[:4],
+        "version 3": b"\xbc\3\0" + log[3:],
+        "field 'idA.Z.' must be name.T.": _sealed(log[:-4].replace(b"idA(B)", b"idA(Z)")),
+        "names of its events": _sealed(log[:20]),
+    }
+    for line, data in spoilt.items():
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=line):
+            read(path)
+    path.write_bytes(log)
+    with pytest.raises(InputError, match=r"no event 'estTOF'.*has estTDOA, estFlow"):
+        read(path, "estTOF")
+    with pytest.raises(InputError, match=r"no field 'range'; has idA, idB, distanceDiff"):
+        read(path, columns=("range",))
+
+
+def _sealed(data: bytes) -> bytes:
+    return data + struct.pack("<I", crc32(data))
+
+
+def test_an_event_that_nobody_announced_ends_what_is_read_and_is_counted(tmp_path) -> None:
+    path = tmp_path / "log"
+    path.write_bytes(usd_log(KINDS, [*EVENTS, (9, 14_000, ()), *EVENTS]))
+    found = read(path)
+    assert len(found.t) == 2
+    assert "unknown number 9" in found.rejected.lines()[0]
+    path.write_bytes(_sealed(usd_log(KINDS, EVENTS)[:-7]))
+    assert "an event that is cut short" in read(path, "estTDOA").rejected.lines()[0]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # their loader leaves its file open
+def test_a_recorded_log_is_read_as_its_publishers_loader_reads_it() -> None:
+    folder = util_folder()
+    spec = importlib.util.spec_from_file_location("read_usd", folder / "read_usd.py")
+    theirs = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(theirs)
+    events, _ = theirs.decode(folder / "0425-traj20")
+    for topic, columns in {"estTDOA": ("distanceDiff",), "estAcceleration": ("acc.x", "acc.y", "acc.z")}.items():
+        expected, names, _ = events[topic]
+        columns = tuple(names[-len(columns) :])
+        found = read(folder / "0425-traj20", topic, columns)
+        np.testing.assert_allclose(found.t, expected[:, 0], rtol=1e-12)
+        np.testing.assert_array_equal(found.values, expected[:, -len(columns) :])
+    assert found.rejected.counts == {}

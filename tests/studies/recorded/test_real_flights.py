@@ -1,0 +1,64 @@
+"""Recorded quadrotor flights with differences of ranges (UTIL, IJRR 43(10), 2024), nothing calibrated by the truth.
+
+The bounds are those of the data's notes for a careful error-state filter, airborne, total RMS. The filter's noise is
+tuned on three of the eight (TUNED_ON in usd_logs.py).
+"""
+
+import numpy as np
+import pytest
+from usd_logs import FLIGHTS, util_folder, util_map
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.model.typed_yaml import parse_yaml, validate
+from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.recorded.calibrate import uncalibrated
+from ortilo_drake.studies.recorded.doubts import of_sign
+from ortilo_drake.studies.recorded.filtered import estimate
+from ortilo_drake.studies.recorded.recorded_report import report_text
+from ortilo_drake.studies.recorded.replayed import AIDED, AIDED_SMOOTH, SMOOTH, WITH_IMU, known_of, replay
+
+
+def as_map(text: str) -> Map:
+    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+
+
+@pytest.mark.long
+def test_a_flight_with_a_faulty_accelerometer_is_replayed_and_the_fault_told() -> None:
+    map_ = as_map(util_map("0425-traj4"))
+    found, _ = replay(read_recording(util_folder() / "0425-traj4", map_), map_, lambda _: None)
+    rows = found.rows
+    bounds = {WITH_IMU: 0.26, SMOOTH: 0.15, AIDED: 0.13, AIDED_SMOOTH: 0.12}
+    for name, bound in bounds.items():
+        assert rows[name].ate < bound
+        assert 1.0 < rows[name].nees < 6.0
+    failed = [note for note in found.notes if "contradicts drag" in note]
+    assert [note.split("accelerometer's ")[1][0] for note in failed] == ["x", "y"]
+    assert not any("sign" in doubt for doubt in found.doubts)
+    assert "range finder and flow" in report_text([found], 0.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_no_flight_diverges(name) -> None:
+    map_ = as_map(util_map(name))
+    recording = read_recording(util_folder() / name, map_)
+    calibration = uncalibrated(recording, map_.calibration)
+    known = with_aids(known_of(calibration, recording, map_), recording, map_, looks=False)
+    t = recording.truth.t - calibration.offset
+    t = t[airborne(t, recording.truth, calibration, map_)(t)]
+    for smoothed in (False, True):
+        found = estimate(recording.ranges, recording.imu, known, map_.filter, t, smoothed)
+        true = np.column_stack(
+            [np.interp(found.t + calibration.offset, recording.truth.t, p) for p in recording.truth.p.T]
+        )
+        assert np.sqrt(np.mean(np.sum((found.p - true) ** 2, axis=1))) < 0.35
+
+
+@pytest.mark.long
+def test_a_reversed_sign_of_a_flight_is_doubted() -> None:
+    text = util_map("0425-traj20")
+    right = read_recording(util_folder() / "0425-traj20", as_map(text))
+    wrong = read_recording(util_folder() / "0425-traj20", as_map(text.replace("b: idB", "b: idB, sign: -1")))
+    assert of_sign(right.ranges, np.asarray(right.anchors), 1) == []
+    assert of_sign(wrong.ranges, np.asarray(wrong.anchors), -1)[0].endswith("{sign: 1}")
