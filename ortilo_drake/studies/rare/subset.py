@@ -37,7 +37,7 @@ MOST_KEPT = 0.5  # share above which too many are equally high for a level [1]
 CHAIN = 10  # paths of a chain, its start among them
 ACCEPTED = 0.4  # share of steps that are to be taken [1]
 SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
-_AT_ONCE = 2**21  # numbers of the paths that are run together
+AT_ONCE = 2**21  # numbers of the paths that are run together
 _GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too seldom
 LEAST = 1e-9  # the climb that chooses levels goes no further down than to such a probability [1]
 
@@ -125,7 +125,7 @@ Keep = Callable[[np.ndarray, np.ndarray], None]  # is given paths (n, size) and 
 
 def _parts(n: int, size: int) -> list[slice]:
     """Return the parts of n paths that are run together."""
-    at_once = max(_AT_ONCE // max(size, 1), 1)
+    at_once = max(AT_ONCE // max(size, 1), 1)
     return [slice(at, min(at + at_once, n)) for at in range(0, n, at_once)]
 
 

@@ -16,7 +16,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.rare.rare_flights import Rare, counted_of, rare_flights
 from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
-from ortilo_drake.studies.rare.subset import Climb, Plan, flights_of
+from ortilo_drake.studies.rare.subset import AT_ONCE, Climb, Plan, flights_of
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
 
 SHORT = ("world.disturbance.force_density=0.0365",)
@@ -63,7 +63,7 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     calls: list[tuple[int, int]] = []
     assert rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
     each = flights_of(len(found.plan.levels), 100)
-    assert calls[0] == (100, flights_of(9, 100) + 300)  # the plan's first flights, of at most nine levels
+    assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, flights_of(9, 100) + 300)  # of at most nine levels
     kept = calls.index((3 * each, 5 * each + 300))  # the plan and the two repetitions that are kept of four
     assert calls[kept + 1 :] == [(n * each, 5 * each + 300) for n in (4, 5)] + [(5 * each + 300,) * 2]
     assert counted.stat().st_mtime_ns == before

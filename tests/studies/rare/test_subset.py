@@ -220,5 +220,5 @@ def test_a_step_leaves_the_law_as_it_is_and_keeps_what_it_says(b: float, few: bo
 
 def test_what_is_run_at_once_does_not_decide(monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths of many numbers are run in parts: each chain's law stays, so the mean is that of the walk."""
-    monkeypatch.setattr("ortilo_drake.studies.rare.subset._AT_ONCE", 7 * TICKS)
+    monkeypatch.setattr("ortilo_drake.studies.rare.subset.AT_ONCE", 7 * TICKS)
     check(estimates(walk, TICKS, 15.0, 400), law_of_walk(15.0), 0.8)
