@@ -40,7 +40,10 @@ def doubts_of(
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
     said = doubts.of_guess(look.guess)
     if map_.differences is not None:
-        said += doubts.of_sign(recording.ranges, np.asarray(recording.anchors), map_.differences.sign)
+        p = None  # a frame that was fitted by the wrong sign says nothing of it
+        if truth is not None and calibration is not None and settings.frame == "same":
+            p = calibration.position(truth_path(truth).at(recording.ranges.t + calibration.offset)[0])
+        said += doubts.of_sign(recording.ranges, np.asarray(recording.anchors), map_.differences.sign, p)
     frozen: list[tuple[float, float]] = []
     moving = recording
     if truth is not None and calibration is not None:

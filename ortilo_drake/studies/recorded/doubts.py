@@ -10,6 +10,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Ranges, Truth, frozen_rows
 from ortilo_drake.studies.recorded.first_fix import LEAST, fix_of
+from ortilo_drake.studies.recorded.modelled import modelled
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
 
@@ -54,15 +55,26 @@ def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: 
     return found
 
 
-def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int) -> list[str]:
+def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int, p: np.ndarray | None = None) -> list[str]:
     """Return whether differences agree on places much better with the other sign, and the key that says so.
+
+    Anchors up and down by turns are nearly their own mirror image, and hardly tell it without a truth.
 
     Args:
         ranges: what was heard.
         anchors: positions (n, 3).
         sign: the map's.
+        p: the truth's places at these stamps, in the anchors' frame (n, 3), if they are known.
     """
-    ranges = ranges.only(ranges.other >= 0)
+    differences = ranges.other >= 0
+    ranges = ranges.only(differences)
+    if p is not None and len(ranges.t):
+        made = modelled(p[differences], anchors, np.zeros(len(anchors)), ranges)
+        before, after = (float(np.median(np.abs(made - by * ranges.r))) for by in (1.0, -1.0))
+        said = (
+            f"differences: errors of {before:.3g} m, with the other sign {after:.3g} m: differences: {{sign: {-sign}}}"
+        )
+        return [said] if 2.0 * after < before else []
     shares = []
     for t in np.linspace(ranges.t[0], ranges.t[-1], WINDOWS + 2)[1:-1] if len(ranges.t) else ():
         window = ranges.only(np.flatnonzero((ranges.t >= t) & (ranges.t < t + WINDOW))[:MOST])
