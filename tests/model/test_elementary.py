@@ -1,4 +1,4 @@
-"""Sine and cosine against mpmath at 60 digits."""
+"""Sine, cosine, arctangent and exponential against mpmath at 60 digits."""
 
 import math
 
@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from numba import njit
 
-from ortilo_drake.model.elementary import LARGE, cos, sin
+from ortilo_drake.model.elementary import LARGE, arctan2, cos, exp, power_of_two, sin
 
 ANGLES = (
     st.floats(-LARGE, LARGE) | st.floats(-10.0, 10.0) | st.integers(-400_000, 400_000).map(lambda n: n * np.pi / 2.0)
@@ -44,3 +44,47 @@ def test_of_what_is_no_angle_they_are_no_number(x: float) -> None:
 def test_of_many_turns_they_are_on_the_unit_circle(x: float) -> None:
     assert sin(x) ** 2 + cos(x) ** 2 == pytest.approx(1.0, abs=1e-15)
     assert compiled(-x) == (-sin(x), cos(x))
+
+
+SIGNED = (0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan)
+
+
+@njit
+def more_compiled(y: float, x: float) -> tuple[float, float]:
+    return arctan2(y, x), exp(x)
+
+
+@given(st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0), st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0))
+@example(1.0, 5e-324)
+def test_the_angle_is_right_to_an_ulp_and_a_half_and_the_same_compiled(y: float, x: float) -> None:
+    with mpmath.workdps(60):
+        its = mpmath.atan2(y, x)
+        assert abs(mpmath.mpf(arctan2(y, x)) - its) <= 1.5 * math.ulp(float(its)) + 5e-324
+    assert more_compiled(y, x)[0] == arctan2(y, x)
+
+
+@pytest.mark.parametrize("y", SIGNED)
+@pytest.mark.parametrize("x", SIGNED)
+def test_the_angle_of_what_lies_on_an_axis_or_at_infinity_is_numpys(y: float, x: float) -> None:
+    found, its = arctan2(y, x), np.arctan2(y, x)
+    assert np.array_equal(found, its, equal_nan=True)
+    assert np.isnan(its) or np.signbit(found) == np.signbit(its)
+
+
+@given(st.floats(-700.0, 700.0) | st.floats(-2.0, 2.0))
+def test_the_exponential_is_right_to_an_ulp_and_the_same_compiled(x: float) -> None:
+    with mpmath.workdps(60):
+        its = mpmath.exp(x)
+        assert abs(mpmath.mpf(exp(x)) - its) <= math.ulp(float(its))
+    assert more_compiled(1.0, x)[1] == exp(x)
+
+
+@pytest.mark.parametrize("x", [np.inf, -np.inf, np.nan, 709.7, 710.0, -746.0, 0.0])
+def test_the_exponential_at_its_ends_is_numpys(x: float) -> None:
+    with np.errstate(over="ignore", under="ignore"):
+        np.testing.assert_allclose(exp(x), np.exp(x), rtol=1e-15)
+
+
+@pytest.mark.parametrize("n", [0, 1, -1, 10, -30, 1023, -1074])
+def test_powers_of_two_are_exact(n: int) -> None:
+    assert power_of_two(n) == math.ldexp(1.0, n)
