@@ -33,7 +33,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup extras kernels fly tables test rest nightly fuzz check bench docs linkcheck mutants clean
+.PHONY: setup extras kernels fly tables test rest nightly fuzz export-check check bench docs linkcheck mutants clean
 
 setup: $(STAMP)
 
@@ -69,10 +69,15 @@ rest: extras kernels
 nightly: rest
 
 # Whatever reads ORTILO_FUZZ_CASES.
-FUZZ := tests/integration/test_schema_fuzz.py tests/interop/test_file_fuzz.py tests/hil/test_udpm.py
+FUZZ := tests/integration/test_schema_fuzz.py tests/interop/test_file_fuzz.py tests/hil/test_udpm.py \
+	tests/codegen/test_hostile_inputs.py
 
 fuzz: kernels
 	@ORTILO_FUZZ_CASES=$${ORTILO_FUZZ_CASES:-20000} $(PYTEST) $(FUZZ)
+
+# Hours: every exportable ready-made flight on Cortex-M7, aarch64 and x86-64, every bit of every tick.
+export-check: setup
+	@$(ONE_THREAD) $(BIN)/python scripts/export_check.py
 
 check: setup
 	$(BIN)/ruff check .

@@ -14,13 +14,12 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from ortilo_drake.codegen.export import export
+from ortilo_drake.codegen.exported_half import BOARDS, build
 from ortilo_drake.codegen.half import onboard_half
-from ortilo_drake.codegen.targets import TARGETS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
-BOARD: Final = Path(__file__).parents[1] / "tests" / "codegen" / "cortex_m"
-MACHINE: Final = {"cortex-m7": "mps2-an500", "cortex-m4": "mps2-an386"}
+COST: Final = Path(__file__).parents[1] / "tests" / "codegen" / "cortex_m" / "cost.c"
 PER_COUNT: Final = 40
 
 
@@ -41,13 +40,10 @@ def cost(scenario: Scenario, target: str, ticks: int) -> list[str]:
     """Return a row: scenario, target, code, RAM and stack [bytes], instructions of a tick, mean and most."""
     with TemporaryDirectory() as folder:
         manifest = export(scenario, target, folder, ticks)
-        files = ("ortilo.c", "ortilo_elements.o", str(BOARD / "cost.c"), str(BOARD / "start.c"))
-        link = ("--specs=rdimon.specs", "-T", str(BOARD / "link.ld"), "-I.", "-lm", "-o", "cost")
-        flags = ("-O2", "-ffp-contract=off", *TARGETS[target].flags.split())
-        subprocess.run(["arm-none-eabi-gcc", *flags, *files, *link], cwd=folder, check=True, capture_output=True)
+        build(Path(folder), target, COST, Path(folder) / "cost")
         said = subprocess.run(["arm-none-eabi-size", "ortilo_elements.o"], cwd=folder, check=True, capture_output=True)
         code = said.stdout.split()[6].decode()
-        qemu = ("qemu-system-arm", "-M", MACHINE[target], "-nographic", "-semihosting", "-icount", "shift=0")
+        qemu = ("qemu-system-arm", "-M", BOARDS[target], "-nographic", "-semihosting", "-icount", "shift=0")
         done = subprocess.run([*qemu, "-kernel", "cost"], cwd=folder, check=True, capture_output=True, text=True)
     mean, most, stack = map(int, done.stdout.split())
     counts = f"{PER_COUNT * mean:,}", f"{PER_COUNT * most:,}"
@@ -63,7 +59,7 @@ def main() -> None:
     scenarios = [load_scenario("nominal_imu_uwb")] if given.smoke else exportable()
     print("| scenario | target | code | RAM | stack | instructions a tick | most |\n|---|---|---|---|---|---|---|")
     for scenario in scenarios:
-        for target in MACHINE:
+        for target in BOARDS:
             print(f"| {' | '.join(cost(scenario, target, 20 if given.smoke else given.ticks))} |", flush=True)
 
 

@@ -103,12 +103,26 @@ def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
     return found
 
 
-def header_text(half: Half, name: str, sizes: dict[str, int]) -> str:
+ROOM_BYTES: Final = 65536
+ROOM: Final = f"""#ifndef ORTILO_ROOM
+#define ORTILO_ROOM {ROOM_BYTES} /* bytes; define it where ortilo.c is compiled and where ortilo.h is read */
+#endif
+typedef struct {{
+    double raised[6];                /* of a function that had to stop; nobody reads it */
+    int64_t top, last;               /* of a call */
+    int64_t most;                    /* bytes that any call has taken so far: ORTILO_ROOM should be twice that */
+    double bytes[ORTILO_ROOM / 8];   /* arrays that are made within a call */
+}} ortilo_room;
+"""
+
+
+def header_text(half: Half, name: str, sizes: dict[str, int], makes_arrays: bool) -> str:
     """Return ortilo.h.
 
     Args:
         half: what is exported.
         name: of the scenario.
+        makes_arrays: whether there is room for arrays.
         sizes: of states, of what is said and of room to work in, see c_source.py.
     """
     inputs = [(f"ortilo_{c_name(box)} {c_name(box)};", "") for box in half.inputs]
@@ -135,16 +149,19 @@ def header_text(half: Half, name: str, sizes: dict[str, int]) -> str:
             (f"double values[{max(sizes['state'], 1)}];", "all that one tick leaves to the next"),
             ("int64_t tick;", "the next one"),
         ]),
+        *([ROOM] if makes_arrays else []),
         struct("ortilo", [
             ("const ortilo_numbers *numbers;", ""),
             ("ortilo_state state;", ""),
             (f"double said[{max(sizes['said'], 1)}];", "within a tick"),
             (f"double work[{max(sizes['work'], 1)}];", "within a call"),
+            *([("ortilo_room room;", "within a call")] if makes_arrays else []),
         ]),
         "/* Begin at tick 0 with the first estimate; numbers NULL are the scenario's. */",
         "void ortilo_init(ortilo *self, const ortilo_numbers *numbers);",
-        "/* Fly one tick: what arrived since the one before comes in, the command for the next goes out. */",
-        "void ortilo_tick(ortilo *self, const ortilo_inputs *inputs, ortilo_outputs *outputs);",
+        "/* Fly one tick: what arrived since the one before comes in, the command for the next goes out.\n"
+        "   Returns 0, or how many functions had to stop: the room was too small for them, or the inputs senseless. */",
+        "int ortilo_tick(ortilo *self, const ortilo_inputs *inputs, ortilo_outputs *outputs);",
         "/* All that a tick leaves to the next is self->state: copy it to save it, copy it back to resume. */\n",
         "#ifdef __cplusplus\n}\n#endif\n#endif",
     ]  # fmt: skip

@@ -6,6 +6,8 @@ own compiler; the object file has the functions.
 
 import math
 import textwrap
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -16,6 +18,8 @@ from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.native import parameters
 from ortilo_drake.loop.source import Places, place_of, places_of
 from ortilo_drake.loop.wiring import Wire
+
+ROOM_TEXT: Final = Path(__file__).with_name("templates").joinpath("room.c").read_text()
 
 
 def number_text(value: float) -> str:
@@ -59,10 +63,10 @@ def first_state(half: Half, places: Places) -> np.ndarray:
 
 def declaration(box: Box, what: str) -> str:
     """Return the declaration of a box's function as the object file has it."""
-    said = list[str]()
+    said = ["void *"]
     for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
         said += ["int64_t"] if name == "k" else ["const void *"] + ["int64_t"] * max(dimensions, 0)
-    return f"void {symbol_of(box, what)}({', '.join(said)});"
+    return f"int32_t {symbol_of(box, what)}({', '.join(said)});"
 
 
 def address(half: Half, places: Places, wire: Wire) -> str:
@@ -73,7 +77,7 @@ def address(half: Half, places: Places, wire: Wire) -> str:
 
 def call(half: Half, places: Places, box: Box, what: str) -> str:
     """Return the call of a box's `out` or `step`."""
-    element, said = box.element, list[str]()
+    element, said = box.element, ["ROOM"]
     tables = {table.name for table in element.arrays}
     for name, _, _ in parameters(element, element.functions[what]):
         if name == "n":
@@ -89,10 +93,10 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
         else:
             wire = Wire(box.name, 0, box.size) if name == "out" else half.wiring.wires[box.name, name]
             said += [address(half, places, wire), str(wire.size)]
-    return f"    {symbol_of(box, what)}({', '.join(said)});"
+    return f"    stopped += {symbol_of(box, what)}({', '.join(said)}) != 0;"
 
 
-def source_text(half: Half) -> tuple[str, dict[str, int]]:
+def source_text(half: Half, makes_arrays: bool) -> tuple[str, dict[str, int]]:
     """Return ortilo.c, and how many numbers states, room to work in and what is said take."""
     wiring, places = half.wiring, places_of(half.wiring)
     declared = [declaration(box, what) for box in flown(half) for what in box.element.functions]
@@ -110,6 +114,8 @@ def source_text(half: Half) -> tuple[str, dict[str, int]]:
         "#include <math.h>",
         "#include <stddef.h>",
         "#include <string.h>\n",
+        *([ROOM_TEXT] if makes_arrays else []),
+        f"#define ROOM {'room_of(self)' if makes_arrays else 'NULL'}",
         *declared,
         "",
         numbers_text(half),
@@ -120,16 +126,18 @@ def source_text(half: Half) -> tuple[str, dict[str, int]]:
         "    self->numbers = numbers != NULL ? numbers : &ortilo_default_numbers;",
         "    memcpy(self->state.values, first_state, sizeof first_state);",
         "}\n",
-        "void ortilo_tick(ortilo *self, const ortilo_inputs *inputs, ortilo_outputs *outputs) {",
+        "int ortilo_tick(ortilo *self, const ortilo_inputs *inputs, ortilo_outputs *outputs) {",
         "    const ortilo_numbers *const n = self->numbers;",
         "    double *const S = self->state.values, *const W = self->work, *const Y = self->said;",
         "    const int64_t k = self->state.tick;",
+        "    int stopped = 0;",
         "    (void)n, (void)W, (void)k;",
         *came,
         *(call(half, places, box, "out") for box in wiring.out_order),
         *went,
         *(call(half, places, box, "step") for box in wiring.step_order),
         "    self->state.tick = k + 1;",
+        "    return stopped;",
         "}\n",
     ]
     _, states, work, said, _ = places.sizes

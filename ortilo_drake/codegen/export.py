@@ -10,11 +10,11 @@ from typing import Any, Final
 import llvmlite
 import numba
 
-from ortilo_drake.codegen.c_header import header_text
+from ortilo_drake.codegen.c_header import ROOM_BYTES, header_text
 from ortilo_drake.codegen.c_source import source_text
 from ortilo_drake.codegen.golden import flown_ticks, golden_text
 from ortilo_drake.codegen.half import onboard_half
-from ortilo_drake.codegen.ir import neutral_irs
+from ortilo_drake.codegen.ir import makes_arrays, neutral_irs
 from ortilo_drake.codegen.object_code import object_code
 from ortilo_drake.codegen.readme import readme_text
 from ortilo_drake.codegen.targets import target_of
@@ -53,16 +53,19 @@ def export(
     says(f"compiling {sum(len(box.element.functions) for box in half.wiring.boxes.values())} functions")
     irs = neutral_irs(scenario)
     code = object_code(irs, to)
-    source, sizes = source_text(half)
+    makes = any(map(makes_arrays, irs.values()))
+    source, sizes = source_text(half, makes)
     says(f"flying {ticks} ticks for the golden vectors")
     golden = golden_text(*flown_ticks(scenario, half, ticks))
-    header = header_text(half, scenario.name, sizes)
+    header = header_text(half, scenario.name, sizes, makes)
     manifest = {
         "scenario": json.loads(scenario.model_dump_json()),
+        "precision": "double",
         "target": {"name": target, "triple": to.triple, "cpu": to.cpu, "features": to.features},
         "digest": digest_of(*sorted(irs.items()), source),
         "state_bytes": 8 * (sizes["state"] + 1),
         "ram_bytes": 8 * (sizes["state"] + sizes["said"] + sizes["work"] + 2),
+        "room_bytes": ROOM_BYTES if makes else 0,
         "object_bytes": len(code),
         "versions": {
             "ortilo_drake": version("ortilo_drake"), "python": platform.python_version(),

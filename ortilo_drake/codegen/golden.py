@@ -6,6 +6,7 @@ import numpy as np
 
 from ortilo_drake.codegen.c_header import c_name
 from ortilo_drake.codegen.half import Half
+from ortilo_drake.flight.signals import Signals
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import port_of
@@ -22,6 +23,17 @@ def hash_of(words: np.ndarray) -> int:
     return found
 
 
+def inputs_of(half: Half, messages: Signals) -> np.ndarray:
+    """Return a tick's inputs as they lie in C, one after the other, of its messages."""
+    found, at = np.zeros(sum(half.inputs.values())), 0
+    for box, size in half.inputs.items():
+        said = messages.get(c_name(box), messages.get(port_of(box)))
+        if said is not None:
+            found[at : at + size] = said
+        at += size
+    return found
+
+
 def flown_ticks(scenario: Scenario, half: Half, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the inputs of each tick, one after the other (ticks, i), and each output (ticks, n), as Drake flies it.
 
@@ -31,15 +43,11 @@ def flown_ticks(scenario: Scenario, half: Half, ticks: int) -> tuple[np.ndarray,
         ticks: how many.
     """
     world, onboard = WorldHalf(scenario), OnboardHalf(scenario)
-    width = sum(half.inputs.values())
-    came, went = np.zeros((ticks, width)), {name: np.zeros((ticks, half.outputs[name].size)) for name in COMPARED}
+    came = np.zeros((ticks, sum(half.inputs.values())))
+    went = {name: np.zeros((ticks, half.outputs[name].size)) for name in COMPARED}
     for k in range(ticks):
-        messages, at = world.sample(), 0
-        for box, size in half.inputs.items():
-            said = messages.get(c_name(box), messages.get(port_of(box)))
-            if said is not None:
-                came[k, at : at + size] = said
-            at += size
+        messages = world.sample()
+        came[k] = inputs_of(half, messages)
         onboard.take(messages)
         outputs = onboard.outputs()
         for name in COMPARED:

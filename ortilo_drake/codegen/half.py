@@ -66,8 +66,6 @@ def onboard_half(scenario: Belief) -> Half:
 
 def why_not(element: Element) -> str | None:
     """Return why an element cannot be exported, None if it can."""
-    if element.allocates:
-        return "makes arrays while it flies: nothing is allocated on a vehicle"
     if any({"seed", "seeds"} & {*takes(function)} for function in element.functions.values()):
         return "draws noise"
     return None

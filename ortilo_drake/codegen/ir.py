@@ -27,10 +27,52 @@ GENERIC: Final = {
     "NUMBA_LOOP_VECTORIZE": "0",
     "NUMBA_SLP_VECTORIZE": "0",
 }
-RAISES: Final = re.compile(
-    r"^(?:NRT_(?:incref|decref|Free|MemInfo_call_dtor)|Py\w+|_Py\w+"
-    r"|numba_(?:do_raise|gil_ensure|gil_release|unpickle|runtime_build_excinfo_struct))$"
-)
+RAISES: Final = re.compile(r"^(?:NRT_Free|Py\w+|_Py\w+|numba_(?:unpickle|runtime_build_excinfo_struct|fatal_error))$")
+COUNTED: Final = {"NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_alloc", "NRT_Allocate"}
+ROOM: Final = "ptr %ortilo_room"
+# An array that a function makes stands in the room that its caller lends, see templates/room.c. It is counted who holds
+# it; numba writes that for processors of x86. Text is made only where Python would raise: there is none, so that the
+# function stops. What it would raise has 48 bytes at the room's beginning, and nobody reads it.
+COUNTING: Final = f"""
+declare ptr @ortilo_take(ptr, i64)
+declare void @ortilo_give(ptr, ptr)
+define internal ptr @NRT_MemInfo_alloc_aligned({ROOM}, i64 %size, i32 %align) alwaysinline {{
+  %made = call ptr @ortilo_take({ROOM}, i64 %size)
+  ret ptr %made
+}}
+define internal ptr @NRT_MemInfo_alloc({ROOM}, i64 %size) alwaysinline {{
+  ret ptr null
+}}
+define internal ptr @NRT_Allocate({ROOM}, i64 %size) alwaysinline {{
+  ret ptr %ortilo_room
+}}
+define internal void @NRT_incref({ROOM}, ptr %held) {{
+  %none = icmp eq ptr %held, null
+  br i1 %none, label %done, label %count
+count:
+  %holders = load i64, ptr %held
+  %more = add i64 %holders, 1
+  store i64 %more, ptr %held
+  br label %done
+done:
+  ret void
+}}
+define internal void @NRT_decref({ROOM}, ptr %held) {{
+  %none = icmp eq ptr %held, null
+  br i1 %none, label %done, label %count
+count:
+  %holders = load i64, ptr %held
+  %fewer = sub i64 %holders, 1
+  store i64 %fewer, ptr %held
+  %last = icmp eq i64 %fewer, 0
+  br i1 %last, label %free, label %done
+free:
+  call void @ortilo_give({ROOM}, ptr %held)
+  br label %done
+done:
+  ret void
+}}
+"""
 # numba asks C whether an array can be read in another shape. One whose numbers stand in a row always can.
 RESHAPE: Final = """
 define internal i32 @numba_attempt_nocopy_reshape(i64 %nd, ptr %dims, ptr %strides, i64 %newnd, ptr %newdims,
@@ -75,29 +117,41 @@ def box_ir(box: Box) -> dict[str, str]:
     for what in element.functions:
         its = getattr(module, f"{what}_c")
         symbol = symbol_of(box, what)
-        found[symbol] = neutral(its._library.get_llvm_str(), its._wrapper_name, symbol)
+        found[symbol] = neutral(its._library.get_llvm_str(), what, symbol)
+        if element.name == "own" and makes_arrays(found[symbol]):
+            raise InputError(f"export: {box.name}: {what} makes arrays while it flies; one of one's own must not")
     return found
 
 
-def neutral(ir: str, name: str, symbol: str) -> str:
-    """Return IR of numba for no processor in particular, its function called by another name.
+def makes_arrays(ir: str) -> bool:
+    """Return whether functions make arrays in the room that they are lent."""
+    return "@ortilo_take(" in ir
+
+
+def neutral(ir: str, what: str, symbol: str) -> str:
+    """Return IR of numba for no processor in particular: a function (room, arguments) -> 0, not 0 where it had to stop.
+
+    Args:
+        ir: of a function of C, made of `out` or `step`.
+        what: which of them.
+        symbol: its name.
 
     Raises:
         InputError: if it calls what is not there without Python.
     """
     ir = re.sub(r"^target (?:datalayout|triple) = .*$", "", ir, flags=re.M)
     ir = re.sub(r'"(?:target-cpu|target-features|tune-cpu)"="[^"]*"', "", ir)
-    ir = ir.replace(f'@"{name}"', f"@{symbol}").replace(f"@{name}(", f"@{symbol}(")
     if "declare double @sqrt(double)" in ir:  # the processor's own, exact on all of them
         ir = re.sub(r"call ((?:\w+ )*?)double @sqrt\(", r"call \1double @llvm.sqrt.f64(", ir)
         ir = re.sub(r"declare double @(?:llvm\.sqrt\.f64|sqrt)\(double.*", "", ir)
         ir += "\ndeclare double @llvm.sqrt.f64(double)\n"
-    lines, skipping = list[str](), False
+    # Pointers have eight bytes in what is laid out, as the IR's offsets have them.
+    ir = re.sub(r"alloca \{[^}]*\}", lambda found: re.sub(r"\bptr\b", "i64", found[0]), ir)
+    lines, skipping, makes = list[str](), False, False
     for line in ir.splitlines():
-        defined = re.match(r'define .*?@"?(NRT_\w+)"?\(', line)
+        defined = re.match(r'define .*?@"?((?:NRT_|cfunc\.)\w+)"?', line)
         declared = re.match(r'declare (.*?)@"?([\w.]+)"?\((.*)\)', line)
         if defined:
-            lines += [f"define linkonce_odr void @{defined[1]}(ptr %0) alwaysinline {{", "  ret void", "}"]
             skipping = True
         elif skipping:
             skipping = line != "}"
@@ -106,11 +160,37 @@ def neutral(ir: str, name: str, symbol: str) -> str:
             lines += [f"define internal {said} @{declared[2]}({declared[3]}) {{", "  unreachable", "}"]
         elif declared and declared[2] == "numba_attempt_nocopy_reshape":
             lines.append(RESHAPE)
+        elif declared and declared[2] in COUNTED:
+            makes = True
+        elif declared and re.match(r"NRT_MemInfo_call_dtor|numba_(?:do_raise|gil_ensure|gil_release)", declared[2]):
+            pass
         elif declared and re.match(r"NRT_|numba_|_?Py", declared[2]):
             raise InputError(f"export: {symbol}: calls {declared[2]}: needs Python, or memory while it flies")
         elif not (declared and declared[2].startswith("llvm.x86.")):
             lines.append(line)
-    return "\n".join(lines)
+    ir = "\n".join(lines)
+    makes |= "@NRT_" in ir
+    return with_room(ir, what, symbol) + (COUNTING if makes else "")
+
+
+def with_room(ir: str, what: str, symbol: str) -> str:
+    """Return IR in which every function takes the room as well, and what of Python calls `what` has its name in C."""
+    head = re.search(rf'^define [^@]*@"?(_ZN\w*?\d+{what}_c\w*)"?\((.*)\)', ir, flags=re.M)
+    assert head is not None, symbol
+    names = {*re.findall(r'^define [^@]*@"?([\w.]+)"?\(', ir, flags=re.M)}
+    names = {name for name in names if name.startswith(("_ZN", "__excinfo"))} | COUNTED
+    taking = re.compile(r'@"?([\w.]+)"?\((?=(\)?))')
+    ir = taking.sub(lambda at: f"@{at[1]}({ROOM}{'' if at[2] else ', '}" if at[1] in names else at[0], ir)
+    taken = re.findall(r"(ptr|i64) (?:[^%,]*(?:\([^)]*\))?[^%,]*)?(%[\w.]+)", head[2])[2:]
+    said = "".join(f", {kind} {name}" for kind, name in taken)
+    return f"""{ir}
+define i32 @{symbol}({ROOM}{said}) {{
+  %ortilo_said = alloca i64
+  %ortilo_why = alloca i64
+  %ortilo_status = call i32 @{head[1]}({ROOM}, ptr %ortilo_said, ptr %ortilo_why{said})
+  ret i32 %ortilo_status
+}}
+"""
 
 
 @lru_cache(maxsize=4)

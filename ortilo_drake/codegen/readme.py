@@ -21,7 +21,7 @@ state, no exceptions; two halves may run side by side.
     static ortilo half;                       /* {ram} bytes */
     ortilo_init(&half, NULL);
     for (;;) {{                                /* {rate:.6g} times a second */
-        ortilo_tick(&half, &inputs, &outputs);
+        ortilo_tick(&half, &inputs, &outputs);  /* 0, or how many functions had to stop */
     }}
 
 A message that did not arrive has `arrived` 0. Its `stamp` counts from tick 0. Every tick takes {inputs} and

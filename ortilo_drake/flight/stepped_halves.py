@@ -124,7 +124,6 @@ class OnboardHalf:
         plan = trajectory or planned(scenario)
         self._path = plan if isinstance(plan, Trajectory) else None
         self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True, fused=fused)
-        self._simulator = Simulator(self._diagram)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]
         self._ports = {port.get_name(): port for port in ports}
         self._absent = {
@@ -133,7 +132,12 @@ class OnboardHalf:
             if port.get_data_type() == PortDataType.kVectorValued
         }
         self._outputs = {name: self._diagram.GetOutputPort(name) for name in output_sizes(scenario.measurement)}
-        self._h, self._k, self._yaw = scenario.h, 0, scenario.yaw
+        self._h, self._yaw = scenario.h, scenario.yaw
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew, at tick 0."""
+        self._simulator, self._k = Simulator(self._diagram), 0
         self.take({})
         if self._path is not None:
             self.fly_path(self._path)

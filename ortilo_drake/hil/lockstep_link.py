@@ -6,11 +6,11 @@ flight.
 
 import time
 from collections.abc import Callable
-from typing import Final
+from typing import Final, Protocol
 
 from ortilo_drake.flight.lockstep import Ask
 from ortilo_drake.flight.signals import Record
-from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals
+from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, answer_to
 from ortilo_drake.hil.wire.greeter import Greeter
 from ortilo_drake.hil.wire.handshake import PATIENCE
@@ -22,6 +22,19 @@ from ortilo_drake.model.typed_yaml import InputError
 
 SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30
 POLL_MS: Final = 10
+
+
+class StepsTicks(Protocol):
+    """An onboard half that is stepped tick by tick, as flight.stepped_halves.OnboardHalf."""
+
+    def take(self, messages: Signals) -> None:
+        """Take this tick's messages."""
+
+    def outputs(self) -> Signals:
+        """Return every signal of this tick."""
+
+    def advance(self) -> None:
+        """Go on to the next tick."""
 
 
 def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
@@ -55,7 +68,7 @@ def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
 
 
 def answer_over_link(
-    onboard: OnboardHalf,
+    onboard: StepsTicks,
     outbox: Outbox,
     inbox: Inbox,
     progress: Callable[[int], None] | None = None,

@@ -12,7 +12,7 @@ from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.goals.goal_planner import GoalPlanner
 from ortilo_drake.hil.goals.goals import Goals
-from ortilo_drake.hil.lockstep_link import answer_over_link, ask_over_link
+from ortilo_drake.hil.lockstep_link import StepsTicks, answer_over_link, ask_over_link
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
 from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
@@ -26,7 +26,7 @@ from ortilo_drake.hil.wire.handshake import meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import FINISHED, ports
 from ortilo_drake.hil.wire.wire import Outbox
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import InputError, Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; each may be lost
 FAREWELL_EVERY = 0.02  # [s]: apart, so that one burst of losses does not take them all
@@ -117,11 +117,12 @@ def run_onboard(
     checkpoint: Path | None = None,
     say: Callable[[str], None] = print,
     planner: GoalPlanner | None = None,
+    exported: StepsTicks | None = None,
 ) -> OnboardReport:
     """Fly one flight as a scenario's onboard half; return a report.
 
     Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
-    answered. Call warm_up before.
+    answered. Exported is what flies in lockstep in place of the onboard half of this process. Call warm_up before.
     """
     with no_collecting(), open_bus(url) as bus:
         inbox = Inbox(bus, ("hello", "goal", "tick", *ports()), key)
@@ -131,7 +132,9 @@ def run_onboard(
         met = meet_world(bus, inbox, scenario, key, wait, session_of(checkpoint) if checkpoint else 0)
         outbox = Outbox(bus, met.flight.session, met.flight.key)
         if met.lockstep:
-            ticks, real_time = answer_over_link(in_lockstep, outbox, inbox, progress, record), None
+            ticks, real_time = answer_over_link(exported or in_lockstep, outbox, inbox, progress, record), None
+        elif exported:
+            raise InputError("--exported: flies in lockstep; start the world with --lockstep")
         else:
             goals = Goals(scenario, planner) if planner else None
             done = answer_in_real_time(

@@ -1,6 +1,7 @@
 """Linear equations of small positive definite matrices, in place, for compiled loops: S = L L^T (Cholesky)."""
 
 import numpy as np
+from numba import njit
 from numba.extending import register_jitable
 
 
@@ -61,3 +62,31 @@ def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
         e[i] *= root
         squared += e[i] * e[i]
     return squared
+
+
+@njit(cache=True)
+def scaled_inverse(N: np.ndarray, regular: float = 1e-12) -> tuple[bool, np.ndarray]:
+    """Return whether a symmetric N >= 0 (n x n) is far enough from singular, and N^-1.
+
+    Unknowns of different units are compared by N scaled to a diagonal of ones, whose determinant must exceed `regular`.
+    """
+    n = N.shape[0]
+    scale, scaled = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        if not N[i, i] > 0.0:
+            return False, np.zeros((n, n))
+        scale[i] = 1.0 / np.sqrt(N[i, i])
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = scale[i] * N[i, j] * scale[j]
+    inverse = np.eye(n)
+    solve_in_place(scaled, inverse)  # scaled is its L then
+    determinant = 1.0
+    for i in range(n):
+        determinant *= scaled[i, i] ** 2
+    if not determinant > regular:  # NaN where N is not positive definite
+        return False, np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = scale[i] * 0.5 * (inverse[i, j] + inverse[j, i]) * scale[j]
+    return True, scaled

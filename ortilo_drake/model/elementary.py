@@ -1,9 +1,12 @@
-"""Sine, cosine, exp and log of the onboard half, of sums and products alone: the same bits on every processor.
+"""Sine, cosine, arctangent, exponential and logarithm of the onboard half, of sums, products and quotients alone.
+
+They have the same bits on every processor.
 
 Mathematical libraries differ in the last bit. What flies here and what is exported to a vehicle (codegen/) must not.
 The argument is reduced by pi / 2 in three parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980);
 the polynomials are those of Sun's fdlibm. Errors are below 1 ulp for |x| < LARGE. Beyond, whole turns are taken off
 with the rounding of x itself, and beyond SENSELESS, where two neighbouring numbers are 0.1 rad apart, both are NaN.
+Arctangent and exponential are fdlibm's as well, with errors below 1.5 ulp and 1 ulp.
 """
 
 from collections.abc import Callable
@@ -23,41 +26,21 @@ S_1, S_2, S_3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.9841
 S_4, S_5, S_6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 C_1, C_2, C_3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 C_4, C_5, C_6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
-LN_2: Final = 6.93147180559945286227e-01
-TOO_SMALL: Final = -700.0  # exp of less counts as 0
-
-
-@register_jitable
-def exp(x: float) -> float:
-    """Return e to the power of x <= 0, to about 1e-15 relative; 0 below TOO_SMALL, NaN of NaN."""
-    if not x >= TOO_SMALL:
-        return 0.0 if x < TOO_SMALL else np.nan
-    halvings = int(0.5 - x / LN_2)
-    r, term, total = x + float(halvings) * LN_2, 1.0, 1.0
-    for i in range(1, 15):
-        term *= r / float(i)
-        total += term
-    for _ in range(halvings):
-        total *= 0.5
-    return total
-
-
-@register_jitable
-def log(x: float) -> float:
-    """Return the natural logarithm of a finite x > 0, to about 1e-15; NaN of any other."""
-    if not 0.0 < x < np.inf:
-        return np.nan
-    halvings = 0
-    while x > 1.5:
-        x, halvings = 0.5 * x, halvings + 1
-    while x < 0.75:
-        x, halvings = 2.0 * x, halvings - 1
-    f = (x - 1.0) / (x + 1.0)
-    square, term, total = f * f, f, f
-    for i in range(3, 26, 2):
-        term *= square
-        total += term / float(i)
-    return 2.0 * total + float(halvings) * LN_2
+# atan(1/2), atan(1), atan(3/2), atan(inf): high and low parts; coefficients of its polynomial, and pi's low part.
+AT_1, AT_2, AT_3, AT_4 = 4.63647609000806093515e-01, np.pi / 4.0, 9.82793723247329054082e-01, np.pi / 2.0
+LO_1, LO_2 = 2.26987774529616870924e-17, 3.06161699786838301793e-17
+LO_3, LO_4 = 1.39033110312309984516e-17, 6.12323399573676603587e-17
+A_0, A_1, A_2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
+A_3, A_4, A_5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
+A_6, A_7, A_8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
+A_9, A_10 = -3.65315727442169155270e-02, 1.62858201153657823623e-02
+FAR = 1.0e18  # a point so much farther from one axis than from the other lies on it
+PI_LOW = 1.2246467991473531772e-16
+# ln 2 in two parts, whole multiples of the first of which are exact; 1 / ln 2; the exponential's polynomial and range.
+LN_2, LN_2_LOW, PER_LN_2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700e00
+E_1, E_2, E_3 = 1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05
+E_4, E_5 = -1.65339022054652515390e-06, 4.13813679705723846039e-08
+HIGHEST, LOWEST = 709.782712893383973096, -745.13321910194110842
 
 
 @register_jitable
@@ -105,6 +88,66 @@ def sine(x: float, ahead: int) -> float:
     return value if quarter < 2 else -value
 
 
+@register_jitable
+def arctangent(x: float) -> float:
+    """Return the arctangent of x >= 0."""
+    if x < 0.4375:
+        u, high, low = x, 0.0, 0.0
+    elif x < 0.6875:
+        u, high, low = (2.0 * x - 1.0) / (2.0 + x), AT_1, LO_1
+    elif x < 1.1875:
+        u, high, low = (x - 1.0) / (x + 1.0), AT_2, LO_2
+    elif x < 2.4375:
+        u, high, low = (x - 1.5) / (1.0 + 1.5 * x), AT_3, LO_3
+    else:
+        u, high, low = -1.0 / x, AT_4, LO_4
+    z = u * u
+    w = z * z
+    even = z * (A_0 + w * (A_2 + w * (A_4 + w * (A_6 + w * (A_8 + w * A_10)))))
+    odd = w * (A_1 + w * (A_3 + w * (A_5 + w * (A_7 + w * A_9))))
+    return high - ((u * (even + odd) - low) - u)
+
+
+@register_jitable
+def angle_of(y: float, x: float) -> float:
+    """Return the angle of the point (x, y) [rad]; infinite numbers are taken for equal ones."""
+    if not (x == x and y == y):
+        return np.nan
+    a, b = abs(x), abs(y)
+    if a == np.inf and b == np.inf:
+        a, b = 1.0, 1.0
+    if b > a * FAR:
+        return np.copysign(AT_4, y)
+    angle = arctangent(b / a) if b > 0.0 else 0.0
+    if np.copysign(1.0, x) < 0.0:
+        angle = np.pi - (angle - PI_LOW)
+    return np.copysign(angle, y)
+
+
+@register_jitable
+def power_of_two(n: int) -> float:
+    """Return 2^n."""
+    value, factor = 1.0, 2.0 if n > 0 else 0.5
+    for _ in range(abs(n)):
+        value *= factor
+    return value
+
+
+@register_jitable
+def exponential(x: float) -> float:
+    """Return e^x."""
+    if not LOWEST <= x <= HIGHEST:
+        return np.inf if x > HIGHEST else 0.0 if x < LOWEST else np.nan
+    k = int(PER_LN_2 * x + (0.5 if x >= 0.0 else -0.5))
+    high, low = x - float(k) * LN_2, float(k) * LN_2_LOW
+    r = high - low
+    t = r * r
+    c = r - t * (E_1 + t * (E_2 + t * (E_3 + t * (E_4 + t * E_5))))
+    y = 1.0 - ((low - (r * c) / (2.0 - c)) - high)
+    half = k // 2
+    return y * power_of_two(half) * power_of_two(k - half)
+
+
 def sin(x: Any) -> Any:
     """Return the sine of a number [rad]; of AutoDiffXd and Expression their own."""
     return sine(float(x), 0) if isinstance(x, float) else np.sin(x)
@@ -123,3 +166,41 @@ def _compiled_sin(x: Any) -> Callable[[Any], Any]:
 @overload(cos, strict=False)
 def _compiled_cos(x: Any) -> Callable[[Any], Any]:
     return lambda x: sine(x, 1)
+
+
+def arctan2(y: Any, x: Any) -> Any:
+    """Return the angle of the point (x, y) [rad]; of AutoDiffXd and Expression their own."""
+    return angle_of(float(y), float(x)) if isinstance(x, float) and isinstance(y, float) else np.arctan2(y, x)
+
+
+def exp(x: Any) -> Any:
+    """Return e^x of a number; of AutoDiffXd and Expression their own."""
+    return exponential(float(x)) if isinstance(x, float) else np.exp(x)
+
+
+@overload(arctan2, strict=False)
+def _compiled_arctan2(y: Any, x: Any) -> Callable[[Any, Any], Any]:
+    return lambda y, x: angle_of(y, x)
+
+
+@overload(exp, strict=False)
+def _compiled_exp(x: Any) -> Callable[[Any], Any]:
+    return lambda x: exponential(x)
+
+
+@register_jitable
+def log(x: float) -> float:
+    """Return the natural logarithm of a finite x > 0, to about 1e-15; NaN of any other."""
+    if not 0.0 < x < np.inf:
+        return np.nan
+    halvings = 0
+    while x > 1.5:
+        x, halvings = 0.5 * x, halvings + 1
+    while x < 0.75:
+        x, halvings = 2.0 * x, halvings - 1
+    f = (x - 1.0) / (x + 1.0)
+    square, term, total = f * f, f, f
+    for i in range(3, 26, 2):
+        term *= square
+        total += term / float(i)
+    return (2.0 * total + float(halvings) * LN_2_LOW) + float(halvings) * LN_2

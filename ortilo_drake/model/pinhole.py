@@ -21,6 +21,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.elementary import cos, sin
+
 Point = tuple[float, float, float]
 Sines = tuple[float, float, float, float]
 
@@ -120,7 +122,7 @@ def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float,
 @register_jitable
 def sines(rpy: np.ndarray) -> Sines:
     """Return sin phi, cos phi, sin theta, cos theta of roll, pitch, yaw (3)."""
-    return np.sin(rpy[0]), np.cos(rpy[0]), np.sin(rpy[1]), np.cos(rpy[1])
+    return sin(rpy[0]), cos(rpy[0]), sin(rpy[1]), cos(rpy[1])
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Sine, cosine, exp and log against mpmath at 60 digits."""
+"""Sine, cosine, arctangent, exponential and logarithm against mpmath at 60 digits."""
 
 import math
 
@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from numba import njit
 
-from ortilo_drake.model.elementary import LARGE, cos, exp, log, sin
+from ortilo_drake.model.elementary import LARGE, arctan2, cos, exp, log, power_of_two, sin
 
 ANGLES = (
     st.floats(-LARGE, LARGE) | st.floats(-10.0, 10.0) | st.integers(-400_000, 400_000).map(lambda n: n * np.pi / 2.0)
@@ -46,21 +46,63 @@ def test_of_many_turns_they_are_on_the_unit_circle(x: float) -> None:
     assert compiled(-x) == (-sin(x), cos(x))
 
 
+SIGNED = (0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan)
+
+
 @njit
-def compiled_exp_and_log(x: float, y: float) -> tuple[float, float]:
-    return exp(x), log(y)
+def more_compiled(y: float, x: float) -> tuple[float, float]:
+    return arctan2(y, x), exp(x)
 
 
-@given(st.floats(-699.0, 0.0), st.floats(1e-300, 1e300))
-@example(0.0, 1.0)
-@example(-1e-300, 1.5)
-def test_exp_and_log_are_right_to_fifteen_digits_and_the_same_compiled(x: float, y: float) -> None:
+@given(st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0), st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0))
+@example(1.0, 5e-324)
+def test_the_angle_is_right_to_an_ulp_and_a_half_and_the_same_compiled(y: float, x: float) -> None:
     with mpmath.workdps(60):
-        assert abs(exp(x) / mpmath.exp(x) - 1) < 1e-15 * (2.0 - x)
-        assert abs(log(y) - mpmath.log(y)) < 1e-15 * (1.0 + abs(mpmath.log(y)))
-    assert compiled_exp_and_log(x, y) == (exp(x), log(y))
+        its = mpmath.atan2(y, x)
+        assert abs(mpmath.mpf(arctan2(y, x)) - its) <= 1.5 * math.ulp(float(its)) + 5e-324
+    assert more_compiled(y, x)[0] == arctan2(y, x)
 
 
-def test_exp_and_log_end_where_they_have_no_number() -> None:
-    assert exp(-701.0) == exp(-np.inf) == 0.0
-    assert np.isnan([log(0.0), log(-1.0), log(np.inf), log(np.nan), *compiled_exp_and_log(np.nan, np.nan)]).all()
+@pytest.mark.parametrize("y", SIGNED)
+@pytest.mark.parametrize("x", SIGNED)
+def test_the_angle_of_what_lies_on_an_axis_or_at_infinity_is_numpys(y: float, x: float) -> None:
+    found, its = arctan2(y, x), np.arctan2(y, x)
+    assert np.array_equal(found, its, equal_nan=True)
+    assert np.isnan(its) or np.signbit(found) == np.signbit(its)
+
+
+@given(st.floats(-700.0, 700.0) | st.floats(-2.0, 2.0))
+def test_the_exponential_is_right_to_an_ulp_and_the_same_compiled(x: float) -> None:
+    with mpmath.workdps(60):
+        its = mpmath.exp(x)
+        assert abs(mpmath.mpf(exp(x)) - its) <= math.ulp(float(its))
+    assert more_compiled(1.0, x)[1] == exp(x)
+
+
+@pytest.mark.parametrize("x", [np.inf, -np.inf, np.nan, 709.7, 710.0, -746.0, 0.0])
+def test_the_exponential_at_its_ends_is_numpys(x: float) -> None:
+    with np.errstate(over="ignore", under="ignore"):
+        np.testing.assert_allclose(exp(x), np.exp(x), rtol=1e-15)
+
+
+@pytest.mark.parametrize("n", [0, 1, -1, 10, -30, 1023, -1074])
+def test_powers_of_two_are_exact(n: int) -> None:
+    assert power_of_two(n) == math.ldexp(1.0, n)
+
+
+@njit
+def compiled_log(x: float) -> float:
+    return log(x)
+
+
+@given(st.floats(1e-300, 1e300) | st.floats(0.5, 2.0))
+@example(1.0)
+@example(1.5)
+def test_the_logarithm_is_right_to_fifteen_digits_and_the_same_compiled(x: float) -> None:
+    with mpmath.workdps(60):
+        assert abs(log(x) - mpmath.log(x)) < 1e-15 * (1.0 + abs(mpmath.log(x)))
+    assert compiled_log(x) == log(x)
+
+
+def test_the_logarithm_ends_where_it_has_no_number() -> None:
+    assert np.isnan([log(0.0), log(-1.0), log(np.inf), log(np.nan), compiled_log(np.nan)]).all()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from seen_landmarks import CAMERA, EXACT, POINTS, boxes, centers, covariance, solve, state
 
+from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import ATTITUDE_CAMERA
 from ortilo_drake.model.measurement import CAMERA as CAMERA_ROWS
@@ -13,7 +14,7 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
 from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
-from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD, known_attitude, known_tilt, pose, scaled_inverse
+from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD, known_attitude, known_tilt, pose
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
 from ortilo_drake.scenario import IntermittentFilter, load_scenario
 

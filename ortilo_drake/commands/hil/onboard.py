@@ -58,6 +58,10 @@ def onboard(
     keep: Annotated[
         bool, typer.Option("--keep-alive", help="Start again at once whenever the process that flies is killed.")
     ] = False,
+    exported: Annotated[
+        Path | None,
+        typer.Option(help="In lockstep, fly what `ortilo export` wrote to this folder; emulated if need be."),
+    ] = None,
     profile: Annotated[
         bool, typer.Option("--profile", help="Time each block on this machine, without a world, and end.")
     ] = False,
@@ -67,9 +71,12 @@ def onboard(
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if profile and (keep or log or checkpoint):
         raise InputError("--profile: flies with no world; leave --keep-alive, --log and --checkpoint out")
+    if exported and (profile or keep or checkpoint):
+        raise InputError("--exported: flies in lockstep; leave --profile, --keep-alive and --checkpoint out")
     if keep and log:
         raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
     check_writable(json_file, checkpoint)
+    from ortilo_drake.codegen.exported_half import ExportedHalf
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.hil.goals.goal_planner import GoalPlanner
     from ortilo_drake.hil.real_time.warm_up import warm_up
@@ -93,13 +100,14 @@ def onboard(
         with contextlib.ExitStack() as stack:
             writer = stack.enter_context(LogWriter(log, chosen)) if log else None
             record = UntilItFails(writer.write_tick, say_error) if writer else None
+            half = stack.enter_context(ExportedHalf(chosen, exported)) if exported else None
             bar = stack.enter_context(progress_bar())
             task = bar.add_task("onboard", total=ticks)
 
             def show(k: int) -> None:
                 bar.update(task, completed=k)
 
-            report = run_onboard(chosen, url, secret, wait, show, record, checkpoint, say_error, planner)
+            report = run_onboard(chosen, url, secret, wait, show, record, checkpoint, say_error, planner, half)
             write_json(json_file, report.lines())
             show_report(report.lines())
         if record and record.error:

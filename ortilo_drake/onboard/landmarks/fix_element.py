@@ -6,6 +6,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.elementary import power_of_two
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
@@ -44,7 +45,7 @@ def boxes_out(
     if message[ARRIVED] != 1.0:
         return
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
-    boxes = boxes_to_solve(message, xhat, P, believed, 2.0 ** refused[0])
+    boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
     put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
@@ -63,7 +64,7 @@ def cosines_out(
     if message[ARRIVED] != 1.0:
         return
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
-    boxes = boxes_to_solve(message, xhat, P, believed, 2.0 ** refused[0])
+    boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
     solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual)
     put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 

@@ -29,10 +29,12 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.cholesky import solve_in_place
+from ortilo_drake.model.cholesky import scaled_inverse
+from ortilo_drake.model.elementary import power_of_two
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
 from ortilo_drake.model.placing import fill
+from ortilo_drake.model.products import product, times
 from ortilo_drake.onboard.landmarks.landmark_association import innovation_covariance, pose_covariance, squared_distance
 
 _ITERATIONS = 30
@@ -56,46 +58,6 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
     d, e = N[0, 0] * N[2, 2] - N[0, 2] ** 2, N[0, 1] * N[0, 2] - N[0, 0] * N[1, 2]
     g = N[0, 0] * N[1, 1] - N[0, 1] ** 2
     return True, np.array(((a, b, c), (b, d, e), (c, e, g))) / determinant
-
-
-@njit(cache=True)
-def scaled_inverse(N: np.ndarray) -> tuple[bool, np.ndarray]:
-    """Return whether a symmetric N >= 0 (n x n) is far enough from singular, and N^-1.
-
-    Unknowns of different units are compared by N scaled to a diagonal of ones.
-    """
-    n = N.shape[0]
-    scale, scaled = np.empty(n), np.empty((n, n))
-    for i in range(n):
-        if not N[i, i] > 0.0:
-            return False, np.zeros((n, n))
-        scale[i] = 1.0 / np.sqrt(N[i, i])
-    for i in range(n):
-        for j in range(n):
-            scaled[i, j] = scale[i] * N[i, j] * scale[j]
-    inverse = np.eye(n)
-    solve_in_place(scaled, inverse)  # scaled is its L then
-    determinant = 1.0
-    for i in range(n):
-        determinant *= scaled[i, i] ** 2
-    if not determinant > _REGULAR:  # NaN where N is not positive definite
-        return False, np.zeros((n, n))
-    for i in range(n):
-        for j in range(n):
-            scaled[i, j] = scale[i] * 0.5 * (inverse[i, j] + inverse[j, i]) * scale[j]
-    return True, scaled
-
-
-@register_jitable
-def times(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return A b. BLAS sums three terms alike on every processor; more of them it does not, so they are summed here."""
-    if A.shape[1] == 3:
-        return A @ b
-    c = np.zeros(A.shape[0])
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            c[i] += A[i, j] * b[j]
-    return c
 
 
 @register_jitable
@@ -164,16 +126,16 @@ def pose_from_boxes(
                 return nothing
             if converged:
                 break
-            step, shrunk, length = times(N_inverse, b), min(1.0, 2.0 ** (5 - iteration)), 0.0
+            step, shrunk, length = times(N_inverse, b), min(1.0, power_of_two(5 - iteration)), 0.0
             for j in range(m):
                 pose[order[j]] += shrunk * step[j]
                 length += (shrunk * step[j]) ** 2
             converged = np.sqrt(length) < _CONVERGED
         if not converged:
             return nothing
-        G = N_inverse @ B
-        G_P_a = G @ P_a
-        G_P_a_G = G_P_a @ np.ascontiguousarray(G.T)
+        G = product(N_inverse, B)
+        G_P_a = product(G, P_a)
+        G_P_a_G = product(G_P_a, G.T)
         for j in range(m):
             for k in range(m):
                 Q[j, k] = G_P_a_G[j, k] - least**2 * N_inverse[j, k]

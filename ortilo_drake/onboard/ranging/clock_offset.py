@@ -11,6 +11,8 @@ from one message to the next.
 import numpy as np
 from numba.extending import register_jitable
 
+from ortilo_drake.model.cholesky import scaled_inverse
+from ortilo_drake.model.products import product, times
 from ortilo_drake.model.scalars import solve, values_of
 from ortilo_drake.onboard.ranging.range_equations import MAX_SD, MIN_SD
 from ortilo_drake.onboard.ranging.range_least_squares import STEP
@@ -80,10 +82,10 @@ def fit_with_offset(
     cost, N, g, new = offset_equations(z, ranges, used, anchors, noise, clock)
     nothing = (np.inf, p_start.copy(), np.zeros((3, 3)), clock)
     for _ in range(STEPS):
-        scale = np.sqrt(np.diag(N))
-        if not (np.all(scale > 0.0) and np.linalg.det(N / np.outer(scale, scale)) > REGULAR):
+        regular, inverse = scaled_inverse(N, REGULAR)
+        if not regular:
             return nothing
-        step = np.linalg.solve(N, g)
+        step = times(inverse, g)
         short = np.sum(step**2) < STEP**2
         tried = offset_equations(z + step, ranges, used, anchors, noise, clock)
         for _ in range(HALVINGS):
@@ -96,8 +98,8 @@ def fit_with_offset(
         z = z + step
         cost, N, g, new = tried
         if short:
-            inverse = np.linalg.inv(N)
-            C = (inverse @ new @ inverse)[:3, :3]
+            inverse = scaled_inverse(N, 0.0)[1]
+            C = product(product(inverse, new), inverse)[:3, :3]
             if not C[0, 0] + C[1, 1] + C[2, 2] <= MAX_SD**2:
                 return nothing
             sd = np.sqrt(inverse[3, 3])

@@ -29,7 +29,9 @@ from numba import njit
 
 from ortilo_drake.loop.plain import instead_of
 from ortilo_drake.model.cholesky import squared_norm_in_place
+from ortilo_drake.model.elementary import exp
 from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.products import product, times
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.gate import squared_gate
@@ -160,13 +162,13 @@ def judge(
         P = beliefs[j, n:].copy().reshape(n, n)[:N, :N].copy()
         V = V2[block[j] : block[j + 1]].copy().reshape(m, m)
         scale = min(max(1.0, state[j, AVERAGE] / tolerates), most)
-        e = y[first[j] : first[j + 1]] - rows @ beliefs[j, :N]
-        CPCt = rows @ P @ rows.T
+        e = y[first[j] : first[j + 1]] - times(rows, beliefs[j, :N])
+        CPCt = product(product(rows, P), rows.T)
         plain, squared = squared_distances(e, CPCt, V, scale)
         if squared <= gates[j]:
             factors[j] = scale * weight_of(squared, m, huber, dof)
             since = t - state[j, LAST]
-            share = 1.0 - np.exp(-since / time)
+            share = 1.0 - exp(-since / time)
             state[j, SINCE] = NEVER
             state[j, AVERAGE] += share * (plain / m - state[j, AVERAGE])
             state[j, LAST] = t
@@ -174,7 +176,7 @@ def judge(
                 if sees[j, i]:
                     seen[i] = t
             if j == watched and since > 0.0:
-                alpha = 1.0 - np.exp(-since / drift)
+                alpha = 1.0 - exp(-since / drift)
                 mean += alpha * (e - mean)
                 if squared_norm_in_place(CPCt + scale * V, mean.copy()) * (2.0 - alpha) / alpha > gates[j]:
                     mean, opens = np.zeros(3), OPEN_RATES

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.cholesky import forward_in_place
+from ortilo_drake.model.elementary import cos, sin
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
 from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, update
@@ -16,8 +18,8 @@ from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, upda
 @register_jitable
 def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
     """Return E(rpy)^-1 (3, 3): body rates to Euler rates; singular at theta = +-pi/2."""
-    s, c, t = np.sin(rpy[0]), np.cos(rpy[0]), np.tan(rpy[1])
-    k = 1.0 / np.cos(rpy[1])
+    s, c, k = sin(rpy[0]), cos(rpy[0]), 1.0 / cos(rpy[1])
+    t = sin(rpy[1]) * k
     return np.array(((1.0, s * t, c * t), (0.0, c, -s), (0.0, s * k, c * k)))
 
 
@@ -97,7 +99,8 @@ def take_fix(
         huber: see update.
     """
     m = value.size
-    L = np.linalg.cholesky(covariance)
+    L = covariance.copy()
+    forward_in_place(L, np.empty((m, 0)), m)
     where, PHt, used, taken = np.arange(12), np.empty(C.shape[0]), False, none_taken(m, C.shape[0])
     for k in range(m):
         rpy = angles_of(x[Q : Q + 4])

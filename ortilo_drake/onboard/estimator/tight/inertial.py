@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.elementary import arctan2, cos, sin
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL, THETA, P, Q, V
 
@@ -25,8 +26,8 @@ from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL,
 def turn(q: np.ndarray, x: float, y: float, z: float) -> None:
     """Change a unit quaternion to that of R(q) exp([(x, y, z)]x), without an array of its own: it is called often."""
     half = 0.5 * np.sqrt(x * x + y * y + z * z)
-    s = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * np.sin(half) / half
-    b_0, b_1, b_2, b_3 = np.cos(half), s * x, s * y, s * z
+    s = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * sin(half) / half
+    b_0, b_1, b_2, b_3 = cos(half), s * x, s * y, s * z
     w = q[0] * b_0 - q[1] * b_1 - q[2] * b_2 - q[3] * b_3
     i = q[0] * b_1 + q[1] * b_0 + q[2] * b_3 - q[3] * b_2
     j = q[0] * b_2 - q[1] * b_3 + q[2] * b_0 + q[3] * b_1
@@ -59,13 +60,14 @@ def matrix_of(q: np.ndarray) -> np.ndarray:
 @register_jitable
 def quaternion_of(rpy: np.ndarray) -> np.ndarray:
     """Return the unit quaternion of R_z(psi) R_y(theta) R_x(phi)."""
-    c, s = np.cos(0.5 * rpy), np.sin(0.5 * rpy)
+    c_0, c_1, c_2 = cos(0.5 * rpy[0]), cos(0.5 * rpy[1]), cos(0.5 * rpy[2])
+    s_0, s_1, s_2 = sin(0.5 * rpy[0]), sin(0.5 * rpy[1]), sin(0.5 * rpy[2])
     return np.array(
         [
-            c[0] * c[1] * c[2] + s[0] * s[1] * s[2],
-            s[0] * c[1] * c[2] - c[0] * s[1] * s[2],
-            c[0] * s[1] * c[2] + s[0] * c[1] * s[2],
-            c[0] * c[1] * s[2] - s[0] * s[1] * c[2],
+            c_0 * c_1 * c_2 + s_0 * s_1 * s_2,
+            s_0 * c_1 * c_2 - c_0 * s_1 * s_2,
+            c_0 * s_1 * c_2 + s_0 * c_1 * s_2,
+            c_0 * c_1 * s_2 - s_0 * s_1 * c_2,
         ]
     )
 
@@ -77,9 +79,9 @@ def angles_of(q: np.ndarray) -> np.ndarray:
     sine = min(1.0, max(-1.0, 2.0 * (w * y - z * x)))
     return np.array(
         [
-            np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            np.arcsin(sine),
-            np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+            arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            arctan2(sine, np.sqrt((1.0 - sine) * (1.0 + sine))),
+            arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
         ]
     )
 

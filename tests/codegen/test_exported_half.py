@@ -1,0 +1,48 @@
+"""An exported half flies a world as Python's does: here, emulated, and on a board behind its serial port."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_object_code import needs
+
+from ortilo_drake.codegen.export import export
+from ortilo_drake.codegen.exported_half import ExportedHalf, programs_of
+from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
+from ortilo_drake.flight.stepped_halves import Signals
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import load_scenario
+
+SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [0.3, 0.2, 1.5]]}"
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("exported")
+
+
+@pytest.mark.parametrize("target", ["x86-64", "aarch64", "cortex-m7"])
+def test_a_flight_in_lockstep_has_the_bits_of_one_in_this_process(target: str, folders: Path) -> None:
+    needs(*programs_of(target))
+    scenario = load_scenario("nominal_imu_uwb", SHORT)
+    export(scenario, target, folders / target, ticks=1)
+    with ExportedHalf(scenario, folders / target) as half:
+
+        def ask(tick: int, messages: Signals) -> Signals:
+            half.take(messages)
+            assert half.stopped == 0
+            return half.outputs()
+
+        flown = fly_lockstep(scenario, ask)
+    its = fly_lockstep(scenario, in_this_process(scenario))
+    for name in its.data_vars:
+        np.testing.assert_array_equal(flown[name].values, its[name].values, err_msg=str(name))
+
+
+def test_a_folder_of_another_scenario_is_refused_in_a_line(folders: Path) -> None:
+    scenario = load_scenario("nominal_imu_uwb", SHORT)
+    with pytest.raises(InputError, match=r"holds no manifest\.json of `ortilo export`"):
+        ExportedHalf(scenario, folders / "nowhere")
+    export(scenario, "x86-64", folders / "other", ticks=1)
+    with pytest.raises(InputError, match="is an export of nominal_imu_uwb with other settings"):
+        ExportedHalf(load_scenario("nominal_imu_uwb"), folders / "other")
