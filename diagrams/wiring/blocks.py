@@ -20,7 +20,7 @@ _COLUMN_OF = {
     **dict.fromkeys(("handler", "robust_gate", "imu_rows", "past"), "handler"),
     **dict.fromkeys(("filter", "known"), "filter"),
 }
-_ONBOARD_OF_SENSOR = ("heard", "past", "about", "sighted", "fix")
+_ONBOARD_OF_SENSOR = ("heard", "past", "about", "sighted", "bank", "fix")
 _SIGNALS = {
     "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P", "known": "x̂, P",
     "belief": "x̂, P", "delta": "Δ", "V2": "V₂", "rotors_felt": "felt", "felt.control": "felt",

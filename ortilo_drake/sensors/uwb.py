@@ -116,7 +116,7 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
 def solver(scenario: Belief, room: Room) -> Box:
     """Return the multilateration; where the survey is learned it reads what was."""
     box = fix_box(scenario.multilateration, room.anchor_positions)
-    return box if scenario.multilateration.bias_bank is None else box.reading(learned="survey_bank")
+    return box if scenario.multilateration.bias_bank is None else box.reading(learned="uwb_bank")
 
 
 def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:

@@ -39,7 +39,7 @@ from ortilo_drake.studies.sensitivity.outcomes import Outcome
 
 SCENARIO = load_scenario("nominal_imu_uwb", seed=3)
 COLUMNS, SEEDS = columns_of(SCENARIO), range(40)
-PLAN = Plan((1.0, 2.0), (0.5, 0.25), 2000, 1, True)
+PLAN = Plan((1.0, 2.0), ((0.5, 0.4), (0.25, 0.2)), 2000, 1, True)
 CLIMB = Climb(0.125, (0.5, 0.25), (0.3, 0.4), 1900, 0)
 COURSES = [Course(7, None, [0.25, 0.5], [3.0, float("nan")]), Course(8, 1.5, [0.25], [2.0])]
 
@@ -261,8 +261,8 @@ def test_tables_that_are_no_chunk_are_told(
         (Climb, '{"probability": 0.5, "kept": [0.5], "accepted": [], "flights": 1.5, "met": 0}', "flights: "),
         (Climb, '{"probability": "0.5", "kept": [], "accepted": [], "flights": 1, "met": 0}', "probability: "),
         (Climb, '{"kept": [], "accepted": [], "flights": 1, "met": 0}', "probability: Field required"),
-        (Plan, '{"levels": [Infinity], "steps": [0.5], "flights": 1, "met": 0, "reached": true}', "levels.0: "),
-        (Plan, '{"levels": [1.0], "steps": [0.5], "flights": 1, "met": true, "reached": true}', "met: "),
+        (Plan, '{"levels": [Infinity], "steps": [[0.5, 0.5]], "flights": 1, "met": 0, "reached": true}', "levels.0: "),
+        (Plan, '{"levels": [1.0], "steps": [[0.5, 0.5]], "flights": 1, "met": true, "reached": true}', "met: "),
         (rare_flights._count_of(range(500)), "501", "less than or equal to 500"),
         (rare_flights._count_of(range(500)), "-1", "greater than or equal to 0"),
         (list[Course], '[{"seed": 1, "lost": -1.0, "square": [], "nees": []}]', "0.lost: "),
@@ -326,7 +326,7 @@ def test_a_damaged_piece_of_a_rare_event_is_flown_again(
     def noted(name: str, result: Any) -> Callable[..., Any]:
         return lambda *_: ran.append(name) or result
 
-    monkeypatch.setattr(rare_flights, "_engine_of", lambda text: SimpleNamespace(drawn={}, ticks=3))
+    monkeypatch.setattr(rare_flights, "_engine_of", lambda text: SimpleNamespace(drawn={}, ticks=3, numbers=3))
     monkeypatch.setattr(rare_flights, "plan_climb", noted("plan", PLAN))
     monkeypatch.setattr(rare_flights, "climb_flights", noted("climb", CLIMB))
     monkeypatch.setattr(rare_flights, "count_flights", noted("count", 0))

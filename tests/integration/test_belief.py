@@ -86,7 +86,11 @@ def test_another_world_leaves_the_belief_as_it_is() -> None:
     assert scenario_digest(one) == scenario_digest(other)
     kept = one.belief.model_dump(mode="json")
     assert not kept.keys() & {"truth", "seed", "world", "command_link", "failsafe", "settle"}
-    for sensor, more in (("imu", {"standstill"}), ("uwb", set()), ("camera", {"kind", "width", "latency"})):
+    for sensor, more in (
+        ("imu", {"standstill"}),
+        ("uwb", {"round", "behind_walls"}),
+        ("camera", {"kind", "width", "latency"}),
+    ):
         assert kept[sensor].keys() == {"link", *more}
         assert kept[sensor]["link"].keys() == {"rate"}
     registered = load_scenario("flow", (*BASE, "altimeter.link={rate: 15.0, loss: 0.1, delay: 2}")).belief

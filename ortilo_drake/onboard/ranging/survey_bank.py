@@ -153,6 +153,4 @@ def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: flo
     learned = np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(6 * n), weights))
     numbers = {"noise": believed_noise(settings), "keeps": np.exp(-period / MEMORY)}
     start, tables = {"learned": learned, "gathered": np.zeros((n, n + 1))}, {"anchors": anchors, "bank": bank}
-    return Box(
-        "survey_bank", BANK, learned.size, Given(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)}
-    )
+    return Box("uwb_bank", BANK, learned.size, Given(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)})
