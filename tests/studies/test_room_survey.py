@@ -210,13 +210,10 @@ def test_a_wrong_table_is_refused(tmp_path: Path, text: str, named: str) -> None
 
 
 def test_ranges_of_a_flight_are_those_of_its_log(tmp_path: Path) -> None:
-    walls, loss, moved = (
-        "uwb={walls: {kind: bias}, behind_walls: used}",
-        "uwb.link.loss=0.3",
-        "truth.survey.anchors_sd=0.1",
-    )
+    walls = ("uwb.walls.kind=bias", "uwb.behind_walls=used")
+    loss, moved = "uwb.link.loss=0.3", "truth.survey.anchors_sd=0.1"
     path = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.7]]}"
-    flight = fly_logged(load_scenario("nominal_imu_uwb", (walls, loss, moved, path), 5), tmp_path / "log")
+    flight = fly_logged(load_scenario("nominal_imu_uwb", (*walls, loss, moved, path), 5), tmp_path / "log")
     scenario = scenario_of(flight)
     messages = flown_messages(scenario, flight["truth"].values)
     logged = logged_messages(tmp_path / "log")
