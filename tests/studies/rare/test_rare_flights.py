@@ -99,7 +99,7 @@ def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
     """
     settings = ("planner={kind: hover, duration: 0.1, point: [8.0, 1.0, 1.0]}", "truth.start.position_sd=0.1")
     goal = 0.1 * float(chi(3).isf(1e-5))
-    found = rare_flights(load_scenario("nominal_imu_uwb", settings), goal, 200, 8, tmp_path, 1)
+    found = rare_flights(load_scenario("nominal_imu_uwb", settings), goal, 800, 8, tmp_path, 1)
     assert found.drawn > 0
     assert found.low < 1e-5 < found.high
     assert found.high < 3e-5
