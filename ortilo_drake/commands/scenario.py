@@ -23,7 +23,7 @@ def list_scenarios() -> None:
     """List the ready-made scenarios with the first line of their description."""
     for name in scenario_names():
         _, first, *_ = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()  # behind the line for editors
-        out.print(f"[bold]{name:22}[/bold]{first.removeprefix('#').strip()}", soft_wrap=True)
+        out.print(f"[bold]{name:23}[/bold]{first.removeprefix('#').strip()}", soft_wrap=True)
 
 
 @scenario_app.command("show")

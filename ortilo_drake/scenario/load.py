@@ -32,7 +32,7 @@ def resolve(name_or_file: str | Path, field: str) -> Path:
     name, known = str(name_or_file), scenario_names()
     shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
     raise InputError(
-        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {', '.join(known)}"
+        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {' '.join(known)}"
     )
 
 

@@ -43,7 +43,7 @@ FLOATS_ALONE: Final = {
     "own_fix flow_fix": "writes its fix to an array of floats",
 }
 # Elements whose values on AutoDiffXd are off by so much: an iteration takes one step more, its last one.
-ITERATES: Final = {"multilateration": 1e-8, "tested_multilateration": 1e-8}
+ITERATES: Final = dict.fromkeys(("multilateration", "learning_multilateration", "tested_multilateration"), 1e-8)
 
 
 class Moment(NamedTuple):

@@ -119,7 +119,8 @@ def differentiable_tested_fix_message(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return tested_fix_message of AutoDiffXd; which ranges fit, and what is known of the clock, are constants."""
     n, values, known = len(anchors), values_of(uwb), values_of(clock).astype(float)
-    fix = consistent_fix(values[2 : 2 + n], values[2 + n :], anchors, noise, values_of(xhat)[:3], known, consistency)
+    sizes = np.asarray(values_of(noise), dtype=float)
+    fix = consistent_fix(values[2 : 2 + n], values[2 + n :], anchors, sizes, values_of(xhat)[:3], known, consistency)
     if not fix.found or fix.unknowns == PLAIN:
         used = np.concatenate((uwb[: 2 + n], fix.used if fix.found else np.zeros(n)))
         return differentiable_fix_message(used, anchors, noise, xhat, False), fix.clock
@@ -152,7 +153,8 @@ def differentiable_fix_message(
     what the curvature of the ranges times their residuals adds (Gauss-Newton), which is 0 without noise.
     """
     values = values_of(uwb)
-    message: np.ndarray = fix_message(values, anchors, noise, values_of(xhat), three).astype(uwb.dtype)
+    sizes = np.asarray(values_of(noise), dtype=float)
+    message: np.ndarray = fix_message(values, anchors, sizes, values_of(xhat), three).astype(uwb.dtype)
     if message[0] == 0.0:
         return message
     p, used, ranges = message[2:5], used_ranges(values, three), uwb[2 : 2 + len(anchors)]
