@@ -29,9 +29,9 @@ def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: ra
 @pytest.mark.egl
 @pytest.mark.parametrize(("name", "camera"), RENDERED)
 def test_rendered_flights_are_what_they_were(name: str, camera: str) -> None:
-    """The detector computes in single precision, whose sums differ between processors.
+    """The detector computes in single precision, whose sums differ between processors: the same code is 0.9 mm apart.
 
     The paper's own filter magnifies that: on one processor its flights by the detector's three backends, which add in
     other orders, are up to 1.6 cm apart.
     """
-    check(name, camera, SEEDS[camera], 5e-2 if name.startswith("paper") else 1e-3)
+    check(name, camera, SEEDS[camera], 5e-2 if name.startswith("paper") else 2e-3)
