@@ -79,17 +79,7 @@ class ExportedHalf:
         self._room = TemporaryDirectory()
         made = Path(self._room.name) / "serve"
         build(Path(folder).resolve(), self.target, TEMPLATES / "serve.c", made, flags)
-        board = (
-            "-M",
-            BOARDS.get(self.target, ""),
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-            "-semihosting",
-            "-serial",
-            "stdio",
-        )
+        board = f"-M {BOARDS.get(self.target)} -display none -monitor none -semihosting -serial stdio".split()
         run = {"qemu-system-arm": [*board, "-kernel"]}.get(EMULATOR.get(self.target, ""), [])
         command = [*([EMULATOR[self.target]] if self.target in EMULATOR else []), *run, str(made)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

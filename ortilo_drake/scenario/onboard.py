@@ -42,7 +42,7 @@ class Multilateration(Frozen):
             what lasts of a fix's error is for estimator.biases.uwb_sd.
         bias_bank: shares of bias_sd [1] between which the ranges' residuals decide in flight, such as [0, 0.4, 1] of
             a survey that may be exact. Fixes then tell the filter how large what lasts of their error is, in the place
-            of estimator.biases.uwb_sd. null believes bias_sd as it is. Only with 'least_squares'.
+            of estimator.biases.uwb_sd. null believes bias_sd as it is. Only with 'least_squares', and without exclude.
         exclude: which ranges are left out because they do not fit the others; null leaves none out. Only with
             'least_squares'.
     """
@@ -63,6 +63,8 @@ class Multilateration(Frozen):
     def _has_what_the_bank_shares(self) -> "Multilateration":
         if self.bias_bank is not None and (self.method != "least_squares" or self.bias_sd == 0.0):
             raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares, and 'least_squares'")
+        if self.bias_bank is not None and self.exclude is not None:
+            raise ValueError(".bias_bank: must be null with exclude: it learns of ranges that are left out, too")
         return self
 
     @model_validator(mode="after")

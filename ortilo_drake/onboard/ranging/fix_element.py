@@ -118,60 +118,18 @@ TESTED = Element(
 )
 
 
-def learning_tested_out(
-    n: Any,
-    message: np.ndarray,
-    belief: np.ndarray,
-    learned: np.ndarray,
-    anchors: np.ndarray,
-    quantiles: np.ndarray,
-    clock: np.ndarray,
-    noise: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Say what learning_out says of those ranges that fit each other, with the clock before what lasts."""
-    fill(out, 0.0)
-    put(clock, out, FIX_SIZE)
-    put_learned_noise(noise, n.noise, learned)
-    if message[ARRIVED] != 0.0:
-        consistency = Consistency(quantiles, n.least, n.share, n.clock != 0)
-        fix, after = tested_fix_message(message, anchors, noise, belief[:N_XBAR], clock, consistency)
-        put(fix, out)
-        put(after, out, FIX_SIZE)
-    say_lasting(out, message, belief, anchors, noise, learned)
-
-
-def learning_tested_step(clock: np.ndarray, out: np.ndarray) -> None:
-    """Keep what is known of the clock."""
-    put(out[FIX_SIZE : FIX_SIZE + 3], clock)
-
-
-LEARNING_TESTED = replace(
-    TESTED,
-    name="learning_tested_multilateration",
-    out=learning_tested_out,
-    step=learning_tested_step,
-    work=(Array("noise"),),
-)
-
-
 def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
     """Return the solver: it reads the uwb message as it lands and the belief about which it is solved (240).
 
     With a bank it reads what is `learned` of the survey too, see survey_bank.py, and says what is `lasting` (6).
     """
-    numbers, tables = {"noise": believed_noise(settings)}, {"anchors": anchors}
-    n, size = len(anchors), FIX_SIZE if settings.exclude is None else FIX_SIZE + 3
-    parts, work = dict[str, tuple[int, int]](), dict[str, tuple[int, ...]]()
-    learns = settings.bias_bank is not None
-    if learns:
-        parts = {"fix": (0, size), "lasting": (size, 6), "sensitivities": (size + 6, 6 * n)}
-        size, work = size + 6 + 6 * n, {"noise": (3,)}
-    if settings.exclude is None:
-        three = {"three": settings.method == "nearest_three"}
-        given, element = Given(numbers | three, tables=tables), LEARNING if learns else FIX
-        return Box("uwb_fix", element, size, given, work | {"used": (n,)}, parts=parts)
-    demands = consistency_of(settings.exclude, n)._asdict()
-    tables["quantiles"] = demands.pop("quantiles")
-    given, element = Given(numbers | demands, {"clock": np.zeros(3)}, tables), LEARNING_TESTED if learns else TESTED
-    return Box("uwb_fix", element, size, given, work, parts=parts)
+    numbers, tables, n = {"noise": believed_noise(settings)}, {"anchors": anchors}, len(anchors)
+    if settings.exclude is not None:
+        demands = consistency_of(settings.exclude, n)._asdict()
+        tables["quantiles"] = demands.pop("quantiles")
+        return Box("uwb_fix", TESTED, FIX_SIZE + 3, Given(numbers | demands, {"clock": np.zeros(3)}, tables))
+    given = Given(numbers | {"three": settings.method == "nearest_three"}, tables=tables)
+    if settings.bias_bank is None:
+        return Box("uwb_fix", FIX, FIX_SIZE, given, {"used": (n,)})
+    parts = {"fix": (0, FIX_SIZE), "lasting": (FIX_SIZE, 6), "sensitivities": (FIX_SIZE + 6, 6 * n)}
+    return Box("uwb_fix", LEARNING, FIX_SIZE + 6 + 6 * n, given, {"used": (n,), "noise": (3,)}, parts=parts)
