@@ -160,6 +160,7 @@ CHOSEN = (
     ("report", "outage"), ("replay", "uwb_walls"), ("hindsight of a log", "own_servo"), ("map", "own_estimator"),
     ("hil world", "bursty_link"), ("room coverage", "altimeter"), ("linearize", "own_servo"),
     ("linearize", "unbiased_imu_uwb"), ("tune", "tight_imu_uwb"), ("export", "own_servo"), ("export", "altimeter"),
+    ("hil world", "realistic_tight"),
 )  # fmt: skip
 
 
