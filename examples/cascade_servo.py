@@ -43,7 +43,18 @@ def make(belief: od.Belief) -> od.Box:
     return od.box(4, say, numbers=numbers)
 
 
-od.register_servo("cascade", Cascade, box=make)
+def gain(belief: od.Belief) -> np.ndarray:
+    """Return L (4, 15) of `say` about hover, by which the linear theory knows the servo: ortilo analyze."""
+    its, (Ix, Iy, Iz) = belief.servo, belief.vehicle.inertia
+    L, both = np.zeros((4, 15)), np.array([its.position, its.velocity])  # on p and v, x, y and z apart
+    L[0, [2, 8]] = belief.vehicle.mass * both
+    L[1, [1, 7]], L[1, [3, 9]] = -20.0 * Ix / 9.81 * both, Ix * np.array([20.0, 9.0])
+    L[2, [0, 6]], L[2, [4, 10]] = 20.0 * Iy / 9.81 * both, Iy * np.array([20.0, 9.0])
+    L[3, [5, 11]] = Iz * np.array([20.0, 9.0])
+    return L
+
+
+od.register_servo("cascade", Cascade, box=make, gain=gain)
 
 
 def main(**settings: Any) -> Any:

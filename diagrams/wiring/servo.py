@@ -9,7 +9,7 @@ from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.commands.command_log import command_log_box
 from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
 from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
-from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
 from ortilo_drake.scenario import Belief, LqServo
 
@@ -57,6 +57,5 @@ def servo_boxes(
     if commands.servo == "augmented":
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:
-        gain = servo_gain(vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
-        servo = servo_box(gain, vehicle.mass, scenario.servo)
+        servo = servo_box(gain_of(scenario), vehicle.mass, scenario.servo)
     return [*boxes, servo.reading(belief=belief, force=force, reference=reference)]

@@ -39,9 +39,19 @@ def register_servo(
     settings: type[Frozen],
     make: Callable[[Belief], System] | None = None,
     box: Callable[[Belief], Box] | None = None,
+    gain: Callable[[Belief], np.ndarray] | None = None,
 ) -> None:
-    """Let scenarios name a servo: `servo: {kind: mine, ...}`; arguments and errors as register_estimator."""
-    register_part("servo", Part(kind, settings, make, box))
+    """Let scenarios name a servo: `servo: {kind: mine, ...}`; other arguments and errors as register_estimator.
+
+    Args:
+        kind: as register_estimator.
+        settings: as register_estimator.
+        make: Belief -> System.
+        box: Belief -> Box.
+        gain: Belief -> L (4, 15) about hover at the heading that is held, u = -L [x - x_ref; i] + u_ff. With it the
+            linear theory (`ortilo analyze`, tube, maps, margins) knows the servo; without it they say that it does not.
+    """
+    register_part("servo", Part(kind, settings, make, box, gain))
 
 
 def register_planner(

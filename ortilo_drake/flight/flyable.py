@@ -5,8 +5,8 @@ from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import Planned, duration_of, planned
-from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import LqServo, Scenario
+from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.world.drawn_truth import check_size
@@ -42,8 +42,8 @@ def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
     room = scenario.load_room()
     check_room(scenario, room)
     ticks = flight_ticks(scenario, plan)
-    if isinstance(scenario.servo, LqServo):
-        servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+    if why_no_servo_gain(scenario) is None:
+        gain_of(scenario)
     for sensor, errors in dict(scenario.truth.sensors).items():
         if sensor in scenario.sensors:
             check_size(sensor, errors, message_size(described(sensor), scenario, room) - PAYLOAD)

@@ -147,12 +147,14 @@ class Part:
         box: makes it as a Box of an element (loop/own.py), which every player flies; None if Drake alone flies it. An
             estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings,
             the size of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py.
+        gain: of a servo, Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if it has none.
     """
 
     kind: str
     settings: type[Frozen]
     make: Callable[..., Any] | None = None
     box: Callable[..., Any] | None = None
+    gain: Callable[[Any], np.ndarray] | None = None
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.

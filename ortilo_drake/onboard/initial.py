@@ -3,7 +3,7 @@
 import numpy as np
 
 from ortilo_drake.model.signals import N_XBAR
-from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.lq_servo import resting_integral
 from ortilo_drake.scenario import Belief, LqServo
 
@@ -14,6 +14,6 @@ def initial_estimate(scenario: Belief, r_0: np.ndarray) -> np.ndarray:
     xbar_0[0:3] = r_0
     xbar_0[5] = scenario.yaw
     if isinstance(scenario.servo, LqServo):
-        L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+        L = gain_of(scenario)
         xbar_0[12:15] = resting_integral(L, r_0, scenario.servo.form)
     return xbar_0

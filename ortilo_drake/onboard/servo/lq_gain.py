@@ -4,10 +4,11 @@ import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.scenario import ServoWeights
+from ortilo_drake.scenario import Belief, LqServo, ServoWeights
 from ortilo_drake.theory.modes.modes import unseen_modes
 
 
@@ -66,4 +67,29 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
 def servo_gain(vehicle: Vehicle, weights: ServoWeights, h: float, yaw: float = 0.0) -> np.ndarray:
     """Return L (4 x 15) of the augmented pair about hover under that yaw [rad]; raises as lq_gain."""
     L, _ = lq_gain(*augmented_pair(vehicle, h, yaw), *weight_matrices(weights))
+    return L
+
+
+def why_no_servo_gain(scenario: Belief) -> str | None:
+    """Return why a scenario's servo has no gain, None if it has one."""
+    kind = scenario.servo.kind
+    part = None if isinstance(scenario.servo, LqServo) else find_part("servo", kind)
+    if isinstance(scenario.servo, LqServo) or (part is not None and part.gain is not None):
+        return None
+    return f"servo.kind: {kind}: must be lq, or registered with its gain: the linear theory is of a servo's gain"
+
+
+def gain_of(scenario: Belief) -> np.ndarray:
+    """Return L (4 x 15) of a scenario's servo about hover at the heading that it holds.
+
+    Raises:
+        InputError: as lq_gain; if a servo of one's own has none, or one that is no 4 x 15 finite numbers.
+    """
+    if isinstance(scenario.servo, LqServo):
+        return servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+    if why := why_no_servo_gain(scenario):
+        raise InputError(why)
+    L = np.asarray(find_part("servo", scenario.servo.kind).gain(scenario), dtype=float)
+    if L.shape != (N_U, N_XBAR) or not np.isfinite(L).all():
+        raise InputError(f"servo.kind: {scenario.servo.kind}: its gain, {L.shape}, must be (4, 15) of finite numbers")
     return L

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import CommandLink, Scenario
+from ortilo_drake.scenario import CommandLink, LqServo, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.command_link.acknowledged_loop import acknowledged_loop, largest_acknowledged_loss
 from ortilo_drake.studies.command_link.command_delay import CriticalDelay, NoLimitError, critical_delay
@@ -37,7 +37,8 @@ class CommandReport:
         rms: distance from r [m] by strategy and independent loss, None where it diverges.
         acknowledged_loss: largest loss with the best gain for it, where arrivals are acknowledged and a lost command is
             zero.
-        acknowledged_rms: distance from r [m] with that gain by independent loss, None where it diverges.
+        acknowledged_rms: distance from r [m] with that gain by independent loss, None where it diverges; empty with a
+            servo of one's own, which has no weights.
         delay: that destabilises; None if it was stable with every one looked at.
         own_link: behind the scenario's own command link.
     """
@@ -78,7 +79,7 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
     Raises:
         InputError: if the loop is unstable with a perfect link, naming the modes.
     """
-    loop, h = commanded_loop(scenario, V), scenario.h
+    loop, h, weighs = commanded_loop(scenario, V), scenario.h, isinstance(scenario.servo, LqServo)
     link = scenario.command_link
     own = lossy_loop(commanded_loop(scenario, V, delay=link.delay), link, h)
     return CommandReport(
@@ -95,7 +96,7 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
             for s in STRATEGIES
         },
         acknowledged_loss=largest_acknowledged_loss(scenario),
-        acknowledged_rms={f"{p:g}": _rms(acknowledged_loop(scenario, V, p)) for p in LOSSES},
+        acknowledged_rms={f"{p:g}": _rms(acknowledged_loop(scenario, V, p)) for p in LOSSES if weighs},
         delay=_critical_delay(scenario, V),
         own_link=LinkFigures(mean_square_radius(own), _rms(own)),
     )

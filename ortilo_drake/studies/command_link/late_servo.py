@@ -22,7 +22,7 @@ from ortilo_drake.onboard.commands.timeline import (
     with_command,
 )
 from ortilo_drake.onboard.servo.augmented_gain import delayed_gain, split_delay
-from ortilo_drake.onboard.servo.lq_gain import augmented_pair
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario
 
@@ -83,11 +83,14 @@ def reckoned_wrongly(us: np.ndarray, scenario: Scenario, delay: float) -> np.nda
 
 def flown_law(scenario: Scenario, delay: float) -> Law:
     """Return u_k of the scenario's servo where every command acts after so many ticks."""
-    vehicle, h, weights, kind = scenario.vehicle, scenario.h, scenario.servo.weights, scenario.commands.servo
+    vehicle, h, kind = scenario.vehicle, scenario.h, scenario.commands.servo
     nothing, tail = np.zeros(REFERENCE_SIZE), (vehicle.mass, 0.0, True)
     A, B, B_d = hover_A(scenario.yaw), hover_B(vehicle), hover_B_d(vehicle)
     Gammabar = augmented_pair(vehicle, h, scenario.yaw)[1]
-    L = delayed_gain(vehicle, weights, h, scenario.commands.delay or 0.0 if kind == "augmented" else 0.0, scenario.yaw)
+    if kind == "augmented":
+        L = delayed_gain(vehicle, scenario.servo.weights, h, scenario.commands.delay or 0.0, scenario.yaw)
+    else:
+        L = gain_of(scenario)
     L_x, L_u = np.ascontiguousarray(L[:, :N_XBAR]), L[:, N_XBAR:]
 
     def law(xbar: np.ndarray, force: np.ndarray, us: np.ndarray) -> np.ndarray:

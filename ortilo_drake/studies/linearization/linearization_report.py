@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.closed_forms import agreement
 from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, sensors_without_noise
@@ -117,8 +117,7 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
     eigenvalues = {
         "plant": linearize(level, "plant").A,
         "sampled_plant": linearize(level, "sampled_plant").A,
-        "servo_loop": Phibar
-        - Gammabar @ servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw),
+        "servo_loop": Phibar - Gammabar @ gain_of(scenario),
         "filter": loop.Phi - K @ loop.C,
         "closed_loop": linearize(level, "closed_loop", frozen=(K, delta)).A,
     }

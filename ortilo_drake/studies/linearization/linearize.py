@@ -21,9 +21,9 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.units import unit_of
 from ortilo_drake.model.vehicle import mixing_inverse
 from ortilo_drake.onboard.estimator.extra_states import D
-from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.lq_servo import resting_integral
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.linearization.operating_point import frozen_gain, operating_point, with_one_lag
 from ortilo_drake.studies.loop.hover_loop import hover_loop, why_no_loop
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
@@ -128,6 +128,8 @@ def linearize(
         raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")
     if part in ("servo", "estimator", "closed_loop") and (why := why_no_loop(scenario)):
         raise InputError(why)
+    if part in ("servo", "closed_loop") and not isinstance(scenario.servo, LqServo):
+        raise InputError(f"servo.kind: {scenario.servo.kind}: must be lq: Drake differentiates no other; see its gain")
     reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference, dtype=float)
     vehicle, kinematics = scenario.vehicle, scenario.world.kinematics
     x, u = operating_point(vehicle, kinematics, reference, scenario.yaw)
@@ -164,7 +166,7 @@ def _matrices(system: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
 
 
 def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
-    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+    L = gain_of(scenario)
     return np.concatenate([x, resting_integral(L, x[:N_I], scenario.servo.form)])
 
 

@@ -19,8 +19,8 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
-from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario
+from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
+from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -137,13 +137,11 @@ def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: flo
 def why_no_loop(scenario: Scenario) -> str | None:
     """Return why a scenario's loop is no HoverLoop, None if it is one.
 
-    It is one with the paper's filter, whatever that estimates beside the vehicle's states, and the LQ servo.
+    It is one with the paper's filter, whatever that estimates beside the vehicle's states, and a servo that has a gain.
     """
     if not isinstance(scenario.estimator, IntermittentFilter):
         return f"estimator.kind: {scenario.estimator.kind}: must be intermittent: the linear theory is of its filter"
-    if not isinstance(scenario.servo, LqServo):
-        return f"servo.kind: {scenario.servo.kind}: must be lq: the linear theory is of its gain"
-    return None
+    return why_no_servo_gain(scenario)
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:
@@ -154,10 +152,10 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     extras = extra_states(settings, vehicle, h, scenario.flown_rows, scenario.yaw)
     model = augmented_model(settings, vehicle, settings.integrator, h, extras, scenario.yaw)
     measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))
-    L = servo_gain(vehicle, scenario.servo.weights, h, scenario.yaw)
+    L = gain_of(scenario)
     if extras:
         L = over_names(L, names, vehicle, scenario.yaw)
-    true_states = VELOCITIES if scenario.servo.velocities == "truth" else ()
+    true_states = VELOCITIES if scenario.lends_velocities else ()
     driven = names_of(tuple(e for e in extras if e.Gamma.any() or e.Gamma_d.any()))
     world = tuple(k for k, name in enumerate(names) if k < N_X or name in driven)
     return HoverLoop(
@@ -214,8 +212,9 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
         xhat_{k+1} = Phi xhat - Gamma v + K Delta C (x - xhat)
         i_{k+1}    = i - E C x, or i - p_hat with the integrator 'estimate'  (paper, equations of servo and filter)
 
-    Where all states are true the integral takes the true position. With a filter that estimates more, x stands for the
-    states that the world has, and their rows and columns of Phi, Gamma and C.
+    Where all states are true the integral takes the true position. Where L takes no integral, i is left at 0. With a
+    filter that estimates more, x stands for the states that the world has, and their rows and columns of Phi, Gamma and
+    C.
 
     Args:
         loop: the matrices at hover.
@@ -227,7 +226,9 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
     C = loop.C[:, world]
     KD, EC = K @ loop.measurement.arrival_matrix(delta), loop.measurement.selection_matrix(delta) @ C
     eye, none = np.eye(N_I), np.zeros((N_I, N))
-    if len(loop.true_states) == N_X:
+    if not loop.L[:, N:].any():
+        i_rows = [np.zeros((N_I, M)), none, np.zeros((N_I, N_I))]
+    elif len(loop.true_states) == N_X:
         i_rows = [-np.eye(N_I, M), none, eye]
     elif loop.integrator == "estimate":
         i_rows = [np.zeros((N_I, M)), -np.eye(N_I, N), eye]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario, ServoWeights
 from ortilo_drake.studies.loop.hover_loop import VELOCITIES, HoverLoop, filter_V, hover_loop, message_of
 from ortilo_drake.studies.loop.input_loop import InputLoop, input_loop
 from ortilo_drake.theory.margins.loop_margins import (
@@ -115,12 +115,15 @@ def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, LoopMargins]:
         scenario: its sensors are the nominal ones.
         V: covariance of all measurements (p x p), positive definite.
 
+    The joint margins of a servo of one's own are in the weights that an LQ servo has by default.
+
     Returns:
         'nominal', 'without uwb', ..., 'true velocities' (the paper's: velocities and rates from the truth) and
         'full state' (the LQ loop by itself) -> loop_margins.
     """
     hover = hover_loop(scenario)
-    R = np.array(scenario.servo.weights.control)
+    weights = scenario.servo.weights if isinstance(scenario.servo, LqServo) else ServoWeights()
+    R = np.array(weights.control)
     loops = loops_by_case(hover, filter_V(scenario, V), scenario.sensors)
     return {
         name: inner if isinstance(inner, LoopMargins) else loop_margins(inner, hover.h, R)

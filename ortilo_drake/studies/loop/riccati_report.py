@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.model.signals import XBAR_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.theory.riccati.riccati import RAW, solve
@@ -47,7 +47,10 @@ class IllPosed:
 
 @dataclass(frozen=True)
 class RiccatiReport:
-    """The solutions of the servo's equation, of the filter's by subset of the sensors, and the ill-posed problems."""
+    """The solutions of the servo's equation, of the filter's by subset of the sensors, and the ill-posed problems.
+
+    A servo of one's own has no equation, and no solutions.
+    """
 
     servo: Solutions
     filter: dict[str, Solutions | IllPosed]
@@ -129,7 +132,7 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> RiccatiReport:
         V: covariance of all measurements (p x p), positive definite.
     """
     filters: dict[str, Solutions | IllPosed] = {}
-    names = hover_loop(scenario).names
+    names, weighs = hover_loop(scenario).names, isinstance(scenario.servo, LqServo)
     for name, sensors in reversed(sensor_subsets(scenario.sensors).items()):
         if not sensors:
             continue
@@ -140,7 +143,7 @@ def riccati_report(scenario: Scenario, V: np.ndarray) -> RiccatiReport:
                 raise
             filters[name] = IllPosed(str(error))
     return RiccatiReport(
-        servo=four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
+        servo=four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False) if weighs else {},
         filter=filters,
         ill_posed={case: solver_outcomes(*matrices) for case, matrices in ILL_POSED.items()},
     )

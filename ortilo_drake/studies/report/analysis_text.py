@@ -51,7 +51,8 @@ def riccati_text(found: RiccatiReport) -> list[str]:
     lines = ["## Riccati equations", "", "Relative residual of each solver, and what the solution does:", ""]
     header = ["equation", *SOLVERS, "spectral radius", "to instability", "condition"]
     rows, notes = [], []
-    for name, solutions in {"servo": found.servo, **{f"filter {s}": f for s, f in found.filter.items()}}.items():
+    of_servo = {"servo": found.servo} if found.servo else {}
+    for name, solutions in {**of_servo, **{f"filter {s}": f for s, f in found.filter.items()}}.items():
         if isinstance(solutions, IllPosed):
             notes.append(f"- {name}: {solutions.error}")
             continue
@@ -169,7 +170,8 @@ def analysis_text(found: Analysis) -> str:
     """Return what studies.report.analyze found, as Markdown."""
     lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
     if theory := found.theory:
-        lines += linearization_text(theory.linearization) + riccati_text(theory.riccati) + margins_text(theory.margins)
+        lines += linearization_text(theory.linearization) if theory.linearization else []
+        lines += riccati_text(theory.riccati) + margins_text(theory.margins)
         lines += arrivals_text(theory.arrivals) + commands_text(theory.commands, found.command_flights)
     if found.tube:
         lines += tube_text(found.tube)

@@ -11,7 +11,7 @@ from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport, arrival_report
 from ortilo_drake.studies.command_link.command_flights import CommandFlights, command_cases, command_flights, hover_V
 from ortilo_drake.studies.command_link.command_report import CommandReport, command_report
@@ -33,9 +33,12 @@ COMMAND_SEEDS = range(4)
 
 @dataclass(frozen=True)
 class Theory:
-    """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands."""
+    """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands.
 
-    linearization: LinearizationReport
+    The linearisation holds Drake's derivatives to closed forms; it is None with a servo of one's own, which has none.
+    """
+
+    linearization: LinearizationReport | None
     riccati: RiccatiReport
     margins: dict[str, LoopMargins]
     arrivals: ArrivalReport
@@ -101,7 +104,7 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
     begin("linearization")
-    linearization = linearization_report(scenario, V=V)
+    linearization = linearization_report(scenario, V=V) if isinstance(scenario.servo, LqServo) else None
     begin("riccati")
     riccati = riccati_report(scenario, V)
     begin("margins")

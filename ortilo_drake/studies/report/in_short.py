@@ -1,6 +1,7 @@
 """The report of `ortilo analyze` in at most five lines."""
 
 from ortilo_drake.studies.command_link.command_delay import LONGEST
+from ortilo_drake.studies.linearization.linearization_report import LinearizationReport
 from ortilo_drake.studies.report.analyze import Analysis, Theory
 from ortilo_drake.studies.report.checked_text import least_rates
 
@@ -19,13 +20,15 @@ def in_short(found: Analysis) -> list[str]:
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
 
 
+def _of_linearization(found: LinearizationReport) -> str:
+    worst = max(abs(value) for matrices in found.agreement.values() for value in matrices.values())
+    sensors, states = list(found.unobservable_states.items())[-1]
+    seen = f"unseen with {sensors}: {', '.join(states)}" if states else f"with {sensors} every state is seen"
+    return f"The loop linearised by Drake equals its closed form to {worst:.0e}; {seen}."
+
+
 def _of_theory(theory: Theory) -> list[str]:
-    worst = max(abs(value) for matrices in theory.linearization.agreement.values() for value in matrices.values())
-    unseen = list(theory.linearization.unobservable_states.items())[-1]
-    seen = (
-        f"with {unseen[0]} every state is seen" if not unseen[1] else f"unseen with {unseen[0]}: {', '.join(unseen[1])}"
-    )
-    lines = [f"The loop linearised by Drake equals its closed form to {worst:.0e}; {seen}."]
+    lines = [_of_linearization(theory.linearization)] if theory.linearization else []
     margins = theory.margins.get("nominal")
     torque = margins.channels["tau_y"] if margins and margins.channels else None
     if torque and torque.gain_down is not None and torque.gain_up is not None and torque.delay is not None:

@@ -96,7 +96,7 @@ def deviations(
     Raises:
         InputError: as predict_tube.
     """
-    if scenario.servo.velocities == "truth":
+    if scenario.lends_velocities:
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")
     loop = hover_loop(scenario)
     if len(loop.names) != N_X:

@@ -50,7 +50,7 @@ def why_no_tube(scenario: Scenario) -> str | None:
         return "the filter estimates more than the vehicle's states, and the tube is that of the paper's filter"
     if len(unwired(scenario.sensors)) < 2:
         return "its maps are over the arrival rates of two sensors beside the imu, and both must fly"
-    if scenario.servo.velocities == "truth":
+    if scenario.lends_velocities:
         return "the servo is given the true velocities, and the tube is that of a servo fed by the filter"
     links = [scenario.link_of(sensor) for sensor in scenario.sensors]
     return "delays are drawn at random" if any(link.random_delay for link in links) else None
